@@ -52,6 +52,46 @@ GANTRY = """<robot name="gantry">
 """
 """A branched robot with every planned kind of joint: prismatic, continuous (nq = 2), revolute; about oblique axes."""
 
+COLUMN = """<robot name="column">
+  <link name="foot"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.5 0.4 0.2"/></geometry></collision></link>
+  <link name="stage"><collision><geometry><box size="0.12 0.12 0.3"/></geometry></collision></link>
+  <link name="top"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+  <link name="weight"><collision><geometry><sphere radius="0.15"/></geometry></collision></link>
+  <link name="upper"><collision><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.05 0.06"/></geometry></collision>
+  </link>
+  <link name="fore"><collision><origin xyz="0.12 0 0" rpy="0.1 1.5708 0"/>
+    <geometry><cylinder radius="0.03" length="0.22"/></geometry></collision></link>
+  <link name="hand"><collision><origin xyz="0.06 0.03 0"/><geometry><box size="0.1 0.04 0.03"/></geometry></collision>
+  </link>
+  <link name="gear"><collision><origin xyz="0 0.04 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <link name="pinion"><collision><origin xyz="0.03 0 0"/><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <joint name="a_stage" type="prismatic"><parent link="foot"/><child link="stage"/>
+    <origin xyz="0.1 0.02 0.5" rpy="0.05 -0.1 0.4"/><axis xyz="0.6 0 0.8"/>
+    <limit lower="0" upper="0.3" velocity="0.1" effort="10"/>
+    <mimic joint="lift" multiplier="0.5" offset="0.01"/></joint>
+  <joint name="lift" type="prismatic"><parent link="stage"/><child link="top"/>
+    <origin xyz="0 0 0.35"/><axis xyz="0 0 1"/>
+    <limit lower="0" upper="0.4" velocity="0.3" effort="10"/></joint>
+  <joint name="balance" type="prismatic"><parent link="foot"/><child link="weight"/><origin xyz="-0.3 0 0.3"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="10"/>
+    <mimic joint="a_stage" multiplier="-1.5" offset="0.35"/></joint>
+  <joint name="shoulder" type="revolute"><parent link="top"/><child link="upper"/>
+    <origin xyz="0.08 0 0.05" rpy="0.1 0 0.2"/><axis xyz="0.2 -0.9 0.1"/>
+    <limit lower="-2.2" upper="2.2" velocity="1" effort="10"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.32 0.05 0"/>
+    <axis xyz="0 1 0"/><limit lower="-3.1" upper="3.1" velocity="1" effort="10"/>
+    <mimic joint="shoulder" multiplier="1.4" offset="-0.2"/></joint>
+  <joint name="roll" type="continuous"><parent link="fore"/><child link="hand"/>
+    <origin xyz="0.26 0 0" rpy="0 0.2 0.1"/><axis xyz="0.9 0.1 0.3"/>
+    <limit velocity="2" effort="10"/></joint>
+  <joint name="cog" type="continuous"><parent link="hand"/><child link="gear"/><origin xyz="0.15 0.05 0"/>
+    <axis xyz="0.1 0.3 0.9"/><mimic joint="roll" multiplier="-2" offset="0.3"/></joint>
+  <joint name="tooth" type="continuous"><parent link="gear"/><child link="pinion"/><origin xyz="0.05 0.05 0.03"/>
+    <axis xyz="0 0 1"/><mimic joint="cog" multiplier="-1"/></joint>
+</robot>
+"""
+"""Joints that follow others: before their leader on the way and after it, in another branch, along chains, around."""
+
 
 @pytest.fixture(scope="session")
 def silvermate() -> RobotModel:
@@ -93,7 +133,20 @@ def rover(gantry_urdf: Path) -> RobotModel:
     return load_robot(gantry_urdf, base="omni")
 
 
-@pytest.fixture(params=["silvermate", "tiago", "gantry", "rover"])
+@pytest.fixture(scope="session")
+def column_urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("urdf") / "column.urdf"
+    path.write_text(COLUMN)
+    return path
+
+
+@pytest.fixture(scope="session")
+def column(column_urdf: Path) -> RobotModel:
+    """A robot of which three joints are planned and five follow, on an omnidirectional base."""
+    return load_robot(column_urdf, base="omni", joints=["lift", "shoulder", "roll"])
+
+
+@pytest.fixture(params=["silvermate", "tiago", "gantry", "rover", "column"])
 def robot(request: pytest.FixtureRequest) -> RobotModel:
     """Each robot in turn."""
     return request.getfixturevalue(request.param)

@@ -1,7 +1,10 @@
 """The native kernel: what C++ gives to Python. Classes keep the arrays that they are given and work on them in place.
 
 Shapes of arrays are those of the attributes that they belong to: see `Kinematics`, `BodySet`, `CandidateParts`,
-`ObstacleProximity`, `SelfProximity` and `System`. Arrays that are written to have to be contiguous float64.
+`ObstacleProximity`, `SelfProximity` and `System`. Arrays have to be contiguous and of their very type (float64, int64,
+bool; states int8, triangles uint32): none is converted. Before anything is read or written, all sizes and all numbers
+that count others are compared: `TypeError` or `ValueError` where they do not fit. A workspace that another thread is
+in raises `RuntimeError`.
 """
 
 from collections.abc import Sequence
@@ -18,6 +21,9 @@ distances were bounded, and how many measured."""
 coal_version: str
 """Of the headers that it was compiled with."""
 
+class NoDepth(FloatingPointError):
+    """Coal finds no depth of two shapes that penetrate, at any tolerance."""
+
 class Solid:
     pass
 
@@ -30,16 +36,16 @@ class Tree:
         self,
         planar: bool,
         parents: Indices,
-        column: Indices,
+        motion: Indices,
         prismatic: Mask,
         circular: Mask,
         support: Mask,
         offset: Array,
+        coordinate: Indices,
+        rate: Array,
+        shift: Array,
     ) -> None: ...
     def place(self, coordinates: Array, T: Array, J: Array, jacobians: bool) -> None: ...
-    def directional(
-        self, J: Array, node: Indices, joint: Indices, point: Array, direction: Array, rows: Array
-    ) -> None: ...
 
 class Bodies:
     def __init__(
@@ -64,7 +70,6 @@ class Distances:
     def __init__(
         self, bound: Array, since: Array, exact: Array, direction: Array, witness: Array, limit: Array
     ) -> None: ...
-    def contacts(self, influence: float) -> tuple[Indices, Indices, Indices]: ...
 
 class Narrowphase:
     def __init__(self, bodies: Bodies) -> None: ...
@@ -136,7 +141,6 @@ class SelfPairs:
     def update(
         self, T: Array, coordinates: Array, before: Array, radius: Array, reach: float, distances: SelfDistances
     ) -> tuple[int, int]: ...
-    def query(self, T: Array, node: Indices, pair: Indices, distance: Array) -> None: ...
     def certify(
         self,
         T: Array,

@@ -13,3 +13,8 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 ArrayLike: TypeAlias = npt.ArrayLike
 Document: TypeAlias = dict[str, object]
 """What is read from a file or written to one: names and plain values, lists and documents in it."""
+
+
+def by_rows(*arrays: Array) -> tuple[Array, ...]:
+    """The arrays as the native kernel reads them: contiguous float64, by rows; copies only where they are not."""
+    return tuple(np.ascontiguousarray(array, dtype=float) for array in arrays)

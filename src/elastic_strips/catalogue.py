@@ -201,6 +201,11 @@ def is_known(name: str) -> bool:
     return name in _catalogue() or name in _shared()
 
 
+def is_ours(urdf: Path) -> bool:
+    """Whether a URDF file comes with this package."""
+    return urdf.parent == _urdf_dir()
+
+
 def recorded_robot(name: str, urdf: str | None) -> str | None:
     """What to load a recorded robot by: its name, or its URDF where another robot than the named one had that name."""
     if name not in _catalogue():

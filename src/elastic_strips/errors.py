@@ -13,6 +13,7 @@
     │   ├── RecordError                the record of a run (elastic_strips.control)
     │   ├── LaserLogError              a laser log (elastic_strips.io)
     │   └── BagError                   a bag of ROS messages (elastic_strips.io)
+    ├── ThreadError (also a RuntimeError): a workspace is used by two threads at once
     ├── MissingExtraError (also an ImportError): a package that only some uses need is not installed
     ├── PerceptionError                no scene can be made of what was sensed (elastic_strips.sim)
     └── RetimingError                  no timing of a path was found (elastic_strips.trajectory)
@@ -61,6 +62,10 @@ class GoalError(ConfigurationError):
 
 class ParameterError(InputError):
     """A parameter is outside its range."""
+
+
+class ThreadError(ElasticStripsError, RuntimeError):
+    """A thread called what another one was using: a deformer, or whatever has buffers of its own."""
 
 
 class MissingExtraError(ElasticStripsError, ImportError):

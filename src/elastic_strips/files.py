@@ -1,7 +1,8 @@
 """Files: every file that is read is opened here, and every file that is written is written here.
 
 A file that is read is a regular one (or a link to one), up to a size that its reader states, so that none can hang the
-process or fill its memory. A file that is written is there whole or not at all.
+process or fill its memory. A file that is written is there whole or not at all. Within a command (`command_files`) none
+that it has read is written, whatever name leads to it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import stat
 import tempfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -29,6 +31,60 @@ _KINDS = (
 )
 # without O_NONBLOCK a FIFO that takes the file's place between the two looks at it would hang the call
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+
+
+@dataclass
+class _Command:
+    """Files, by device and inode: of those that were read, the name that was used, and those that it has written."""
+
+    read: dict[tuple[int, int], str] = field(default_factory=dict)
+    written: set[tuple[int, int]] = field(default_factory=set)
+
+
+_command: _Command | None = None  # of the process: its threads read and write for the same command
+
+
+@contextmanager
+def command_files() -> Iterator[None]:
+    """Within, a file that was read is not overwritten, but for what was written within: symbolic and hard links, other
+    spellings and files that are named inside files are the same file."""
+    global _command
+    before = _command
+    _command = before or _Command()
+    try:
+        yield
+    finally:
+        _command = before
+
+
+def note_input(path: str | os.PathLike[str]) -> None:
+    """Remember a file that something else reads by its name, or would read."""
+    with suppress(OSError, ValueError):
+        _note(os.stat(path), path)
+
+
+def _note(status: os.stat_result, path: str | os.PathLike[str]) -> None:
+    key = (status.st_dev, status.st_ino)
+    if _command is not None and key not in _command.written and stat.S_ISREG(status.st_mode):
+        _command.read.setdefault(key, _name(path))
+
+
+def refuse_input(target: Path) -> None:
+    """Refuse to write a file that the command has read.
+
+    Raises:
+        InputError: it has.
+    """
+    if _command is None:
+        return
+    with suppress(OSError):
+        status = target.stat()
+        name = _command.read.get((status.st_dev, status.st_ino))
+        if name is not None:
+            also = "" if name == _name(target) else f", as {name}"
+            raise InputError(
+                f"{_name(target)}: is read by this same command{also}, and would be overwritten; give another name"
+            )
 
 
 @contextmanager
@@ -58,7 +114,9 @@ def open_input(
     except (OSError, ValueError, TypeError) as problem:  # ValueError: a zero byte in the name
         raise error(f"{_name(path)}: cannot read the {what}: {_said(problem)}") from None
     with stream:
-        size = _check(os.fstat(stream.fileno()), path, what, limit, error)
+        status = os.fstat(stream.fileno())
+        size = _check(status, path, what, limit, error)
+        _note(status, path)
         try:
             yield stream, size
         except OSError as problem:  # while it is read
@@ -121,7 +179,7 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
     """The path, if a file can be made there.
 
     Raises:
-        InputError: it is a folder, or its folder is missing or not writable.
+        InputError: it is a folder, its folder is missing or not writable, or the command has read it.
     """
     try:
         target = Path(path)
@@ -139,6 +197,7 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
         raise InputError(f"{target}: there is no folder {folder}")
     if not os.access(folder, os.W_OK):
         raise InputError(f"{target}: the folder {folder} is not writable")
+    refuse_input(target)
     return target
 
 
@@ -168,8 +227,9 @@ def atomic_write(target: Path, data: bytes) -> Path:
     """Write a file that `check_writable` has passed: all of it or nothing. One that is there keeps its mode.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written, or the command has read it.
     """
+    refuse_input(target)
     name = None
     try:
         mode = target.stat().st_mode & 0o777 if target.exists() else 0o644
@@ -179,14 +239,33 @@ def atomic_write(target: Path, data: bytes) -> Path:
             stream.flush()
             os.fsync(stream.fileno())  # else a crash could leave the new name with nothing behind it
         os.chmod(name, mode)
+        status = os.stat(name)
         os.replace(name, target)
         name = None
+        if _command is not None:
+            _command.written.add((status.st_dev, status.st_ino))
     except OSError as error:
         raise InputError(f"{target}: cannot write: {error.strerror or error}") from None
     finally:
         if name is not None:
-            Path(name).unlink(missing_ok=True)
+            with suppress(OSError):
+                os.unlink(name)
     return target
+
+
+@contextmanager
+def scratch_folder(target: Path) -> Iterator[Path]:
+    """A folder for what others write on its way to a file; it goes away with what is in it.
+
+    Raises:
+        InputError: there is no room for it, or it cannot be written: about the file.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix="elastic-strips-", ignore_cleanup_errors=True) as folder:
+            yield Path(folder)
+    except OSError as error:
+        said = " ".join((error.strerror or str(error)).split())
+        raise InputError(f"{target}: cannot write: {said[:300]}") from None
 
 
 def _check(status: os.stat_result, path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> int:

@@ -1,21 +1,18 @@
 """Check a proof that a robot's path is free of collisions. It needs NumPy, and nothing else of this package.
 
-    python proof_checker.py PROOF.npz [--robot DIGEST] [--scene DIGEST] [--path DIGEST]
+    python proof_checker.py PROOF.npz [--robot DIGEST] [--scene DIGEST] [--path DIGEST]      (exits with 0, or with 3)
 
-The proof says what the robot is (a tree of joints with convex bodies), what the obstacles are (convex shapes that stand
-still), and the rows of the path. For each segment between two rows and each pair of shapes that must not meet it has
-intervals of the segment, and at both ends of each a direction in space. The checker believes none of the latter:
+The proof says what the robot is (joints with convex bodies), what the obstacles are (convex shapes that stand still),
+the rows of the path, and which way it goes between them; docs/certify.md describes the file. For each segment between
+two rows and each pair of shapes that must not meet it has intervals, and at both ends of each a direction. The checker
+believes none of these:
 
 1.  It places the bodies at both ends of the interval. Along the direction n, body A ends at max n·a and shape B begins
     at min n·b: they are apart by the difference at least. A wrong direction makes this gap small, never too large.
-2.  Between the ends no point of a body moves further than L, the sum over the joints of how far each one turns times
-    how far any point of the body can be from its axis. A place in the interval is a part of L away from one end and the
-    rest from the other, so that the pair stays apart by the clearance c all along if gap + gap > L + 2 c.
+2.  Between the ends no point moves further than L, the sum over the joints of how far each one turns times how far any
+    point can be from its axis. A place in the interval is a part of L away from one end and the rest from the other, so
+    that the pair stays apart by the clearance c all along if gap + gap > L + 2 c.
 3.  The intervals of each segment and pair cover it from 0 to 1 without a hole, and no pair is missing.
-
-The file is a NumPy archive: ``header`` (JSON: robot, scene, clearances), ``rows`` (N, nv), and for each interval
-``segment``, ``pair``, ``span`` (2,) and ``normal`` (2, 3), from the first to the second shape, in the world. Pairs are
-numbered body * obstacles + obstacle, and then as the header lists the robot's own. Metres, radians. Exits with 0 or 3.
 """
 
 from __future__ import annotations
@@ -32,10 +29,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Part = dict[str, Any]  # of the header, as JSON has it
-FORMAT, VERSION = "elastic_strips.proof", 1
-ROUNDING = 1e-7  # [m] more than what floating point can add to any of these sums
+FORMAT, VERSION = "elastic_strips.proof", 2
+ROUNDING = 1e-7  # [m] more than what floating point can add to any of these sums, as long as numbers are no larger than
+LARGEST, FARTHEST, RIGHT = 1e4, 1e6, 1e-12  # [m, rad] sizes and joints; [m] places; what rotations may be off
 HALF_TURN = np.pi - 1e-6  # a turn by more than this has no one direction
+MOST_BYTES, MOST_AT_ONCE = 200_000_000, 600_000  # of the file's arrays, unpacked; joints times intervals
 SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "cone": 2, "ellipsoid": 3, "convex": 0}
+ROBOT = {"name": str, "columns": list, "planar": bool, "joints": list, "circular": list, "bodies": list, "pairs": list}
+JOINT: Part = {"parent": int, "column": int, "slides": bool, "offset": list, "multiplier": object, "constant": object}
+SHAPE: Part = {"name": str, "kind": str, "sizes": list, "points": list, "grown": object, "rotation": list}
+HEADER: Part = {"format": str, "version": int, "way": str, "clearance": object, "self_clearance": object, "robot": dict}
 
 
 class Refused(Exception):
@@ -47,40 +50,57 @@ def digest(part: object) -> str:
     return hashlib.sha256(json.dumps(part, sort_keys=True, separators=(",", ":")).encode()).hexdigest()[:32]
 
 
+def path_digest(rows: object, way: str) -> str:
+    """The name of a path: its rows (N, nv), as its owner has them, and which way it goes between them."""
+    return digest({"rows": (np.array(rows, dtype=float) + 0.0).tolist(), "way": way})  # no negative zeros
+
+
 def demand(holds: object, message: str) -> None:
     if not holds:
         raise Refused(message)
 
 
-def numbers(value: object, shape: tuple[int | None, ...], what: str) -> Array:
-    """An array of finite numbers of this shape; a size of None is any."""
-    array = np.array(value, dtype=float)
-    fits = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=False))
-    demand(fits and np.isfinite(array).all(), f"{what} is not an array {shape} of finite numbers")
-    return array
+def table(parts: list[Part], kinds: Part, what: str) -> Part:
+    """The values by key of parts that have these keys and no others, of these very types (object: a number)."""
+    demand(all(type(p) is dict and p.keys() == kinds.keys() for p in parts), f"{what}: other keys than {list(kinds)}")
+    demand(all(k in (object, type(p[key])) for p in parts for key, k in kinds.items()), f"{what}: of another type")
+    return {key: [p[key] for p in parts] for key in kinds}
+
+
+def numbers(value: object, shape: tuple[int | None, ...], what: str, most: float = LARGEST, kind: str = "fi") -> Array:
+    """An array of finite numbers of this shape, none beyond ``most``; a size of None is any. (3, 3) is a rotation."""
+    if not isinstance(value, np.ndarray):  # what JSON has: numbers all through, no text and no truth values
+        kinds = {type(entry) for entry in np.array(value, dtype=object).ravel()}
+        value, none = np.array(value if kinds <= {int, float} else ""), [n or 0 for n in shape]
+        value = value if value.size or np.prod(none) else np.zeros(none, dtype=int)
+    fits = value.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, value.shape, strict=False))
+    fits = fits and value.dtype.kind in kind and value.dtype.itemsize in (4, 8)
+    demand(fits and (np.abs(value.astype(float)) <= most).all(), f"{what}: no array {shape} of numbers up to {most:g}")
+    if shape[-2:] == (3, 3):
+        off = np.abs(value @ np.swapaxes(value, -1, -2) - np.eye(3)).max(initial=0.0)
+        demand(off < RIGHT and (np.linalg.det(value) > 0).all(), f"{what} is no rotation")
+    return value.astype(float)
 
 
 class Shape:
     """A convex shape about the origin of its own frame, grown by the radius of a ball."""
 
-    def __init__(self, entry: Part, what: str) -> None:
-        self.kind: str = entry["kind"]
+    def __init__(self, part: Part, what: str) -> None:
+        self.kind: str = part["kind"]
         demand(self.kind in SIZES, f"{what}: shape of kind {self.kind!r}")
-        self.sizes: Array = numbers(entry["sizes"], (SIZES[self.kind],), f"{what}: sizes")
-        self.points: Array = numbers(np.reshape(entry["points"], (-1, 3)), (None, 3), f"{what}: points")
-        self.grown: float = float(numbers(entry["grown"], (), f"{what}: grown"))
-        positive = (self.sizes > 0).all() and self.grown >= 0.0 and (self.kind != "convex" or len(self.points) > 0)
-        demand(positive, f"{what}: a size is negative, or there are no points")
-        self.rotation: Array = numbers(entry["rotation"], (3, 3), f"{what}: rotation")
-        self.translation: Array = numbers(entry["translation"], (3,), f"{what}: translation")
-        demand_rotation(self.rotation, what)
+        self.sizes: Array = numbers(part["sizes"], (SIZES[self.kind],), what)
+        self.points: Array = numbers(part["points"], (None, 3), what)
+        self.grown: float = float(numbers(part["grown"], (), what))
+        self.rotation: Array = numbers(part["rotation"], (3, 3), what)
+        self.at: Array = numbers(part["translation"], (3,), what, FARTHEST)
+        demand((self.sizes > 0).all() and self.grown >= 0.0, f"{what}: a size is negative")
+        half = self.sizes.sum() if self.kind == "capsule" else np.linalg.norm(self.sizes)
+        corners = self.at + (self.points @ self.rotation.T if self.kind == "convex" else np.zeros((1, 3)))
+        self.far: float = self.grown + half + np.linalg.norm(corners, axis=1).max()  # from the frame's origin, at most
 
     def support(self, n: Array) -> Array:
         """max n·x over the shape's points (K,), for directions n (K, 3) of length 1 in its own frame."""
-        s, (x, y, z) = self.sizes, n.T
-        if self.kind == "convex":
-            parts = np.array_split(n, len(n) // 1000 + 1)
-            return self.grown + np.concatenate([(part @ self.points.T).max(axis=1) for part in parts])
+        s, (x, y, z), parts = self.sizes, n.T, np.array_split(n, len(n) * len(self.points) // 4_000_000 + 1)
         far = {
             "box": lambda: np.abs(n) @ s,
             "sphere": lambda: np.full(len(n), s[0]),
@@ -88,185 +108,170 @@ class Shape:
             "cylinder": lambda: s[0] * np.hypot(x, y) + s[1] * np.abs(z),
             "cone": lambda: np.maximum(s[1] * z, s[0] * np.hypot(x, y) - s[1] * z),  # its tip is up
             "ellipsoid": lambda: np.sqrt(((s * n) ** 2).sum(axis=1)),
+            "convex": lambda: np.concatenate([(part @ self.points.T).max(axis=1) for part in parts]),
         }
         return self.grown + far[self.kind]()
 
-    def farthest(self) -> float:
-        """A bound of the distance of the shape's points from the origin of the frame that it is fixed to."""
-        if self.kind == "convex":
-            return self.grown + np.linalg.norm(self.points @ self.rotation.T + self.translation, axis=1).max()
-        half = self.sizes.sum() if self.kind == "capsule" else np.linalg.norm(self.sizes)
-        return self.grown + np.linalg.norm(self.translation) + half
 
+class World:
+    """A robot's joints, each about or along the z axis of its frame, with its bodies, and the obstacles."""
 
-def demand_rotation(R: Array, what: str) -> None:
-    right = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0) < 1e-9 and (np.linalg.det(R) > 0).all()
-    demand(right, f"{what}: no rotation")
-
-
-class Robot:
-    """Joints that turn about or slide along the z axis of their frame, and bodies; the base is a joint of the plane."""
-
-    def __init__(self, part: Part) -> None:
-        self.planar: bool = part["planar"] is True
-        joints = part["joints"]
-        self.parent: list[int] = [int(j["parent"]) for j in joints]  # the index in this list, or -1
-        self.column: list[int] = [int(j["column"]) for j in joints]  # of the rows; the planar base has the first three
-        self.slides: list[bool] = [j["slides"] is True for j in joints]
-        self.offset: Array = numbers([j["offset"] for j in joints], (len(joints), 3, 4), "offsets of the joints")
-        demand_rotation(self.offset[:, :, :3], "offset of a joint")
-        self.nv: int = len(joints) + (2 if self.planar else 0)
-        demand(all(-1 <= p < i for i, p in enumerate(self.parent)), "a joint comes before its parent")
-        still = joints and self.column[0] == self.parent[0] == -1 and np.array_equal(self.offset[0], np.eye(3, 4))
-        demand(not self.planar or still, "the base is not the first joint, in the world's frame")
-        own = sorted(self.column[1:] if self.planar else self.column)
-        demand(own == list(range(3 if self.planar else 0, self.nv)), "the joints do not have one column each")
-        self.turns: NDArray[np.bool_] = np.array([c is True for c in part["circular"]])  # columns that may wrap
-        demand(self.turns.shape == (self.nv,), "circular joints")
+    def __init__(self, robot: Part, scene: list[Part]) -> None:
+        table([robot], ROBOT, "robot")
+        joints, count = table(robot["joints"], JOINT, "joints"), len(robot["joints"])
+        self.planar, self.parent, self.slides = robot["planar"], joints["parent"], np.array(joints["slides"])
+        self.offset: Array = numbers(joints["offset"], (count, 3, 4), "offsets of the joints")
+        numbers(self.offset[:, :, :3], (count, 3, 3), "offset of a joint")
+        # a joint's value is its column of the row, times its multiplier, plus its constant; joints may share a column
+        self.factor: Array = numbers(joints["multiplier"], (count,), "multipliers")
+        self.plus: Array = numbers(joints["constant"], (count,), "constants")
+        demand(count and all(-1 <= p < i for i, p in enumerate(self.parent)), "a joint comes before its parent")
+        first = [joints[key][0] for key in ("column", "parent", "slides", "multiplier", "constant")]
+        still = first == [-1, -1, False, 1.0, 0.0] and np.array_equal(self.offset[0], np.eye(3, 4))
+        demand(still or not self.planar, "the base is not the first joint, in the world's frame")
+        own, self.nv = joints["column"][1:] if self.planar else joints["column"], len(robot["columns"])
+        demand(set(own) == set(range(3 if self.planar else 0, self.nv)), "columns of no joint, or joints of no column")
+        self.column: Whole = np.array([2, *own] if self.planar else own)
+        self.turns: NDArray[np.bool_] = np.array(robot["circular"])  # columns that may wrap
+        shaped = self.turns.shape == (self.nv,) and self.turns.dtype.kind == "b"
+        demand(shaped and not (self.planar and self.turns[:2].any()), "circular columns")
         self.turns[2:3] |= self.planar
-        self.bodies: list[Shape] = [Shape(b, f"body {i}") for i, b in enumerate(part["bodies"])]
-        self.joint: list[int] = [int(b["joint"]) for b in part["bodies"]]  # -1 is the world
-        demand(all(-1 <= j < len(joints) for j in self.joint), "a body of no joint")
-        self.pairs: NDArray[np.int64] = np.array(part["pairs"], dtype=int).reshape(-1, 2)
-        demand(((self.pairs >= 0) & (self.pairs < len(self.bodies))).all(), "a pair of no bodies")
+        wraps = ~self.slides & (self.factor == np.round(self.factor))
+        demand(wraps[self.turns[self.column]].all(), "a circular column of a joint that slides, or of parts of turns")
+        bodies = table(robot["bodies"], SHAPE | {"translation": list, "joint": int}, "bodies")["joint"]
+        table(scene, SHAPE | {"translation": list}, "scene")
+        self.joint: list[int] = bodies + [-1] * len(scene)  # -1 is the world
+        few = max(len(bodies), count) * (len(self.joint) + count) < 1e7
+        demand(few and all(-1 <= j < count for j in bodies), "a body of no joint, or too many of them")
+        self.shapes: list[Shape] = [Shape(b, f"shape {i}") for i, b in enumerate([*robot["bodies"], *scene])]
+        above = np.zeros((count + 1, count), dtype=bool)  # the joints that carry a joint; the last row is the world's
+        for j, parent in enumerate(self.parent):
+            above[j], above[j, j] = above[parent], True
+        self.carries: NDArray[np.bool_] = above[self.joint]  # (shapes, joints)
+        pairs = numbers(robot["pairs"], (None, 2), "pairs", kind="i").astype(np.int64)
+        demand(((pairs >= 0) & (pairs < len(bodies))).all(), "a pair of no bodies")
+        across = np.indices((len(bodies), len(scene))).reshape(2, -1).T + np.array([0, len(bodies)])
+        self.pairs, self.across = np.vstack((across, pairs)), len(across)
 
-    def tangents(self, rows: Array) -> Array:
-        """What each segment (N - 1, nv) does: constant speeds of joints, and of the base in its own frame."""
-        v, turns = np.diff(rows, axis=0), self.turns
-        v[:, turns] = (v[:, turns] + np.pi) % (2.0 * np.pi) - np.pi
-        demand((np.abs(v[:, turns]) < HALF_TURN).all(), "a segment with half a turn, which has no one direction")
-        if self.planar:
-            a, half = rows[:-1, 2], 0.5 * v[:, 2]
-            along = np.cos(a) * v[:, 0] + np.sin(a) * v[:, 1]
-            aside = np.cos(a) * v[:, 1] - np.sin(a) * v[:, 0]
-            k = np.where(np.abs(half) < 1e-6, 1.0, half / np.where(half == 0.0, 1.0, np.tan(half)))
-            v[:, 0], v[:, 1] = k * along + half * aside, k * aside - half * along
-        end = self.between(rows, v, np.arange(len(v)), np.ones(len(v))) - rows[1:]
-        end[:, turns] = (end[:, turns] + np.pi) % (2.0 * np.pi) - np.pi
-        demand(np.abs(end).max(initial=0.0) < ROUNDING, "a segment that does not end at the next row")
-        return v
-
-    def between(self, rows: Array, v: Array, segment: Whole, t: Array) -> Array:
-        """Rows (K, nv) at the parts t (K,) of segments."""
-        out = rows[segment] + t[:, None] * v[segment]
-        if self.planar:
-            a, turn = rows[segment, 2], t * v[segment, 2]
-            small = np.abs(turn) < 1e-6
-            s = np.where(small, 1.0, np.sin(turn) / np.where(small, 1.0, turn))
-            c = np.where(small, 0.5 * turn, (1.0 - np.cos(turn)) / np.where(small, 1.0, turn))
-            x, y = t * v[segment, 0], t * v[segment, 1]
-            dx, dy = s * x - c * y, c * x + s * y
-            out[:, 0] = rows[segment, 0] + np.cos(a) * dx - np.sin(a) * dy
-            out[:, 1] = rows[segment, 1] + np.sin(a) * dx + np.cos(a) * dy
-        return out
-
-    def place(self, rows: Array) -> list[tuple[Array, Array]]:
-        """Rotations and translations of the joints' frames for rows (K, nv)."""
-        frames = []
+    def place(self, rows: Array) -> dict[int, tuple[Array, Array]]:
+        """Rotations and translations of the joints' frames for rows (K, nv); of the world's as -1."""
+        frames = {-1: (np.tile(np.eye(3), (len(rows), 1, 1)), np.zeros((len(rows), 3)))}
         for i, offset in enumerate(self.offset):
-            R, t = offset[:, :3], offset[:, 3]
-            if self.parent[i] >= 0:
-                above, at = frames[self.parent[i]]
-                t, R = at + above @ t, above @ R
-            R, t = np.broadcast_to(R, (len(rows), 3, 3)), np.broadcast_to(t, (len(rows), 3))
-            if self.column[i] < 0:
-                frames.append(turned(R, rows[:, 2], np.pad(rows[:, :2], ((0, 0), (0, 1)))))
-            elif self.slides[i]:
-                frames.append((R, t + R[:, :, 2] * rows[:, self.column[i], None]))
-            else:
-                frames.append(turned(R, rows[:, self.column[i]], t))
+            R, t = frames[self.parent[i]]
+            R, t = R @ offset[:, :3], t + R @ offset[:, 3]
+            t[:, :2] += rows[:, :2] if self.planar and i == 0 else 0.0
+            value = (self.factor[i] * rows[:, self.column[i]] + self.plus[i])[:, None]
+            c, s, (x, y, z) = np.cos(value), np.sin(value), np.moveaxis(R, 2, 0)
+            turned = np.stack((c * x + s * y, c * y - s * x, z), axis=2)
+            frames[i] = (R, t + z * value) if self.slides[i] else (turned, t)
         return frames
 
-    def radii(self, rows: Array) -> Array:
-        """(bodies, nv) how far a point of a body moves at most for each unit that a column does, on this path."""
-        most = np.abs(rows).max(axis=0) + np.abs(np.diff(rows, axis=0)).max(axis=0, initial=0.0)
-        out = np.zeros((len(self.bodies), self.nv))
-        for g, (body, joint) in enumerate(zip(self.bodies, self.joint, strict=True)):
-            far = body.farthest()
+    def radii(self, rows: Array, v: Array) -> Array:
+        """(shapes, joints) how far a point of a shape moves at most for each unit of a joint's column, on this path."""
+        most = np.abs(self.factor) * (np.abs(rows).max(axis=0) + np.abs(v).max(axis=0))[self.column] + np.abs(self.plus)
+        demand((most <= LARGEST).all(), f"a joint beyond {LARGEST:g}")
+        out = np.zeros(self.carries.shape)
+        for g, (shape, joint) in enumerate(zip(self.shapes, self.joint, strict=True)):
+            far = shape.far
             while joint >= 0:
-                k = self.column[joint]
-                out[g, 2 if k < 0 else k] = 1.0 if k >= 0 and self.slides[joint] else far
-                far += np.linalg.norm(self.offset[joint][:, 3]) + (most[k] if k >= 0 and self.slides[joint] else 0.0)
+                out[g, joint] = abs(self.factor[joint]) * (1.0 if self.slides[joint] else far)
+                far += np.linalg.norm(self.offset[joint][:, 3]) + (most[joint] if self.slides[joint] else 0.0)
                 joint = self.parent[joint]
+            demand(self.joint[g] < 0 or far * len(self.parent) < LARGEST, "a robot too large for its rounding")
         return out
 
 
-def turned(R: Array, angle: Array, t: Array) -> tuple[Array, Array]:
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return np.stack((c * R[:, :, 0] + s * R[:, :, 1], c * R[:, :, 1] - s * R[:, :, 0], R[:, :, 2]), axis=2), t
+class Path:
+    """Rows, and how far each column goes (N - 1, nv) between two: linearly, angles shortest, or the base on an arc."""
+
+    def __init__(self, world: World, rows: object, way: str) -> None:
+        self.world, self.arc = world, world.planar and way == "arc"
+        self.rows: Array = numbers(rows, (None, world.nv), "rows", FARTHEST)
+        demand(len(self.rows) >= 2 and way in ("values", "shortest", "arc"), "less than two rows, or no way to go")
+        v, turns = np.diff(self.rows, axis=0), world.turns
+        if way == "shortest":
+            v[:, turns] = (v[:, turns] + np.pi) % (2.0 * np.pi) - np.pi
+        demand(way == "values" or (np.abs(v[:, turns]) < HALF_TURN).all(), "half a turn or more: no one way to go")
+        chord = np.sinc(0.5 * v[:, 2] / np.pi) if self.arc else 1.0  # for each unit of the arc
+        self.base: Array = np.hypot(v[:, 0], v[:, 1]) / chord if world.planar else np.zeros(len(v))
+        self.v, self.radii = v, world.radii(self.rows, v)
+
+    def between(self, segment: Whole, t: Array) -> Array:
+        """Rows (K, nv) at the parts t (K,) of segments; the chord of a part of an arc is shorter, and turned."""
+        v = self.v[segment]
+        out = self.rows[segment] + t[:, None] * v
+        if self.arc:
+            (x, y), half = v[:, :2].T, 0.5 * v[:, 2]
+            far, turn = t * np.sinc(t * half / np.pi) / np.sinc(half / np.pi), (t - 1.0) * half
+            c, s = far * np.cos(turn), far * np.sin(turn)
+            out[:, :2] = self.rows[segment, :2] + np.column_stack((c * x - s * y, s * x + c * y))
+        return out
+
+    def motions(self, segment: Whole, pair: Whole) -> Array:
+        """(K,) how far the shapes of a pair move towards each other at most on a segment."""
+        one, two = self.world.pairs[pair].T
+        apart = self.world.carries[one] != self.world.carries[two]  # a joint that carries both moves them as one
+        moved = np.abs(self.v[segment][:, self.world.column]) * apart * (self.radii[one] + self.radii[two])
+        return moved.sum(axis=1) + self.base[segment] * apart[:, 0]
+
+    def gaps(self, segment: Whole, t: Array, pair: Whole, n: Array) -> Array:
+        """How far apart (K,) [m] the shapes of pairs are at least along directions (K, 3), at parts t of segments."""
+        size, out = np.linalg.norm(n, axis=1), np.zeros(len(pair))
+        demand((size > 1e-3).all(), "a direction without length")
+        places, where = np.unique(np.column_stack((segment, t)), axis=0, return_inverse=True)
+        frames = self.world.place(self.between(places[:, 0].astype(np.int64), places[:, 1].astype(float)))
+        for p in np.unique(pair):
+            k = np.flatnonzero(pair == p)
+            for g, to in zip(self.world.pairs[p], (n[k] / size[k, None], -n[k] / size[k, None]), strict=True):
+                R, t = (array[where.reshape(-1)[k]] for array in frames[self.world.joint[g]])
+                shape, local = self.world.shapes[g], np.einsum("kij,ki->kj", R, to)
+                out[k] -= (t * to).sum(axis=1) + local @ shape.at + shape.support(local @ shape.rotation)
+        return out
 
 
-def reach(robot: Robot, frames: list[tuple[Array, Array]], where: Whole, g: int, n: Array) -> Array:
-    """max n·x (K,) over the points of body g at the places ``where`` (K,) of the frames."""
-    body, at, local = robot.bodies[g], np.zeros(len(n)), n
-    if robot.joint[g] >= 0:
-        R, t = (array[where] for array in frames[robot.joint[g]])
-        at, local = (t * n).sum(axis=1), np.einsum("kij,ki->kj", R, n)
-    return at + local @ body.translation + body.support(local @ body.rotation)
-
-
-def gaps(
-    robot: Robot, obstacles: list[Shape], rows: Array, v: Array, segment: Whole, t: Array, pair: Whole, n: Array
-) -> Array:
-    """How far apart (K,) [m] the shapes of pairs are at least along directions (K, 3), at the parts t of segments."""
-    size, out = np.linalg.norm(n, axis=1), np.zeros(len(pair))
-    demand((size > 1e-3).all(), "a direction without length")
-    places, where = np.unique(np.column_stack((segment, t)), axis=0, return_inverse=True)
-    frames = robot.place(robot.between(rows, v, places[:, 0].astype(np.int64), places[:, 1].astype(float)))
-    for p in np.unique(pair):
-        k = np.flatnonzero(pair == p)
-        to, at, own = n[k] / size[k, None], where.reshape(-1)[k], p - len(robot.bodies) * len(obstacles)
-        if own < 0:
-            g, other = p // len(obstacles), obstacles[p % len(obstacles)]
-            beyond = other.support(-to @ other.rotation) - to @ other.translation
-        else:
-            g, h = robot.pairs[own]
-            beyond = reach(robot, frames, at, h, -to)
-        out[k] = -reach(robot, frames, at, g, to) - beyond
-    return out
-
-
-def motions(robot: Robot, obstacles: list[Shape], rows: Array, v: Array) -> Array:
-    """(segments, pairs) how far the shapes of a pair move towards each other at most."""
-    radii, speed, moves = robot.radii(rows), np.abs(v), np.array([j >= 0 for j in robot.joint], dtype=float)
-    base = np.hypot(v[:, 0], v[:, 1]) if robot.planar else np.zeros(len(v))
-    alone = speed @ radii.T + base[:, None] * moves
-    one, two = robot.pairs.T
-    apart = (radii[one] > 0.0) != (radii[two] > 0.0)  # a joint before both of them moves them as one
-    together = speed @ np.where(apart, radii[one] + radii[two], 0.0).T + base[:, None] * (moves[one] != moves[two])
-    return np.hstack((np.repeat(alone, len(obstacles), axis=1), together))
-
-
-def check(header: Part, rows: object, segment: Whole, pair: Whole, span: object, normal: object) -> float:
+def check(header: Part, rows: object, segment: object, pair: object, span: object, normal: object) -> float:
     """The least that any interval proves beyond the clearance [m]; raises Refused where one does not."""
-    demand(header.get("format") == FORMAT and header.get("version") == VERSION, "no proof of this format and version")
-    robot = Robot(header["robot"])
-    obstacles = [Shape(o, f"obstacle {i}") for i, o in enumerate(header["scene"])]
+    demand([header.get("format"), header.get("version")] == [FORMAT, VERSION], f"not {FORMAT} {VERSION}: make it anew")
+    table([header], HEADER | {"scene": list}, "header")
+    world = World(header["robot"], header["scene"])
     clearance, own = (float(numbers(header[key], (), key)) for key in ("clearance", "self_clearance"))
-    rows = numbers(rows, (None, robot.nv), "rows")
-    demand(min(clearance, own) >= 0.0 and len(rows) >= 2, "a clearance is negative, or the path has less than two rows")
+    path = Path(world, rows, header["way"])
     span, normal = numbers(span, (None, 2), "span"), numbers(normal, (None, 2, 3), "normal")
-    demand(all(np.asarray(k).dtype.kind in "iu" for k in (segment, pair)), "a segment or pair is no whole number")
-    segment, pair = np.asarray(segment).astype(np.int64), np.asarray(pair).astype(np.int64)
-    demand(segment.shape == pair.shape == (len(span),) and len(normal) == len(span), "intervals of unequal number")
-    across = len(robot.bodies) * len(obstacles)
-    pairs, segments = across + len(robot.pairs), len(rows) - 1
-    demand(((segment >= 0) & (segment < segments) & (pair >= 0) & (pair < pairs)).all(), "an interval of no pair")
+    segment, pair = (numbers(k, (len(span),), "segment, pair", 1e9, "i").astype(np.int64) for k in (segment, pair))
+    pairs, segments = len(world.pairs), len(path.v)
+    demand(pairs and min(clearance, own) >= 0.0, "nothing has to stay apart, or by less than nothing")
+    demand(len(normal) == len(span) >= segments * pairs, "intervals of unequal number, or too few")
     order = np.lexsort((span[:, 0], pair, segment))
     segment, pair, span, normal = segment[order], pair[order], span[order], normal[order]
+    demand(((segment >= 0) & (segment < segments) & (pair >= 0) & (pair < pairs)).all(), "an interval of no pair")
     key = segment * pairs + pair
     demand(np.array_equal(np.unique(key), np.arange(segments * pairs)), "a pair of a segment is missing")
-    begins, ends = np.r_[True, np.diff(key) > 0], np.r_[np.diff(key) > 0, True]
-    if len(key):
-        whole = (span[begins, 0] == 0.0).all() and (span[ends, 1] == 1.0).all() and (span[:, 0] < span[:, 1]).all()
-        demand(whole and (span[1:, 0] == span[:-1, 1])[~begins[1:]].all(), "the intervals of a pair leave a hole")
-    v = robot.tangents(rows)
-    travel = (span[:, 1] - span[:, 0]) * motions(robot, obstacles, rows, v)[segment, pair]
-    apart = sum(gaps(robot, obstacles, rows, v, segment, span[:, e], pair, normal[:, e]) for e in (0, 1))
-    spare = 0.5 * (apart - travel) - np.where(pair < across, clearance, own) - ROUNDING
-    for k in np.flatnonzero(~(spare > 0.0))[:1]:
-        raise Refused(f"segment {segment[k]}, pair {pair[k]}, {span[k].tolist()}: {-spare[k]:.3g} m short")
-    return float(spare.min(initial=np.inf))
+    new = np.diff(key) > 0
+    begun, ended = np.r_[0.0, np.where(new, 0.0, span[:-1, 1])] == span[:, 0], span[np.r_[new, True], 1] == 1.0
+    demand(begun.all() and ended.all() and (span[:, 0] < span[:, 1]).all(), "the intervals of a pair leave a hole")
+    spare = -np.where(pair < world.across, clearance, own) - ROUNDING
+    step = MOST_AT_ONCE // len(world.parent) + 1
+    for k in (slice(i, i + step) for i in range(0, len(span), step)):
+        spare[k] -= 0.5 * (span[k, 1] - span[k, 0]) * path.motions(segment[k], pair[k])
+        spare[k] += 0.5 * sum(path.gaps(segment[k], span[k, e], pair[k], normal[k, e]) for e in (0, 1))
+    k = int(np.argmin(spare))
+    demand(spare[k] > 0.0, f"segment {segment[k]}, pair {pair[k]}, {span[k].tolist()}: {-spare[k]:.3g} m short")
+    return float(spare[k])
+
+
+def read(name: str) -> tuple[Part, Part]:
+    """Header and arrays of a file; nothing is unpacked before it is known how large it is."""
+    names = ("header", "rows", "segment", "pair", "span", "normal")
+    with np.load(name, allow_pickle=False) as file:
+        found = file.zip.infolist()
+        demand(sorted(e.filename for e in found) == sorted(f"{n}.npy" for n in names), f"other arrays than {names}")
+        size = sum(e.file_size if e.compress_type in (0, 8) else MOST_BYTES + 1 for e in found)  # stored, or deflated
+        demand(size <= MOST_BYTES, f"more than {MOST_BYTES} bytes, unpacked")
+        parts = {n: file[n] for n in names}
+    text = parts.pop("header")
+    demand(text.dtype.kind == "U" and text.shape == () and text.nbytes <= MOST_BYTES // 4, "no header")
+    once = json.JSONDecoder(object_pairs_hook=lambda p: dict(p) if len(dict(p)) == len(p) else demand(0, "a key twice"))
+    return once.decode(str(text)), parts
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -274,25 +279,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("proof", help="file made by: elastic-strips certify … --proof FILE")
     for what in ("robot", "scene", "path"):
         parser.add_argument(f"--{what}", metavar="DIGEST", help=f"that the proof's {what} must have")
-    given = parser.parse_args(arguments)
+    given, header = parser.parse_args(arguments), None
     try:
-        with np.load(given.proof, allow_pickle=False) as file:
-            parts = {name: file[name] for name in ("rows", "segment", "pair", "span", "normal")}
-            header = json.loads(str(file["header"]))
-            digests = {"robot": digest(header["robot"]), "scene": digest(header["scene"])}
-            digests["path"] = digest(parts["rows"].tolist())
-    except Exception as problem:  # whatever a file can be
-        print(f"{given.proof}: is no proof: {problem}", file=sys.stderr)
-        return 2
-    try:
+        header, parts = read(given.proof)
+        spare = check(header, **parts)
+        digests = {what: digest(header[what]) for what in ("robot", "scene")}
+        digests["path"] = path_digest(parts["rows"], header["way"])
         for what, found in digests.items():
             demand(getattr(given, what) in (None, found), f"it is about another {what}: {found}")
-        spare = check(header, **parts)
-    except (Refused, LookupError, TypeError, ValueError, OverflowError, AttributeError) as problem:
-        print(f"REFUSED: {problem}")
-        return 3
+    except Exception as problem:  # whatever breaks the checker is no proof
+        print(f"REFUSED: {problem}" if isinstance(problem, Refused) else f"REFUSED: {problem!r}")
+        return 2 if header is None and not isinstance(problem, Refused) else 3  # 2: nothing that can be read
     print(f"PROVEN: clear by {header['clearance']:g} m of obstacles and {header['self_clearance']:g} m of itself")
-    print(f"{len(parts['span'])} intervals, {1e3 * spare:.3g} mm to spare;", digests)
+    print(f"{len(header['scene'])} obstacles, {len(parts['rows'])} rows, way: {header['way']};", digests)
+    print(f"{len(parts['span'])} intervals, {1e3 * spare:.3g} mm to spare; rows of {header['robot']['columns']}")
     return 0
 
 

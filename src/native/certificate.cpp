@@ -5,13 +5,11 @@
 
 namespace strips {
 
-namespace {
-
 constexpr double kLoose = 0.15;   // a lower bound may lie below by the capsule's length and about this
 constexpr double kMargin = 1e-4;  // what a lower bound decides by less than this is measured exactly all the same
 
 // Distance of two line segments.
-double segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+static double segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
   const Vec3 u = b - a, v = d - c, w = a - c;
   const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), uw = u.dot(w), vw = v.dot(w);
   constexpr double tiny = 1e-18;
@@ -24,26 +22,17 @@ double segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3&
   return (w + s * u - t * v).norm();
 }
 
-}  // namespace
-
-double ObstaclePairs::lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) {
-  ++counts.pairs;
+double ObstaclePairs::measure(const Frames& frames, std::size_t node, double place, std::int64_t pair, bool exact) {
+  ++(exact ? counts.queries : counts.pairs);
   const std::size_t body = static_cast<std::size_t>(pair) / poses_.count, part = pair - body * poses_.count;
   Vec3 one, two, shift;
   double uncertainty = 0.0;
-  const Vec3* moves = moving_.between(place, part, shift, uncertainty) ? &shift : nullptr;
+  const Vec3* moves = moving_.at(place, part, shift, uncertainty) ? &shift : nullptr;
+  if (exact) {
+    return Queries{narrow_, frames, poses_, moving_}.exact(node, body, part, moves).distance - kGjkExcess - uncertainty;
+  }
   narrow_.bodies->ends_at(frames, node, body, one, two);
   return capsule_bound(*narrow_.bodies, one, two, body, poses_, part, moves, uncertainty);
-}
-
-double ObstaclePairs::distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) {
-  ++counts.queries;
-  const std::size_t body = static_cast<std::size_t>(pair) / poses_.count, part = pair - body * poses_.count;
-  Vec3 shift;
-  double uncertainty = 0.0;
-  const Vec3* moves = moving_.between(place, part, shift, uncertainty) ? &shift : nullptr;
-  narrow_.begin();
-  return narrow_.query(frames, node, body, part, poses_, moves).distance - kGjkExcess - uncertainty;
 }
 
 double ObstaclePairs::loose(std::int64_t pair) const {
@@ -59,7 +48,7 @@ SelfPairs::SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int6
   }
 }
 
-double SelfPairs::lower_bound(const Frames& frames, std::size_t node, double, std::int64_t pair) {
+double SelfPairs::lower_bound(const Frames& frames, std::size_t node, std::int64_t pair) {
   ++counts.pairs;
   const std::size_t one = pairs_[2 * pair], two = pairs_[2 * pair + 1];
   Vec3 a, b, c, d;
@@ -78,8 +67,8 @@ double SelfPairs::query(const Frames& frames, std::size_t node, std::int64_t pai
   return solver_.ask(*functors_[pair], one, Transform3s(R, t));
 }
 
-double SelfPairs::distance(const Frames& frames, std::size_t node, double, std::int64_t pair) {
-  return query(frames, node, pair) - kGjkExcess;
+double SelfPairs::measure(const Frames& frames, std::size_t node, double, std::int64_t pair, bool exact) {
+  return exact ? query(frames, node, pair) - kGjkExcess : lower_bound(frames, node, pair);
 }
 
 double SelfPairs::loose(std::int64_t) const { return kLoose; }
@@ -93,63 +82,50 @@ void Worst::note(double at, std::int64_t which, double d, bool sure) {
   distance = d;
 }
 
-void StripSearch::found(double place, std::int64_t pair, double d) {
-  if (d > clearance_) return;
-  states_[static_cast<std::size_t>(place)] = 2;
+void Search::found(double place, std::int64_t pair, double d) {
+  if (d > clearance) return;
+  if (states != nullptr) states[static_cast<std::size_t>(place)] = 2;
   worst.note(place, pair, d, true);
 }
 
-void StripSearch::unknown(const std::vector<Interval>& left) {
+void Search::unknown(const std::vector<Interval>& left) {
   for (const Interval& x : left) {
-    std::int8_t& state = states_[static_cast<std::size_t>(x.low)];
-    state = std::max<std::int8_t>(state, 1);
+    const std::size_t segment = static_cast<std::size_t>(x.low);
+    if (states != nullptr) states[segment] = std::max<std::int8_t>(states[segment], 1);
     worst.note(x.low, x.pair, std::min(x.d_low, x.d_high), false);
   }
 }
 
-void MotionSearch::found(double place, std::int64_t pair, double d) {
-  if (d <= clearance_) worst.note(place, pair, d, true);
+void Bisection::locate(const std::vector<double>& places) {
+  places_.clear();
+  for (double place : places) {
+    if (place != std::floor(place)) places_.push_back(place);
+  }
+  std::sort(places_.begin(), places_.end());
+  places_.erase(std::unique(places_.begin(), places_.end()), places_.end());
+  const std::size_t nv = static_cast<std::size_t>(tree_.nv), n = places_.size();
+  if (n == 0) return;
+  if (n > between_.capacity) {
+    const std::size_t capacity = std::max<std::size_t>(2 * n, 64);
+    T_.assign(tree_.joints * capacity * 12, 0.0);
+    for (std::size_t k = 0; k < capacity; ++k) T_[12 * k] = T_[12 * k + 5] = T_[12 * k + 10] = 1.0;  // the universe
+    between_ = {T_.data(), nullptr, capacity};
+  }
+  std::vector<double> q(n * nv);
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t s = static_cast<std::size_t>(places_[k]);
+    integrate(tree_, coordinates_ + s * nv, v_ + s * nv, places_[k] - static_cast<double>(s), &q[k * nv]);
+  }
+  place(tree_, q.data(), n, T_.data(), nullptr, between_.capacity);
+  checks += n;
 }
 
-std::vector<Bisection::Where> Bisection::locate(const std::vector<double>& places) {
-  std::vector<double> between;
-  for (double place : places) {
-    if (place != std::floor(place)) between.push_back(place);
-  }
-  std::sort(between.begin(), between.end());
-  between.erase(std::unique(between.begin(), between.end()), between.end());
-  const std::size_t nv = static_cast<std::size_t>(tree_.nv), n = between.size();
-  if (n > 0) {
-    if (n > between_.capacity) {
-      const std::size_t capacity = std::max<std::size_t>(2 * n, 64);
-      T_.assign(tree_.joints * capacity * 12, 0.0);
-      for (std::size_t k = 0; k < capacity; ++k) T_[12 * k] = T_[12 * k + 5] = T_[12 * k + 10] = 1.0;  // the universe
-      between_ = {T_.data(), nullptr, capacity};
-    }
-    std::vector<double> q(n * nv);
-    for (std::size_t k = 0; k < n; ++k) {
-      const std::size_t s = static_cast<std::size_t>(between[k]);
-      integrate(tree_, coordinates_ + s * nv, v_ + s * nv, between[k] - static_cast<double>(s), &q[k * nv]);
-    }
-    place(tree_, q.data(), n, T_.data(), nullptr, between_.capacity);
-    checks += n;
-  }
-  std::vector<Where> where;
-  where.reserve(places.size());
-  for (double place : places) {
-    if (place == std::floor(place)) {
-      where.push_back({static_cast<std::size_t>(place), false});
-    } else {
-      const auto at = std::lower_bound(between.begin(), between.end(), place);
-      where.push_back({static_cast<std::size_t>(at - between.begin()), true});
-    }
-  }
-  return where;
-}
-
-double Bisection::measure(Pairs& pairs, const Where& where, double place, std::int64_t pair, bool exact) const {
-  const Frames& frames = where.between ? between_ : frames_;
-  return exact ? pairs.distance(frames, where.node, place, pair) : pairs.lower_bound(frames, where.node, place, pair);
+double Bisection::measure(Pairs& pairs, double place, std::int64_t pair, bool exact) const {
+  const bool between = place != std::floor(place);
+  const std::size_t node = between ? std::lower_bound(places_.begin(), places_.end(), place) - places_.begin()
+                                   : static_cast<std::size_t>(place);
+  const Frames& at = between ? between_ : frames;
+  return pairs.measure(at, node, place, pair, exact);
 }
 
 // Make distances at one end exact where that can close the interval, or where it is the last chance.
@@ -159,48 +135,39 @@ bool Bisection::settle(Pairs& pairs, std::vector<Interval>& todo, Search& search
   for (std::size_t k = 0; k < todo.size(); ++k) {
     const Interval& x = todo[k];
     if (low ? x.exact_low : x.exact_high) continue;
-    const double gap = x.travel + 2.0 * search.clearance() - x.d_low - x.d_high, d = low ? x.d_low : x.d_high;
+    const double gap = x.travel + 2.0 * search.clearance - x.d_low - x.d_high, d = low ? x.d_low : x.d_high;
     const bool single = x.high - x.low <= 1.0;
-    if (gap >= 0.0 && (single || gap <= pairs.loose(x.pair) || d <= search.clearance())) {
+    if (gap >= 0.0 && (single || gap <= pairs.loose(x.pair) || d <= search.clearance)) {
       ask.push_back(k);
       places.push_back(low ? x.low : x.high);
     }
   }
   if (ask.empty()) return false;
-  const std::vector<Where> where = locate(places);
+  locate(places);
   for (std::size_t k = 0; k < ask.size(); ++k) {
     Interval& x = todo[ask[k]];
-    const double d = measure(pairs, where[k], places[k], x.pair, true);
+    const double d = measure(pairs, places[k], x.pair, true);
     (low ? x.d_low : x.d_high) = d;
     (low ? x.exact_low : x.exact_high) = true;
-  }
-  for (std::size_t k = 0; k < ask.size(); ++k) {
-    const Interval& x = todo[ask[k]];
-    search.found(places[k], x.pair, low ? x.d_low : x.d_high);
+    search.found(places[k], x.pair, d);
   }
   return search.over();
 }
 
 std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, Search& search, int depth,
                                      const Approach* approach) {
-  std::vector<Interval> next;
-  std::vector<double> places, d, first, second;
-  std::vector<std::uint8_t> exact;
+  const double c = search.clearance;
   for (int level = 0; level < depth; ++level) {
     const bool settled =
         std::all_of(todo.begin(), todo.end(), [](const Interval& x) { return x.exact_low && x.exact_high; });
     if (!settled) {
       if (settle(pairs, todo, search, true) || settle(pairs, todo, search, false)) break;
-      const double c = search.clearance();
       todo.erase(std::remove_if(todo.begin(), todo.end(), [c](const Interval& x) { return !x.open(c); }), todo.end());
     }
     const std::size_t count = todo.size();
     if (count == 0) break;
-    places.resize(count);
-    d.resize(count);
-    first.resize(count);
-    second.resize(count);
-    exact.assign(count, 0);
+    std::vector<double> places(count), d(count), first(count), second(count);
+    std::vector<bool> exact(count);
     for (std::size_t k = 0; k < count; ++k) {
       const Interval& x = todo[k];
       const bool single = x.high - x.low <= 1.0;
@@ -213,41 +180,34 @@ std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, S
         second[k] = (*approach)(x.pair, at, static_cast<std::size_t>(x.high));
       }
     }
-    const std::vector<Where> where = locate(places);
-    const double c = search.clearance(), below = search.exact_below();
+    locate(places);
     for (std::size_t k = 0; k < count; ++k) {
       const Interval& x = todo[k];
-      d[k] = measure(pairs, where[k], places[k], x.pair, false);
+      d[k] = measure(pairs, places[k], x.pair, false);
       // from here on, a half is proven
       const double one = first[k] - x.d_low + 2.0 * c, two = second[k] - x.d_high + 2.0 * c;
-      bool need = d[k] < std::max(std::max(one, two), below) + kMargin;
+      bool need = d[k] < std::max(std::max(one, two), c) + kMargin;
       if (need && approach != nullptr && x.high - x.low > 1.0) {  // only what can close a half; it is halved anyway
         need = d[k] + pairs.loose(x.pair) >= std::min(one, two) || d[k] <= c;
       }
       exact[k] = need;
     }
-    bool any = false;
     for (std::size_t k = 0; k < count; ++k) {
-      if (!exact[k]) continue;
-      any = true;
-      d[k] = measure(pairs, where[k], places[k], todo[k].pair, true);
+      if (exact[k]) d[k] = measure(pairs, places[k], todo[k].pair, true);
     }
-    if (any) {
-      for (std::size_t k = 0; k < count; ++k) {
-        if (exact[k]) search.found(places[k], todo[k].pair, d[k]);
-      }
-      if (search.over()) return {};
+    for (std::size_t k = 0; k < count; ++k) {
+      if (exact[k]) search.found(places[k], todo[k].pair, d[k]);
     }
-    next.clear();
-    const double now = search.clearance();
+    if (search.over()) return {};
+    std::vector<Interval> next;
     for (int half = 0; half < 2; ++half) {
       for (std::size_t k = 0; k < count; ++k) {
         const Interval& x = todo[k];
-        const bool done = exact[k] != 0;
+        const bool done = exact[k];
         const Interval part = half == 0
                                   ? Interval{x.pair, x.low, places[k], x.d_low, d[k], first[k], x.exact_low, done}
                                   : Interval{x.pair, places[k], x.high, d[k], x.d_high, second[k], done, x.exact_high};
-        if (part.open(now) && !search.decided(x.low)) next.push_back(part);
+        if (part.open(c) && !search.decided(x.low)) next.push_back(part);
       }
     }
     std::swap(todo, next);
@@ -273,10 +233,9 @@ void self_drift(const Tree& tree, const double* coordinates, const double* befor
   }
 }
 
-namespace {
-
 // Of intervals within a segment each, those that bounds (N, pairs) at its two nodes leave open.
-std::vector<Interval> still_open(std::vector<Interval> todo, const double* bound, std::size_t pairs, double clearance) {
+static std::vector<Interval> still_open(std::vector<Interval> todo, const double* bound, std::size_t pairs,
+                                        double clearance) {
   std::size_t kept = 0;
   for (Interval x : todo) {
     const double* at = bound + static_cast<std::size_t>(x.low) * pairs + static_cast<std::size_t>(x.pair);
@@ -288,10 +247,10 @@ std::vector<Interval> still_open(std::vector<Interval> todo, const double* bound
   return todo;
 }
 
-void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
-                  SelfDistances& d) {
+static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
+                         SelfDistances& d) {
   const std::size_t k = node * d.pairs + pair;
-  const double cheap = pairs.lower_bound(frames, node, 0.0, static_cast<std::int64_t>(pair));
+  const double cheap = pairs.lower_bound(frames, node, static_cast<std::int64_t>(pair));
   if (cheap >= reach) {
     d.bound[k] = cheap;
     d.since[k] = kFar;
@@ -311,8 +270,6 @@ void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std:
   Eigen::Map<Vec3>(d.second + 3 * k) = R * b;
 }
 
-}  // namespace
-
 void self_refine(SelfPairs& pairs, const Frames& frames, double reach, SelfDistances& d) {
   for (std::size_t n = 0; n < d.nodes; ++n) {
     for (std::size_t s = 0; s < d.pairs; ++s) self_refine_at(pairs, frames, n, s, reach, d);
@@ -326,11 +283,12 @@ void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, st
 }
 
 std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
-                                const double* v, const std::int8_t* states, double clearance, SelfDistances& d) {
+                                const double* v, const Search& search, SelfDistances& d) {
+  const double clearance = search.clearance;
   std::vector<Interval> todo;
   std::vector<double> travel(d.pairs);
   for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
-    if (states[s] < 0) continue;  // it is known to be certified
+    if (search.states[s] < 0) continue;  // it is known to be certified
     std::fill(travel.begin(), travel.end(), 0.0);
     for (int k = tree.base_nv(); k < tree.nv; ++k) {
       const double speed = std::abs(v[s * tree.nv + k]);
@@ -352,20 +310,17 @@ std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tr
   return still_open(std::move(todo), d.bound, d.pairs, clearance);
 }
 
-void colliding_nodes(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
-                     Distances& d, std::int8_t* states, StripSearch& search, Counts& counts) {
-  const double clearance = search.clearance();
+void colliding_nodes(Queries& ask, Distances& d, Search& search) {
+  const double clearance = search.clearance;
   const std::size_t last = d.nodes - 2;
-  narrow.begin();
   for (std::size_t n = 0; n < d.nodes; ++n) {
     for (std::size_t g = 0; g < d.bodies; ++g) {
       const double* bound = d.bound + d.index(n, g, 0);
       for (std::size_t p = 0; p < d.parts; ++p) {
         if (bound[p] > clearance) continue;
-        refine_at(narrow, frames, poses, moving, n, g, p, clearance + kMargin, d, counts);
+        refine_at(ask, n, g, p, clearance + kMargin, d);
         if (bound[p] > clearance) continue;
-        states[std::min(n, last)] = 2;
-        states[n == 0 ? 0 : n - 1] = 2;
+        search.states[std::min(n, last)] = search.states[n == 0 ? 0 : n - 1] = 2;
         search.worst.note(static_cast<double>(std::min(n, last)), static_cast<std::int64_t>(g * d.parts + p), bound[p],
                           true);
       }
@@ -373,14 +328,15 @@ void colliding_nodes(Narrowphase& narrow, const Frames& frames, const PartPoses&
   }
 }
 
-std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, const PartPoses& poses,
-                                     const Moving& moving, const Bounds& bounds, const double* v,
-                                     const double* approach, const std::int8_t* states, double clearance, Distances& d,
-                                     Counts& counts) {
-  const Tree& tree = narrow.bodies->tree;
+std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const double* v, const double* approach,
+                                     const Search& search, Distances& d) {
+  const double clearance = search.clearance;
+  const Bodies& robot = *ask.narrow.bodies;
+  const Tree& tree = robot.tree;
+  const Bounds bounds{radius, d.bodies};
   std::vector<Interval> todo;
   for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
-    if (states[s] != 0) continue;
+    if (search.states[s] != 0) continue;
     for (std::size_t g = 0; g < d.bodies; ++g) {
       const double *here = d.bound + d.index(s, g, 0), *there = d.bound + d.index(s + 1, g, 0);
       const double need = bounds.travel(tree, v + s * tree.nv, g) + 2.0 * clearance;
@@ -388,7 +344,7 @@ std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, 
       for (std::size_t p = 0; p < d.parts; ++p) {
         const double nearer = approach == nullptr ? 0.0 : approach[s * d.parts + p];
         if (here[p] + there[p] - need - nearer > 0.0) continue;
-        if (tight < 0.0) tight = bounds.tight(*narrow.bodies, frames, s, g, v + s * tree.nv);
+        if (tight < 0.0) tight = bounds.tight(robot, ask.frames, s, g, v + s * tree.nv);
         const double travel = tight + nearer;
         if (here[p] + there[p] > travel + 2.0 * clearance) continue;
         const double low = static_cast<double>(s);
@@ -398,7 +354,6 @@ std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, 
   }
   // what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
   std::vector<double> reach;
-  narrow.begin();
   for (std::size_t end = 0; end < 2; ++end) {
     reach.clear();
     for (const Interval& x : todo) {
@@ -408,28 +363,27 @@ std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, 
     for (std::size_t k = 0; k < todo.size(); ++k) {
       const std::size_t node = static_cast<std::size_t>(todo[k].low) + end,
                         pair = static_cast<std::size_t>(todo[k].pair);
-      refine_at(narrow, frames, poses, moving, node, pair / d.parts, pair % d.parts, reach[k], d, counts);
+      refine_at(ask, node, pair / d.parts, pair % d.parts, reach[k], d);
     }
   }
   return still_open(std::move(todo), d.bound, d.bodies * d.parts, clearance);
 }
 
-Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, const Frames& frames, std::size_t nodes,
-                   double clearance, int depth, const Approach& approach) {
+Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, std::size_t nodes, double clearance,
+                   int depth, const Approach& approach) {
   const std::size_t last = nodes - 1;
+  const Frames& frames = bisection.frames;
   std::vector<Interval> todo;
   for (std::size_t p = 0; p < count; ++p) {
     const std::int64_t pair = static_cast<std::int64_t>(p);
     const double end = static_cast<double>(last);
-    const double d_low = pairs.lower_bound(frames, 0, 0.0, pair), d_high = pairs.lower_bound(frames, last, end, pair);
+    const double d_low = pairs.measure(frames, 0, 0.0, pair, false),
+                 d_high = pairs.measure(frames, last, end, pair, false);
     const Interval x{pair, 0.0, end, d_low, d_high, approach(pair, 0, last), false, false};
     if (x.open(clearance)) todo.push_back(x);
   }
-  MotionSearch search(clearance);
-  const std::vector<Interval> left = bisection.run(pairs, std::move(todo), search, depth, &approach);
-  if (!search.worst.there) {
-    for (const Interval& x : left) search.worst.note(x.low, x.pair, std::min(x.d_low, x.d_high), false);
-  }
+  Search search{clearance};
+  search.unknown(bisection.run(pairs, std::move(todo), search, depth, &approach));
   return search.worst;
 }
 

@@ -11,8 +11,8 @@ namespace strips {
 class Pairs {
  public:
   virtual ~Pairs() = default;
-  virtual double lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) = 0;
-  virtual double distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) = 0;
+  // A lower bound of the distance, or as much of it as is proven.
+  virtual double measure(const Frames& frames, std::size_t node, double place, std::int64_t pair, bool exact) = 0;
   virtual double loose(std::int64_t pair) const = 0;  // how far the lower bounds may be off
   Counts counts;
 };
@@ -22,8 +22,7 @@ class ObstaclePairs : public Pairs {
  public:
   ObstaclePairs(Narrowphase& narrow, const PartPoses& poses, const Moving& moving)
       : narrow_(narrow), poses_(poses), moving_(moving) {}
-  double lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
-  double distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
+  double measure(const Frames& frames, std::size_t node, double place, std::int64_t pair, bool exact) override;
   double loose(std::int64_t pair) const override;
 
  private:
@@ -36,13 +35,11 @@ class ObstaclePairs : public Pairs {
 class SelfPairs : public Pairs {
  public:
   SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs);
-  SelfPairs(const SelfPairs&) = delete;
-  SelfPairs& operator=(const SelfPairs&) = delete;
-  double lower_bound(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
-  double distance(const Frames& frames, std::size_t node, double place, std::int64_t pair) override;
+  double measure(const Frames& frames, std::size_t node, double place, std::int64_t pair, bool exact) override;
   double loose(std::int64_t pair) const override;
 
-  // Signed distance as Coal says it; the solver then has normal and witness points.
+  // By their capsules; and signed as Coal says it: the solver then has normal and witness points.
+  double lower_bound(const Frames& frames, std::size_t node, std::int64_t pair);
   double query(const Frames& frames, std::size_t node, std::int64_t pair);
   const PairSolver& solver() const { return solver_; }
   const Bodies& bodies() const { return *bodies_; }
@@ -51,6 +48,7 @@ class SelfPairs : public Pairs {
   std::size_t body(std::size_t pair, int which) const { return static_cast<std::size_t>(pairs_[2 * pair + which]); }
   std::size_t size() const { return functors_.size(); }
   void shallow() { solver_.shallow = true; }
+  std::mutex busy;  // held by the thread that is inside
 
  private:
   std::shared_ptr<const Bodies> bodies_;
@@ -77,58 +75,17 @@ struct Worst {
   void note(double at, std::int64_t which, double d, bool sure);
 };
 
-// What distances are wanted for.
-class Search {
- public:
-  virtual ~Search() = default;
-  virtual double clearance() const = 0;    // intervals are open as long as they may hold a distance up to this
-  virtual double exact_below() const = 0;  // what may be below is measured exactly, even if a bound closes the interval
-  virtual bool decided(double) const { return false; }  // nothing more is wanted of this segment
-  virtual void found(double place, std::int64_t pair, double d) = 0;
-  virtual bool over() const { return false; }
-};
+// What distances are wanted for: intervals are open as long as they may hold one up to the clearance. Of segments with
+// states, the first that is below decides one, and the others are searched on; without them it ends the search.
+struct Search {
+  double clearance;
+  std::int8_t* states = nullptr;
+  Worst worst = {};
 
-// Whole segments: the first distance below the clearance decides one, the others are searched on.
-class StripSearch : public Search {
- public:
-  StripSearch(double clearance, std::int8_t* states) : states_(states), clearance_(clearance) {}
-  double clearance() const override { return clearance_; }
-  double exact_below() const override { return clearance_; }
-  bool decided(double place) const override { return states_[static_cast<std::size_t>(place)] != 0; }
-  void found(double place, std::int64_t pair, double d) override;
+  bool decided(double place) const { return states != nullptr && states[static_cast<std::size_t>(place)] != 0; }
+  bool over() const { return states == nullptr && worst.there; }
+  void found(double place, std::int64_t pair, double d);
   void unknown(const std::vector<Interval>& left);
-  Worst worst;
-
- private:
-  std::int8_t* states_;
-  double clearance_;
-};
-
-// The first distance below the clearance ends the search; of those that are found together, the least.
-class MotionSearch : public Search {
- public:
-  explicit MotionSearch(double clearance) : clearance_(clearance) {}
-  double clearance() const override { return clearance_; }
-  double exact_below() const override { return clearance_; }
-  void found(double place, std::int64_t pair, double d) override;
-  bool over() const override { return worst.there; }
-  Worst worst;
-
- private:
-  double clearance_;
-};
-
-// The least distance: nothing is wanted of what cannot be nearer than the nearest so far, by a tolerance.
-class ClearanceSearch : public Search {
- public:
-  ClearanceSearch(double nearest, double tolerance) : nearest(nearest), tolerance_(tolerance) {}
-  double clearance() const override { return nearest - tolerance_; }
-  double exact_below() const override { return std::max(nearest, 0.0); }
-  void found(double, std::int64_t, double d) override { nearest = std::min(nearest, d); }
-  double nearest;
-
- private:
-  double tolerance_;
 };
 
 // How far the two of a pair can have come nearer from one node to another.
@@ -138,27 +95,23 @@ using Approach = std::function<double(std::int64_t pair, std::size_t low, std::s
 class Bisection {
  public:
   Bisection(const Tree& tree, const Frames& frames, const double* coordinates, const double* v)
-      : tree_(tree), frames_(frames), coordinates_(coordinates), v_(v) {}
+      : frames(frames), tree_(tree), coordinates_(coordinates), v_(v) {}
 
   // What still is open after `depth` levels; `approach` is null where all intervals lie in one segment.
   std::vector<Interval> run(Pairs& pairs, std::vector<Interval> todo, Search& search, int depth,
                             const Approach* approach);
 
+  const Frames frames;
   std::size_t checks = 0;  // configurations measured between nodes
 
  private:
-  struct Where {
-    std::size_t node;
-    bool between;
-  };
-  std::vector<Where> locate(const std::vector<double>& places);
-  double measure(Pairs& pairs, const Where& where, double place, std::int64_t pair, bool exact) const;
+  void locate(const std::vector<double>& places);
+  double measure(Pairs& pairs, double place, std::int64_t pair, bool exact) const;
   bool settle(Pairs& pairs, std::vector<Interval>& todo, Search& search, bool low);
 
   const Tree& tree_;
-  Frames frames_;
   const double *coordinates_, *v_;
-  std::vector<double> T_;
+  std::vector<double> T_, places_;  // placements at places between nodes, ascending
   Frames between_{nullptr, nullptr, 0};
 };
 
@@ -166,7 +119,7 @@ class Bisection {
 struct SelfDistances {
   double *bound, *since, *exact, *direction, *first, *second;
   std::size_t nodes, pairs;
-  double tolerance;
+  double tolerance = 0.0;
 };
 
 // Lower the bounds by how far the joints have moved from `before` to `coordinates` (N, nv); radius (nv, S).
@@ -182,20 +135,17 @@ void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, st
 
 // Intervals (segment, self pair) that the nodes' distances leave open, once these have been made exact enough.
 std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
-                                const double* v, const std::int8_t* states, double clearance, SelfDistances& distances);
+                                const double* v, const Search& search, SelfDistances& distances);
 
 // A node that is itself too close decides both its segments.
-void colliding_nodes(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
-                     Distances& distances, std::int8_t* states, StripSearch& search, Counts& counts);
+void colliding_nodes(Queries& ask, Distances& distances, Search& search);
 
 // Intervals (segment, body, part) that the nodes' distances leave open, once these have been made exact enough.
-std::vector<Interval> open_obstacles(Narrowphase& narrow, const Frames& frames, const PartPoses& poses,
-                                     const Moving& moving, const Bounds& bounds, const double* v,
-                                     const double* approach, const std::int8_t* states, double clearance,
-                                     Distances& distances, Counts& counts);
+std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const double* v, const double* approach,
+                                     const Search& search, Distances& distances);
 
 // Prove all pairs along a motion, from the first sample to the last; what is found too near, or is left open.
-Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, const Frames& frames, std::size_t nodes,
-                   double clearance, int depth, const Approach& approach);
+Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, std::size_t nodes, double clearance,
+                   int depth, const Approach& approach);
 
 }  // namespace strips

@@ -5,28 +5,24 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
-#include <string>
 
 namespace strips {
-
-namespace {
 
 constexpr double kTolerance = 1e-10, kFine = 1e-12;  // of GJK and EPA
 constexpr double kExcess = 5e-6;                     // [m] that a distance may be above what its normal proves
 constexpr double kAgreement = 1e-4;
 constexpr double kFailed = -1e100;  // Coal says -1.8e308 where its solver for penetration does not converge
 
-coal::DistanceRequest request(double gjk, double epa) {
+static coal::DistanceRequest request(double gjk, double epa) {
   coal::DistanceRequest made(true);
   if (gjk > 0.0) made.gjk_tolerance = gjk;
   if (epa > 0.0) made.epa_tolerance = epa;
   return made;
 }
 
-bool is(const coal::ShapeBase& shape, coal::NODE_TYPE type) { return shape.getNodeType() == type; }
+static bool is(const coal::ShapeBase& shape, coal::NODE_TYPE type) { return shape.getNodeType() == type; }
 
-std::shared_ptr<coal::ShapeBase> of_kind(const std::string& kind, const std::vector<double>& s) {
+static std::shared_ptr<coal::ShapeBase> of_kind(const std::string& kind, const std::vector<double>& s) {
   if (kind == "box" && s.size() == 3) return std::make_shared<coal::Box>(s[0], s[1], s[2]);
   if (kind == "sphere" && s.size() == 1) return std::make_shared<coal::Sphere>(s[0]);
   if (kind == "cylinder" && s.size() == 2) return std::make_shared<coal::Cylinder>(s[0], s[1]);
@@ -36,13 +32,11 @@ std::shared_ptr<coal::ShapeBase> of_kind(const std::string& kind, const std::vec
   throw std::invalid_argument("no shape of kind '" + kind + "' with " + std::to_string(s.size()) + " sizes");
 }
 
-Solid finished(std::shared_ptr<coal::ShapeBase> shape, double swept) {
+static Solid finished(std::shared_ptr<coal::ShapeBase> shape, double swept) {
   shape->setSweptSphereRadius(swept);
   shape->computeLocalAABB();
   return {std::move(shape), nullptr};
 }
-
-}  // namespace
 
 Solid primitive(const std::string& kind, const std::vector<double>& size, double swept) {
   return finished(of_kind(kind, size), swept);
@@ -79,16 +73,14 @@ std::shared_ptr<coal::ShapeBase> sphere_as_capsule(const std::shared_ptr<coal::S
   return capsule;
 }
 
-namespace {
-
 // Coal's closed form for a sphere and a cylinder forgets the cylinder's caps once the sphere's centre is inside.
-std::shared_ptr<coal::ShapeBase> for_penetration(const std::shared_ptr<coal::ShapeBase>& shape,
-                                                 const coal::ShapeBase& other) {
+static std::shared_ptr<coal::ShapeBase> for_penetration(const std::shared_ptr<coal::ShapeBase>& shape,
+                                                        const coal::ShapeBase& other) {
   return is(*shape, coal::GEOM_SPHERE) && is(other, coal::GEOM_CYLINDER) ? sphere_as_capsule(shape) : shape;
 }
 
 // How far a shape extends along a vector of its frame.
-double support(const coal::ShapeBase& shape, const Vec3& n) {
+static double support(const coal::ShapeBase& shape, const Vec3& n) {
   int hint = 0;
   if (!is(shape, coal::GEOM_CONVEX)) {
     return coal::details::getSupport<coal::details::WithSweptSphere>(&shape, n, hint).dot(n);
@@ -100,13 +92,11 @@ double support(const coal::ShapeBase& shape, const Vec3& n) {
 
 // How far two shapes are apart along a unit vector from one to the other: no more than their distance, wherever the
 // vector comes from; -inf where it is none.
-double gap(const ShapePair& pair, const Transform3s& one, const Transform3s& two, const Vec3& n) {
+static double gap(const ShapePair& pair, const Transform3s& one, const Transform3s& two, const Vec3& n) {
   if (!(n.squaredNorm() < 1.0 + 1e-9)) return -INFINITY;
   return n.dot(two.getTranslation() - one.getTranslation()) - support(*pair.one, one.getRotation().transpose() * n) -
          support(*pair.two, -(two.getRotation().transpose() * n));
 }
-
-}  // namespace
 
 ShapePair::ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::ShapeBase> b)
     : one(std::move(a)),
@@ -153,7 +143,7 @@ double PairSolver::penetration(const ShapePair& pair, const Transform3s& one, co
     deep = pair.deep(one, two, k == 0 ? deep_ : coarse_[k - 1], result_);
     if (deep > kFailed) return deep;
   }
-  throw std::domain_error("Coal finds no penetration depth of two shapes at any tolerance");
+  throw NoDepth("Coal finds no penetration depth of two shapes at any tolerance");
 }
 
 double PairSolver::ask(const Block& block, coal::CollisionObject& probe) {

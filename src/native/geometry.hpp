@@ -9,6 +9,8 @@
 
 #include <cstdint>
 #include <memory>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 namespace strips {
@@ -48,6 +50,11 @@ struct ShapePair {
   coal::ComputeDistance apart, deep, fine;
 
   ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::ShapeBase> b);
+};
+
+// Coal says no depth of two shapes that penetrate, whatever the tolerance.
+struct NoDepth : std::runtime_error {
+  using std::runtime_error::runtime_error;
 };
 
 // Requests and one result, of one thread.

@@ -6,9 +6,7 @@
 
 namespace strips {
 
-namespace {
-
-double box_distance(double x, double y, double a, double b) {
+static double box_distance(double x, double y, double a, double b) {
   x = std::abs(x) - a;
   y = std::abs(y) - b;
   const double right = std::max(x, 0.0), up = std::max(y, 0.0);
@@ -16,11 +14,9 @@ double box_distance(double x, double y, double a, double b) {
 }
 
 // A speed that has changed by at most `most` towards another.
-double nearer(double speed, double target, double most) {
+static double nearer(double speed, double target, double most) {
   return speed + std::min(std::max(target - speed, -most), most);
 }
-
-}  // namespace
 
 void roll_out(const Manoeuvres& m, std::size_t count, std::size_t steps, double* pose) {
   for (std::size_t n = 0; n < count; ++n) {

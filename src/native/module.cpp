@@ -9,6 +9,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <coal/config.hh>
+#include <mutex>
 
 #include "certificate.hpp"
 #include "lookahead.hpp"
@@ -19,7 +20,7 @@
 namespace nb = nanobind;
 using namespace strips;
 
-// An array of Python's itself, to write to or to keep, and never a converted copy.
+// An array of Python's itself, contiguous and of this very type, and never a converted copy.
 template <typename T>
 struct Same : nb::ndarray<T, nb::c_contig, nb::device::cpu> {
   using Array = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
@@ -40,25 +41,88 @@ struct nanobind::detail::type_caster<Same<T>> {
 
 namespace {
 
-template <typename T>
-using In = nb::ndarray<const T, nb::c_contig, nb::device::cpu>;
-using Reals = In<double>;
-using Numbers = In<std::int64_t>;
+using Reals = Same<const double>;
+using Numbers = Same<const std::int64_t>;
+using Flags = Same<const bool>;
 using MaybeReals = std::optional<Reals>;
+
+void require(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(what);
+}
+
+// Sizes that arrays have in common, by letters: what does not fit is refused before anything is read or written.
+struct Sizes {
+  Sizes() { std::fill_n(size, 26, kOpen); }
+  explicit Sizes(const Tree& tree) : Sizes() {
+    is('j', tree.joints).is('v', tree.nv).is('r', tree.nv - tree.base_nv()).is('m', tree.motions());
+  }
+  explicit Sizes(const Bodies& bodies) : Sizes(bodies.tree) { is('g', bodies.size()); }
+  explicit Sizes(const Narrowphase& narrow) : Sizes(*narrow.bodies) { is('p', narrow.parts()); }
+  explicit Sizes(const SelfPairs& pairs) : Sizes(pairs.bodies()) { is('s', pairs.size()); }
+
+  Sizes& is(char letter, std::size_t value) {
+    std::size_t& known = size[letter - 'a'];
+    require(known == kOpen || known == value, "what is handed over together is not of the same size");
+    known = value;
+    return *this;
+  }
+  Sizes& has(const PartPoses& poses) { return is('p', poses.count); }
+  Sizes& has(const Moving& moving) { return moving.mover ? is('n', moving.nodes).is('p', moving.parts) : *this; }
+  Sizes& has(const Distances& d) { return is('n', d.nodes).is('g', d.bodies).is('p', d.parts); }
+  Sizes& has(const SelfDistances& d) { return is('n', d.nodes).is('s', d.pairs); }
+  Sizes& has(const System& system) { return is('n', system.nodes).is('v', system.nv); }
+
+  // One word for each array, such as "nv j>n34 k<n": a letter is the size that it was before, 'N' one less than 'n',
+  // ">n" at least that, and a digit itself; "<n" at the end are numbers of what there are n of, "~n" -1 among them.
+  template <typename... A>
+  Sizes& operator()(const char* words, const A&... arrays) {
+    (fit(words, arrays), ...);
+    return *this;
+  }
+
+  template <typename T>
+  void fit(const char*& at, const std::optional<T>& array) {
+    if (array) return fit(at, *array);
+    while (*at != '\0' && *at++ != ' ') continue;
+  }
+  template <typename T>
+  void fit(const char*& at, const Same<T>& array) {
+    const char* word = at;
+    std::size_t k = 0;
+    bool fits = true;
+    for (; *at != '\0' && *at != ' ' && *at != '<' && *at != '~'; ++at, ++k) {
+      const bool least = *at == '>';
+      at += least;
+      std::size_t digit = *at - '0', &known = *at <= '9' ? digit : size[(*at | 0x20) - 'a'];
+      if (k >= array.ndim()) continue;
+      const std::size_t found = array.shape(k) + (*at >= 'A' && *at <= 'Z');
+      if (known == kOpen) known = found;
+      fits = fits && (least ? found >= known : found == known);
+    }
+    fits = fits && k == array.ndim();
+    if (*at == '<' || *at == '~') {
+      const std::int64_t low = *at == '~' ? -1 : 0, high = size[at[1] - 'a'];
+      for (std::size_t i = 0; fits && i < array.size(); ++i) {
+        const auto number = static_cast<std::int64_t>(array.data()[i]);
+        fits = number >= low && number < high;
+      }
+      at += 2;
+    }
+    if (!fits)
+      throw std::invalid_argument("arrays do not fit each other: '" + std::string(word, at) + "' is the first");
+    at += *at == ' ';
+  }
+
+  static constexpr std::size_t kOpen = static_cast<std::size_t>(-2);
+  std::size_t size[26];
+};
 
 template <typename T, typename A>
 std::vector<T> copied(const A& array) {
   return std::vector<T>(array.data(), array.data() + array.size());
 }
 
-// A new array (K,) of Python's, with what a vector has.
-nb::ndarray<nb::numpy, std::int64_t> given(std::vector<std::int64_t>&& values) {
-  auto* kept = new std::vector<std::int64_t>(std::move(values));
-  nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<std::int64_t>*>(p); });
-  return nb::ndarray<nb::numpy, std::int64_t>(kept->data(), {kept->size()}, owner);
-}
-
-std::vector<std::uint8_t> flags(const In<bool>& array) { return copied<std::uint8_t>(array); }
+std::vector<std::uint8_t> flags(const Flags& array) { return copied<std::uint8_t>(array); }
 std::vector<double> reals(const Reals& array) { return copied<double>(array); }
 std::vector<std::int64_t> numbers(const Numbers& array) { return copied<std::int64_t>(array); }
 
@@ -68,56 +132,31 @@ void unlocked(Scope& scope, const char* name, F&& function) {
   scope.def(name, std::forward<F>(function), nb::call_guard<nb::gil_scoped_release>());
 }
 
-// The arrays T (joints, capacity, 3, 4) and J (capacity, nv, 6) of a Kinematics.
-Frames frames_of(const Reals& T) { return {T.data(), nullptr, T.shape(1)}; }
-Frames frames_of(const Reals& T, const Reals& J) { return {T.data(), J.data(), T.shape(1)}; }
+// The arrays T (joints, capacity, 3, 4) and J (capacity, M, 6) of a Kinematics.
+Frames frames_of(const Reals& T, const double* J = nullptr) { return {T.data(), J, T.shape(1)}; }
 
-// Arrays of Python's that many calls work on; each keeps them alive.
-struct PoseArrays {
-  Same<const double> rotation, translation, box_center, box_half;
-
-  PartPoses view() const {
-    return {rotation.data(), translation.data(), box_center.data(), box_half.data(), rotation.shape(0)};
-  }
+// A view of arrays of Python's that many calls work on; it keeps them alive.
+template <typename View>
+struct Kept : View {
+  std::shared_ptr<void> arrays;
 };
+template <char... Letters, typename View, typename... A>
+void keep(Kept<View>* self, const char* words, const A&... arrays) {
+  Sizes sizes;
+  sizes(words, arrays...);
+  new (self)
+      Kept<View>{{arrays.data()..., sizes.size[Letters - 'a']...}, std::make_shared<std::tuple<A...>>(arrays...)};
+}
+using MaybeMoving = std::optional<Kept<Moving>>;
+Moving view(const MaybeMoving& moving) { return moving ? Moving(*moving) : Moving(); }
 
-struct MovingArrays {
-  Reals shift, uncertainty;
-  Numbers mover;
-
-  static Moving view(const std::optional<MovingArrays>& m) {
-    if (!m) return {};
-    return {m->shift.data(), m->uncertainty.data(), m->mover.data(), m->uncertainty.shape(1), m->uncertainty.shape(0)};
-  }
-};
-
-struct DistanceArrays {
-  Same<double> bound, since, exact, direction, witness;
-  Reals limit;
-
-  Distances view() const {
-    return {bound.data(), since.data(),   exact.data(),   direction.data(), witness.data(),
-            limit.data(), bound.shape(0), bound.shape(1), bound.shape(2)};
-  }
-};
-
-struct SelfArrays {
-  Same<double> bound, since, exact, direction, first, second;
-  double tolerance;
-
-  SelfDistances view() const {
-    return {bound.data(),  since.data(),   exact.data(),   direction.data(), first.data(),
-            second.data(), bound.shape(0), bound.shape(1), tolerance};
-  }
-};
-
-struct SystemArrays {
-  Same<double> force, diagonal, upper;
-
-  System view() const {
-    return {force.data(), diagonal.data(), upper.data(), force.shape(0), static_cast<int>(force.shape(1))};
-  }
-};
+// Who is inside has these buffers for itself: others run meanwhile, and are turned away.
+template <typename Workspace>
+std::unique_lock<std::mutex> enter(Workspace& workspace) {
+  std::unique_lock<std::mutex> inside(workspace.busy, std::try_to_lock);
+  if (!inside) throw std::runtime_error("another thread is at work in these very buffers");
+  return inside;
+}
 
 using CountsOut = std::pair<std::size_t, std::size_t>;
 CountsOut counted(const Counts& counts) { return {counts.pairs, counts.queries}; }
@@ -130,16 +169,14 @@ Proof proof(const Worst& worst, std::size_t checks, const Counts& counts) {
 }
 
 // Bisect what is open and not decided; what is left then is unknown.
-Proof bisected(Bisection& bisection, Pairs& pairs, const std::vector<Interval>& todo, StripSearch& search, int depth,
-               const Counts& before) {
+Proof bisected(Bisection& bisection, Pairs& pairs, const std::vector<Interval>& todo, Search& search, int depth) {
   for (const Interval& x : todo) search.found(x.low, x.pair, std::min(x.d_low, x.d_high));
   std::vector<Interval> open;
   for (const Interval& x : todo) {
     if (!search.decided(x.low)) open.push_back(x);
   }
   search.unknown(bisection.run(pairs, std::move(open), search, depth, nullptr));
-  const Counts all{before.pairs + pairs.counts.pairs, before.queries + pairs.counts.queries};
-  return proof(search.worst, bisection.checks, all);
+  return proof(search.worst, bisection.checks, pairs.counts);
 }
 
 // Sums (N, K) up to each node of what happens between them (N-1, K).
@@ -152,226 +189,263 @@ std::vector<double> summed(const Reals& steps) {
 
 void bind_robot(nb::module_& m) {
   nb::class_<Solid>(m, "Solid");
-  m.def("primitive", [](const std::string& kind, const std::vector<double>& size, double swept) {
-    return std::make_shared<Solid>(primitive(kind, size, swept));
+  m.def("primitive", &primitive);
+  m.def("convex", [](Reals points, Same<const std::uint32_t> triangles, double swept) {
+    Sizes()("n3 t3<n", points, triangles);
+    require(triangles.size() > 0, "a convex shape without triangles");
+    return convex(points.data(), points.shape(0), triangles.data(), triangles.shape(0), swept);
   });
-  m.def("convex", [](Reals points, In<std::uint32_t> triangles, double swept) {
-    return std::make_shared<Solid>(convex(points.data(), points.shape(0), triangles.data(), triangles.shape(0), swept));
+  m.def("block", [](Reals sides, Reals at) {
+    Sizes()("n3 n3", sides, at);
+    return block(sides.data(), at.data(), sides.shape(0));
   });
-  m.def("block",
-        [](Reals sides, Reals at) { return std::make_shared<Solid>(block(sides.data(), at.data(), sides.shape(0))); });
 
   nb::class_<Tree> tree(m, "Tree");
-  tree.def("__init__", [](Tree* self, bool planar, Numbers parents, Numbers column, In<bool> prismatic,
-                          In<bool> circular, In<bool> support, Reals offset) {
-    new (self) Tree{{static_cast<int>(support.shape(1)), planar, flags(circular)},
-                    static_cast<int>(parents.size()),
+  tree.def("__init__", [](Tree* self, bool planar, Numbers parents, Numbers motion, Flags prismatic, Flags circular,
+                          Flags support, Reals offset, Numbers coordinate, Reals rate, Reals shift) {
+    const std::size_t base = planar ? 3 : 0, nv = circular.size() + base, joints = parents.size();
+    Sizes().is('v', nv)("jm j j~m j j44 r m<v m m", support, parents, motion, prismatic, offset, circular, coordinate,
+                        rate, shift);
+    require(joints > base / 3 && coordinate.size() >= nv, "a tree without joints or motions for its columns");
+    for (std::size_t i = 1; i < joints; ++i) {
+      const bool root = planar && i == 1, behind = parents.data()[i] < static_cast<std::int64_t>(i);
+      require(parents.data()[i] >= 0 && behind, "a joint before its parent");
+      require((motion.data()[i] < 0) == root, "a joint without a motion, or a planar root with one");
+    }
+    const Space space{static_cast<int>(nv), planar, flags(circular)};
+    new (self) Tree{space,
+                    static_cast<int>(joints),
                     numbers(parents),
-                    numbers(column),
+                    numbers(motion),
+                    numbers(coordinate),
                     flags(prismatic),
                     flags(support),
-                    reals(offset)};
+                    reals(offset),
+                    reals(rate),
+                    reals(shift)};
   });
   unlocked(tree, "place", [](const Tree& tree, Reals coordinates, Same<double> T, Same<double> J, bool jacobians) {
+    Sizes sizes(tree);
+    sizes("nv j>n34 >nm6", coordinates, T, J);
     place(tree, coordinates.data(), coordinates.shape(0), T.data(), jacobians ? J.data() : nullptr, T.shape(1));
   });
-  unlocked(tree, "directional",
-           [](const Tree& tree, Reals J, Numbers node, Numbers joint, Reals point, Reals direction, Same<double> rows) {
-             for (std::size_t k = 0; k < node.size(); ++k) {
-               add_directional(tree, J.data() + node.data()[k] * tree.nv * 6, joint.data()[k], point.data() + 3 * k,
-                               direction.data() + 3 * k, rows.data() + k * tree.nv);
-             }
-           });
 
   nb::class_<Bodies> bodies(m, "Bodies");
-  bodies.def("__init__", [](Bodies* self, const Tree& tree, const std::vector<std::shared_ptr<Solid>>& solids,
-                            Numbers joint, Reals rotation, Reals translation, Reals ends, Reals radius, double skin) {
-    new (self) Bodies{tree, {}, numbers(joint), reals(rotation), reals(translation), reals(ends), reals(radius), skin};
-    for (const auto& solid : solids) self->solids.push_back(*solid);
+  bodies.def("__init__", [](Bodies* self, const Tree& tree, const std::vector<Solid>& solids, Numbers joint,
+                            Reals rotation, Reals translation, Reals ends, Reals radius, double skin) {
+    Sizes sizes(tree);
+    sizes.is('g', solids.size())("g<j g33 g3 g23 g", joint, rotation, translation, ends, radius);
+    for (const Solid& solid : solids) require(solid.shape != nullptr, "a body that is a block");
+    new (self)
+        Bodies{tree, solids, numbers(joint), reals(rotation), reals(translation), reals(ends), reals(radius), skin};
   });
 }
 
 void bind_obstacles(nb::module_& m) {
-  nb::class_<PoseArrays> poses(m, "Poses");
-  poses.def(nb::init<Same<const double>, Same<const double>, Same<const double>, Same<const double>>());
-  nb::class_<MovingArrays> moving(m, "Moving");
-  moving.def(nb::init<Reals, Reals, Numbers>());
-  nb::class_<DistanceArrays> distances(m, "Distances");
-  distances.def(nb::init<Same<double>, Same<double>, Same<double>, Same<double>, Same<double>, Reals>());
-  distances.def("contacts", [](const DistanceArrays& self, double influence) {
-    const Distances d = self.view();
-    std::vector<std::int64_t> node, body, part;
-    for (std::size_t n = 0; n < d.nodes; ++n) {
-      for (std::size_t g = 0; g < d.bodies; ++g) {
-        const std::size_t first = d.index(n, g, 0);
-        for (std::size_t p = 0; p < d.parts; ++p) {
-          if (!(d.exact[first + p] < influence && d.since[first + p] <= d.limit[p])) continue;
-          node.push_back(static_cast<std::int64_t>(n));
-          body.push_back(static_cast<std::int64_t>(g));
-          part.push_back(static_cast<std::int64_t>(p));
-        }
-      }
-    }
-    return std::make_tuple(given(std::move(node)), given(std::move(body)), given(std::move(part)));
+  nb::class_<Kept<PartPoses>> poses(m, "Poses");
+  poses.def("__init__", [](Kept<PartPoses>* self, Reals rotation, Reals translation, Reals center, Reals half) {
+    keep<'p'>(self, "p33 p3 p3 p3", rotation, translation, center, half);
+  });
+  nb::class_<Kept<Moving>> moving(m, "Moving");
+  moving.def("__init__", [](Kept<Moving>* self, Reals shift, Reals uncertainty, Numbers mover) {
+    require(shift.ndim() > 0 && shift.shape(0) > 0, "a forecast for no node");
+    keep<'n', 'm', 'p'>(self, "nm3 nm p~m", shift, uncertainty, mover);
+  });
+  nb::class_<Kept<Distances>> distances(m, "Distances");
+  distances.def("__init__", [](Kept<Distances>* self, Same<double> bound, Same<double> since, Same<double> exact,
+                               Same<double> direction, Same<double> witness, Reals limit) {
+    keep<'n', 'g', 'p'>(self, "ngp ngp ngp ngp3 ngp3 p", bound, since, exact, direction, witness, limit);
   });
 
   nb::class_<Narrowphase> narrowphase(m, "Narrowphase");
   narrowphase.def(nb::init<std::shared_ptr<Bodies>>());
-  narrowphase.def("set_parts", &Narrowphase::set_parts);
+  narrowphase.def("set_parts", [](Narrowphase& self, const std::vector<Solid>& parts) {
+    const auto inside = enter(self);
+    self.set_parts(parts);
+  });
   unlocked(narrowphase, "query",
-           [](Narrowphase& self, Reals T, Numbers node, Numbers body, Numbers part, const PoseArrays& poses,
+           [](Narrowphase& self, Reals T, Numbers node, Numbers body, Numbers part, const Kept<PartPoses>& poses,
               MaybeReals shift, Same<double> distance, Same<double> direction, Same<double> witness) {
-             self.begin();
-             const Frames frames = frames_of(T);
-             const PartPoses view = poses.view();
+             const auto inside = enter(self);
+             Sizes(self).has(poses)("jc34 k<c k<g k<p k3 k k3 k3", T, node, body, part, shift, distance, direction,
+                                    witness);
+             Queries ask{self, frames_of(T), poses, {}};
              for (std::size_t k = 0; k < node.size(); ++k) {
                Vec3 by;
                if (shift) by = Eigen::Map<const Vec3>(shift->data() + 3 * k);
-               const Found found =
-                   self.query(frames, node.data()[k], body.data()[k], part.data()[k], view, shift ? &by : nullptr);
+               const Found found = ask.exact(node.data()[k], body.data()[k], part.data()[k], shift ? &by : nullptr);
                distance.data()[k] = found.distance;
                Eigen::Map<Vec3>(direction.data() + 3 * k) = found.direction;
                Eigen::Map<Vec3>(witness.data() + 3 * k) = found.witness;
              }
            });
   unlocked(narrowphase, "refine",
-           [](Narrowphase& self, Reals T, const PoseArrays& poses, const std::optional<MovingArrays>& moving,
-              double influence, const DistanceArrays& distances) {
-             Distances view = distances.view();
-             return counted(refine(self, frames_of(T), poses.view(), MovingArrays::view(moving), influence, view));
+           [](Narrowphase& self, Reals T, const Kept<PartPoses>& poses, const MaybeMoving& moving, double influence,
+              Kept<Distances>& distances) {
+             const auto inside = enter(self);
+             Sizes(self).has(poses).has(distances).has(view(moving))("j>n34", T);
+             Queries ask{self, frames_of(T), poses, view(moving)};
+             refine(ask, influence, distances);
+             return counted(ask.counts);
            });
   unlocked(narrowphase, "follow",
            [](const Narrowphase& self, Reals T, Reals coordinates, double influence, Same<double> kept,
-              Same<double> ends, Same<double> rotations, Reals cover_low, Reals cover_high, Same<std::int64_t> cover,
-              Same<double> margin, const DistanceArrays& distances) {
-             Distances view = distances.view();
-             Nodes nodes{kept.data(),       ends.data(),  rotations.data(), cover_low.data(),
-                         cover_high.data(), cover.data(), margin.data()};
-             return follow(*self.bodies, frames_of(T), coordinates.data(), influence, nodes, view);
+              Same<double> ends, Same<double> rotations, Reals low, Reals high, Same<std::int64_t> cover,
+              Same<double> margin, Kept<Distances>& distances) {
+             Sizes sizes(self);
+             sizes.has(distances)("j>n34 nv nv ng23 ng33", T, coordinates, kept, ends, rotations);
+             sizes("c3 c3 n~c n", low, high, cover, margin);
+             Nodes nodes{kept.data(), ends.data(),  rotations.data(), low.data(),
+                         high.data(), cover.data(), margin.data()};
+             return follow(*self.bodies, frames_of(T), coordinates.data(), influence, nodes, distances);
            });
   unlocked(narrowphase, "certify",
-           [](Narrowphase& self, Reals T, Reals J, Reals coordinates, Reals v, const PoseArrays& poses,
-              const std::optional<MovingArrays>& moving, Reals radius, MaybeReals approach,
-              const DistanceArrays& distances, double clearance, int depth, Same<std::int8_t> states) {
-             const Frames frames = frames_of(T, J);
-             const PartPoses where = poses.view();
-             const Moving moves = MovingArrays::view(moving);
-             Distances view = distances.view();
-             StripSearch search(clearance, states.data());
-             Counts counts;
-             colliding_nodes(self, frames, where, moves, view, states.data(), search, counts);
-             const std::vector<Interval> todo =
-                 open_obstacles(self, frames, where, moves, Bounds{radius.data(), view.bodies}, v.data(),
-                                approach ? approach->data() : nullptr, states.data(), clearance, view, counts);
-             ObstaclePairs pairs(self, where, moves);
-             Bisection bisection(self.bodies->tree, frames, coordinates.data(), v.data());
-             return bisected(bisection, pairs, todo, search, depth, counts);
+           [](Narrowphase& self, Reals T, Reals J, Reals coordinates, Reals v, const Kept<PartPoses>& poses,
+              const MaybeMoving& moving, Reals radius, MaybeReals approach, Kept<Distances>& distances,
+              double clearance, int depth, Same<std::int8_t> states) {
+             const auto inside = enter(self);
+             Sizes sizes(self);
+             sizes.has(poses).has(distances).has(view(moving));
+             sizes("j>n34 >nm6 nv Nv mg Np N", T, J, coordinates, v, radius, approach, states);
+             require(distances.nodes > 1, "a strip of less than two nodes");
+             Search search{clearance, states.data()};
+             Queries ask{self, frames_of(T, J.data()), poses, view(moving)};
+             colliding_nodes(ask, distances, search);
+             const double* nearer = approach ? approach->data() : nullptr;
+             const std::vector<Interval> todo = open_obstacles(ask, radius.data(), v.data(), nearer, search, distances);
+             ObstaclePairs pairs(self, ask.poses, ask.moving);
+             pairs.counts = ask.counts;
+             Bisection bisection(self.bodies->tree, ask.frames, coordinates.data(), v.data());
+             return bisected(bisection, pairs, todo, search, depth);
            });
   unlocked(
       narrowphase, "prove",
-      [](Narrowphase& self, Reals T, Reals coordinates, Reals v, const PoseArrays& poses,
-         const std::optional<MovingArrays>& moving, Reals travel, MaybeReals approach, double clearance, int depth) {
-        const Frames frames = frames_of(T);
-        const PartPoses where = poses.view();
-        const Moving moves = MovingArrays::view(moving);
-        const std::size_t bodies = self.bodies->size(), parts = where.count;
+      [](Narrowphase& self, Reals T, Reals coordinates, Reals v, const Kept<PartPoses>& poses,
+         const MaybeMoving& moving, Reals travel, MaybeReals approach, double clearance, int depth) {
+        const auto inside = enter(self);
+        const Moving moves = view(moving);
+        Sizes sizes(self);
+        sizes("nv Nv j>n34 Ng Np", coordinates, v, T, travel, approach).has(poses).has(moves);
+        const std::size_t bodies = self.bodies->size(), parts = poses.count;
         const std::vector<double> own = summed(travel), theirs = approach ? summed(*approach) : std::vector<double>();
         const Approach nearer = [&](std::int64_t pair, std::size_t low, std::size_t high) {
           const std::size_t g = static_cast<std::size_t>(pair) / parts, p = static_cast<std::size_t>(pair) - g * parts;
           const double sum = own[high * bodies + g] - own[low * bodies + g];
           return theirs.empty() ? sum : sum + (theirs[high * parts + p] - theirs[low * parts + p]);
         };
-        ObstaclePairs pairs(self, where, moves);
-        Bisection bisection(self.bodies->tree, frames, coordinates.data(), v.data());
+        ObstaclePairs pairs(self, poses, moves);
+        Bisection bisection(self.bodies->tree, frames_of(T), coordinates.data(), v.data());
         const Worst worst =
-            prove_motion(pairs, bodies * parts, bisection, frames, coordinates.shape(0), clearance, depth, nearer);
+            prove_motion(pairs, bodies * parts, bisection, coordinates.shape(0), clearance, depth, nearer);
         return proof(worst, bisection.checks, pairs.counts);
       });
 }
 
 void bind_self(nb::module_& m) {
-  nb::class_<SelfArrays> selfDistances(m, "SelfDistances");
-  selfDistances.def(
-      nb::init<Same<double>, Same<double>, Same<double>, Same<double>, Same<double>, Same<double>, double>());
+  nb::class_<Kept<SelfDistances>> selfDistances(m, "SelfDistances");
+  selfDistances.def("__init__",
+                    [](Kept<SelfDistances>* self, Same<double> bound, Same<double> since, Same<double> exact,
+                       Same<double> direction, Same<double> first, Same<double> second, double tolerance) {
+                      keep<'n', 's'>(self, "ns ns ns ns3 ns3 ns3", bound, since, exact, direction, first, second);
+                      self->tolerance = tolerance;
+                    });
   nb::class_<SelfPairs> selfPairs(m, "SelfPairs");
   selfPairs.def("__init__", [](SelfPairs* self, std::shared_ptr<Bodies> bodies, Numbers pairs) {
+    Sizes sizes(*bodies);
+    sizes("s2<g", pairs);
     new (self) SelfPairs(bodies, numbers(pairs));
   });
   unlocked(selfPairs, "update",
            [](SelfPairs& self, Reals T, Reals coordinates, Reals before, Reals radius, double reach,
-              const SelfArrays& distances) {
-             SelfDistances view = distances.view();
+              Kept<SelfDistances>& distances) {
+             const auto inside = enter(self);
+             Sizes(self).has(distances)("j>n34 nv nv vs", T, coordinates, before, radius);
              self.counts = {};
-             self_drift(self.bodies().tree, coordinates.data(), before.data(), radius.data(), view);
-             self_refine(self, frames_of(T), reach, view);
+             self_drift(self.bodies().tree, coordinates.data(), before.data(), radius.data(), distances);
+             self_refine(self, frames_of(T), reach, distances);
              return counted(self.counts);
            });
-  unlocked(selfPairs, "query", [](SelfPairs& self, Reals T, Numbers node, Numbers pair, Same<double> distance) {
-    for (std::size_t k = 0; k < node.size(); ++k) {
-      distance.data()[k] = self.query(frames_of(T), node.data()[k], pair.data()[k]);
-    }
-  });
   unlocked(selfPairs, "certify",
-           [](SelfPairs& self, Reals T, Reals coordinates, Reals v, Reals radius, const SelfArrays& distances,
+           [](SelfPairs& self, Reals T, Reals coordinates, Reals v, Reals radius, Kept<SelfDistances>& distances,
               double clearance, int depth, Same<std::int8_t> states) {
+             const auto inside = enter(self);
+             Sizes(self).has(distances)("j>n34 nv Nv vs N", T, coordinates, v, radius, states);
              const Frames frames = frames_of(T);
-             SelfDistances view = distances.view();
-             StripSearch search(clearance, states.data());
+             Search search{clearance, states.data()};
              self.counts = {};
              const Tree& tree = self.bodies().tree;
              const std::vector<Interval> todo =
-                 open_self(self, frames, tree, radius.data(), v.data(), states.data(), clearance, view);
+                 open_self(self, frames, tree, radius.data(), v.data(), search, distances);
              Bisection bisection(tree, frames, coordinates.data(), v.data());
-             return bisected(bisection, self, todo, search, depth, {});
+             return bisected(bisection, self, todo, search, depth);
            });
   unlocked(selfPairs, "prove",
            [](SelfPairs& self, Reals T, Reals coordinates, Reals v, Reals travel, double clearance, int depth) {
-             const Frames frames = frames_of(T);
+             const auto inside = enter(self);
+             Sizes sizes(self);
+             sizes("nv Nv Ns j>n34", coordinates, v, travel, T);
              const std::size_t count = self.size();
              const std::vector<double> own = summed(travel);
              const Approach nearer = [&](std::int64_t pair, std::size_t low, std::size_t high) {
                return own[high * count + pair] - own[low * count + pair];
              };
              self.counts = {};
-             Bisection bisection(self.bodies().tree, frames, coordinates.data(), v.data());
-             const Worst worst =
-                 prove_motion(self, count, bisection, frames, coordinates.shape(0), clearance, depth, nearer);
+             Bisection bisection(self.bodies().tree, frames_of(T), coordinates.data(), v.data());
+             const Worst worst = prove_motion(self, count, bisection, coordinates.shape(0), clearance, depth, nearer);
              return proof(worst, bisection.checks, self.counts);
            });
 }
 
 // A Validity and the arrays that it reads.
 struct Checker {
-  PoseArrays poses;
+  Kept<PartPoses> poses;
   Reals radius;
+  Tree tree;
   Validity validity;
   std::vector<double> one, two, per_unit;  // a planner's chart: the last coordinates, each in units of its own
 
-  void chart(Reals row, Reals unit) {
-    one = two = reals(row);
+  Checker(std::shared_ptr<Bodies> bodies, const std::vector<Solid>& parts, Numbers self_pairs,
+          const Kept<PartPoses>& poses, Reals radius, double margin)
+      : poses(poses),
+        radius(radius),
+        tree(bodies->tree),
+        validity(bodies, parts, numbers(self_pairs), poses, radius.data(), margin) {}
+
+  const double* row(const Reals& coordinates) const {
+    Sizes sizes(tree);
+    sizes("v", coordinates);
+    return finite(coordinates.data(), coordinates.size());
+  }
+  static const double* finite(const double* row, std::size_t count) {
+    const auto is_finite = [](double x) { return std::isfinite(x); };
+    require(std::all_of(row, row + count, is_finite), "coordinates that are no numbers");
+    return row;
+  }
+  void chart(Reals coordinates, Reals unit) {
+    row(coordinates);
+    require(unit.ndim() == 1 && unit.size() <= coordinates.size(), "a chart of more coordinates than there are");
+    one = two = reals(coordinates);
     per_unit = reals(unit);
   }
   const double* from_chart(std::vector<double>& row, const std::vector<double>& state) const {
-    if (state.size() != per_unit.size()) throw std::invalid_argument("a state of another size than the chart");
+    require(!row.empty() && state.size() == per_unit.size(), "a state of another size than the chart");
     const std::size_t first = row.size() - per_unit.size();
     for (std::size_t k = 0; k < per_unit.size(); ++k) row[first + k] = state[k] * per_unit[k];
-    return row.data();
+    return finite(row.data(), row.size());
   }
-
-  Checker(std::shared_ptr<Bodies> bodies, const std::vector<std::shared_ptr<Solid>>& parts, Numbers self_pairs,
-          const PoseArrays& poses, Reals radius, double margin)
-      : poses(poses),
-        radius(radius),
-        validity(bodies, parts, numbers(self_pairs), poses.view(), radius.data(), margin) {}
 };
 
 void bind_validity(nb::module_& m) {
   nb::class_<Checker> validity(m, "Validity");
-  validity.def(nb::init<std::shared_ptr<Bodies>, const std::vector<std::shared_ptr<Solid>>&, Numbers, const PoseArrays&,
-                        Reals, double>());
-  validity.def("valid", [](Checker& self, Reals coordinates) { return self.validity.valid(coordinates.data()); });
+  validity.def("__init__", [](Checker* self, std::shared_ptr<Bodies> bodies, const std::vector<Solid>& parts,
+                              Numbers self_pairs, const Kept<PartPoses>& poses, Reals radius, double margin) {
+    Sizes sizes(*bodies);
+    sizes.is('p', parts.size()).has(poses)("mg s2<g", radius, self_pairs);
+    new (self) Checker(bodies, parts, self_pairs, poses, radius, margin);
+  });
+  validity.def("valid", [](Checker& self, Reals row) { return self.validity.valid(self.row(row)); });
   validity.def("motion", [](Checker& self, Reals a, Reals b, double step) {
-    return self.validity.motion(a.data(), b.data(), step);
+    return self.validity.motion(self.row(a), self.row(b), step);
   });
   validity.def("chart", &Checker::chart);
   validity.def("motion_in_chart",
@@ -381,48 +455,60 @@ void bind_validity(nb::module_& m) {
   validity.def_prop_ro("checks", [](const Checker& self) { return self.validity.checks; });
 }
 
+// The space of rows (K, nv) of three arrays.
+Space space_of(bool planar, const Flags& circular, const Reals& a, const Reals& b, const Same<double>& c) {
+  const std::size_t nv = circular.size() + (planar ? 3 : 0);
+  Sizes().is('v', nv)("r kv kv kv", circular, a, b, c);
+  return {static_cast<int>(nv), planar, flags(circular)};
+}
+
 void bind_system(nb::module_& m) {
-  nb::class_<SystemArrays> system(m, "System");
-  system.def(nb::init<Same<double>, Same<double>, Same<double>>());
-  unlocked(system, "add_elastic", [](const SystemArrays& self, bool planar, Reals v, Reals weight) {
-    System view = self.view();
-    return add_elastic(view, planar, v.data(), weight.data());
+  nb::class_<Kept<System>> system(m, "System");
+  system.def("__init__", [](Kept<System>* self, Same<double> force, Same<double> diagonal, Same<double> upper) {
+    keep<'n', 'v'>(self, force.size() > 0 ? "nv nvv Nvv" : "nv nvv nvv", force, diagonal, upper);
+  });
+  unlocked(system, "add_elastic", [](Kept<System>& self, bool planar, Reals v, Reals weight) {
+    require(self.nodes > 0 && (!planar || self.nv >= 3), "springs between no nodes, or of a base without columns");
+    Sizes().has(self)("Nv v", v, weight);
+    return add_elastic(self, planar, v.data(), weight.data());
   });
   unlocked(system, "add_repulsion",
-           [](const SystemArrays& self, const Narrowphase& narrow, Reals J, const DistanceArrays& distances,
+           [](Kept<System>& self, const Narrowphase& narrow, Reals J, const Kept<Distances>& distances,
               double influence, double k_r, double near, double k_near) {
-             System view = self.view();
-             return add_repulsion(view, *narrow.bodies, J.data(), distances.view(), influence, k_r, near, k_near);
+             Sizes(narrow).has(self).has(distances)(">nm6", J);
+             return add_repulsion(self, *narrow.bodies, J.data(), distances, influence, k_r, near, k_near);
            });
   unlocked(system, "add_self_repulsion",
-           [](const SystemArrays& self, const SelfPairs& pairs, Reals T, Reals J, const SelfArrays& distances,
+           [](Kept<System>& self, const SelfPairs& pairs, Reals T, Reals J, const Kept<SelfDistances>& distances,
               Reals repulsion, double k_s) {
-             System view = self.view();
-             return add_self_repulsion(view, pairs, frames_of(T, J), distances.view(), repulsion.data(), k_s);
+             Sizes(pairs).has(self).has(distances)("j>n34 >nm6 s", T, J, repulsion);
+             return add_self_repulsion(self, pairs, frames_of(T, J.data()), distances, repulsion.data(), k_s);
            });
-  unlocked(system, "add_posture",
-           [](const SystemArrays& self, Reals coordinates, Reals target, Reals k_p, In<bool> circular) {
-             System view = self.view();
-             const auto* turning = reinterpret_cast<const std::uint8_t*>(circular.data());
-             return add_posture(view, coordinates.data(), target.data(), k_p.data(), turning,
-                                view.nv - static_cast<int>(circular.size()));
-           });
-  unlocked(system, "solve", [](const SystemArrays& self, Reals damping, Same<double> delta) {
-    return solve(self.view(), damping.data(), delta.data());
+  unlocked(system, "add_posture", [](Kept<System>& self, Reals coordinates, Reals target, Reals k_p, Flags circular) {
+    Sizes().has(self)("nv nv v r", coordinates, target, k_p, circular);
+    require(circular.size() <= k_p.size(), "more joints than columns");
+    const auto* turning = reinterpret_cast<const std::uint8_t*>(circular.data());
+    return add_posture(self, coordinates.data(), target.data(), k_p.data(), turning, self.nv - circular.size());
   });
-  unlocked(m, "difference", [](bool planar, In<bool> circular, Reals a, Reals b, Same<double> v) {
-    const Space space{static_cast<int>(v.shape(1)), planar, flags(circular)};
+  unlocked(system, "solve", [](const Kept<System>& self, Reals damping, Same<double> delta) {
+    Sizes().has(self)("v nv", damping, delta);
+    return solve(self, damping.data(), delta.data());
+  });
+  unlocked(m, "difference", [](bool planar, Flags circular, Reals a, Reals b, Same<double> v) {
+    const Space space = space_of(planar, circular, a, b, v);
     for (std::size_t k = 0; k < v.size(); k += space.nv) {
       difference(space, a.data() + k, b.data() + k, v.data() + k);
     }
   });
-  unlocked(m, "integrate", [](bool planar, In<bool> circular, Reals a, Reals v, Same<double> out) {
-    const Space space{static_cast<int>(v.shape(1)), planar, flags(circular)};
+  unlocked(m, "integrate", [](bool planar, Flags circular, Reals a, Reals v, Same<double> out) {
+    const Space space = space_of(planar, circular, a, v, out);
     for (std::size_t k = 0; k < v.size(); k += space.nv) {
       integrate(space, a.data() + k, v.data() + k, 1.0, out.data() + k);
     }
   });
   unlocked(m, "project_rolling", [](Same<double> coordinates, int iterations) {
+    Sizes().is('v', 3)("n>v", coordinates);
+    require(coordinates.shape(0) > 0, "rolling of no node");
     int taken = 0;
     const double residual = project_rolling(coordinates.data(), coordinates.shape(0),
                                             static_cast<int>(coordinates.shape(1)), iterations, taken);
@@ -432,42 +518,60 @@ void bind_system(nb::module_& m) {
 
 // The robot's boxes, as PlanarFootprint has them, and a view of roll-outs.
 Footprint footprint_of(const Reals& middle, const Reals& half, const Reals& low, const Reals& high) {
+  Sizes()("b2 b2 b b", middle, half, low, high);
   return {middle.data(), half.data(), low.data(), high.data(), low.size()};
 }
-Rollout rollout_of(const Reals& pose, const Reals& time, Same<double>& out) {
-  return {pose.data(), time.data(), pose.shape(0), pose.shape(1), out.data()};
+Rollout rollout_of(const Reals& pose, const MaybeReals& time, Same<double>& out) {
+  Sizes()("nt3 t nt", pose, time, out);
+  return {pose.data(), time ? time->data() : nullptr, pose.shape(0), pose.shape(1), out.data()};
 }
 
 void bind_lookahead(nb::module_& m) {
   unlocked(m, "roll_out",
            [](Reals start, Reals speed, Reals first, Reals second, Reals change, Reals rate, Reals twist, Numbers done,
               Same<double> pose) {
+             Sizes()("3 k nk nk k nk k3 n nt3", start, speed, first, second, change, rate, twist, done, pose);
+             require(speed.size() <= 3, "a base of more than three speeds");
              const Manoeuvres view{start.data(), speed.data(), first.data(), second.data(), change.data(),
                                    rate.data(),  twist.data(), done.data(),  speed.size()};
              roll_out(view, pose.shape(0), pose.shape(1), pose.data());
            });
   unlocked(m, "near_discs",
            [](Reals pose, Reals time, Reals discs, Reals size, double lookahead, double far, Same<double> out) {
+             Sizes()("d8 d", discs, size);
              const Discs view{discs.data(), nullptr, discs.shape(0)};
              near_discs(rollout_of(pose, time, out), view, size.data(), lookahead, far);
            });
   unlocked(m, "possible_discs",
            [](Reals pose, Reals time, Reals discs, Reals error, Reals middle, Reals half, Reals low, Reals high,
               double far, Same<double> out) {
+             Sizes()("d8 3d", discs, error);
              const Discs view{discs.data(), error.data(), discs.shape(0)};
              possible_discs(rollout_of(pose, time, out), view, footprint_of(middle, half, low, high), far);
            });
   unlocked(m, "standing_boxes",
            [](Reals pose, Reals boxes, Reals middle, Reals half, Reals low, Reals high, double least, double far,
               Same<double> out) {
-             const Rollout view{pose.data(), nullptr, pose.shape(0), pose.shape(1), out.data()};
+             Sizes()("k7", boxes);
+             for (std::size_t k = 0; k < half.size(); ++k) {
+               require(half.data()[k] >= 0.0 && half.data()[k] < 1e3 * least, "a box of no size, or of too many discs");
+             }
+             const Rollout view = rollout_of(pose, std::nullopt, out);
              standing_boxes(view, boxes.data(), boxes.shape(0), footprint_of(middle, half, low, high), least, far);
            });
+}
+
+Grid grid_of(const Reals& grid, const Reals& y1, const Reals& y2, const Reals& acceleration, const Same<double>& x) {
+  Sizes()("g gm gm m g", grid, y1, y2, acceleration, x);
+  require(grid.size() > 0 && acceleration.size() > 0, "a path without points or coordinates");
+  return {grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
 }
 
 void bind_timing(nb::module_& m) {
   unlocked(
       m, "travel_at", [](Reals knots, Reals coefficients, Reals edges, MaybeReals weights, Reals s, Same<double> out) {
+        Sizes()("k 4Km w W3m g 3gm", knots, coefficients, edges, weights, s, out);
+        require(knots.size() > 1 && edges.size() > 1, "a curve without a piece");
         const Travel curve{knots.data(),     coefficients.data(), edges.data(), weights ? weights->data() : nullptr,
                            knots.size() - 1, edges.size() - 1,    out.shape(2)};
         double* y = out.data();
@@ -476,26 +580,28 @@ void bind_timing(nb::module_& m) {
   unlocked(m, "lead_base",
            [](Reals yaw, Reals twist, Reals shape, Reals rate, Reals target, double width, double lever, bool rolling,
               double largest, double near, double stalled, int iterations, Same<double> weights) {
+             Sizes()("wq wq3 q3 q3 w2 w33", yaw, twist, shape, rate, target, weights);
              const Windows windows{yaw.data(),   twist.data(), shape.data(), rate.data(), target.data(),
                                    yaw.shape(0), yaw.shape(1), width,        lever,       rolling};
              lead_base(windows, largest, near, stalled, iterations, weights.data());
            });
   unlocked(m, "fastest",
            [](Reals grid, Reals y1, Reals y2, Reals bound, Reals acceleration, double start, Same<double> x) {
-             const Grid view{grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
+             const Grid view = grid_of(grid, y1, y2, acceleration, x);
+             Sizes().is('g', grid.size())("g", bound);
              return fastest(view, bound.data(), start, x.data());
            });
   unlocked(m, "braked",
            [](Reals grid, Reals y1, Reals y2, Reals acceleration, double start, double part, Same<double> x) {
-             const Grid view{grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
-             braked(view, start, part, x.data());
+             braked(grid_of(grid, y1, y2, acceleration, x), start, part, x.data());
            });
 }
 
 }  // namespace
 
 NB_MODULE(_native, m) {
-  nb::set_leak_warnings(false);  // what Python keeps until it ends is no leak
+  nb::exception<NoDepth>(m, "NoDepth", PyExc_FloatingPointError);  // as the twin says it
+  nb::set_leak_warnings(false);                                    // what Python keeps until it ends is no leak
   m.attr("coal_version") = std::to_string(COAL_MAJOR_VERSION) + "." + std::to_string(COAL_MINOR_VERSION) + "." +
                            std::to_string(COAL_PATCH_VERSION);
   bind_robot(m);

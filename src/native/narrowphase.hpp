@@ -1,7 +1,8 @@
 // Bodies against the parts of a scene: capsule–box bounds, and Coal's exact distances; see Narrowphase.
 #pragma once
 
-#include <unordered_map>
+#include <map>
+#include <mutex>
 
 #include "robot.hpp"
 
@@ -18,12 +19,10 @@ struct PartPoses {
 struct Moving {
   const double *shift = nullptr, *uncertainty = nullptr;
   const std::int64_t* mover = nullptr;
-  std::size_t movers = 0, nodes = 0;
+  std::size_t nodes = 0, movers = 0, parts = 0;
 
-  // Shift and uncertainty of a part at a node.
-  bool at(std::size_t node, std::size_t part, Vec3& s, double& u) const;
-  // The same at a place, which is a node's number with a fraction.
-  bool between(double place, std::size_t part, Vec3& s, double& u) const;
+  // Shift and uncertainty of a part at a place, which is a node's number with a fraction.
+  bool at(double place, std::size_t part, Vec3& s, double& u) const;
 };
 
 // Lower bound of a body's distance to a part's box, the part moved by `shift`, and less what it is uncertain by.
@@ -40,45 +39,51 @@ class Narrowphase {
  public:
   explicit Narrowphase(std::shared_ptr<const Bodies> bodies) : bodies(std::move(bodies)) {}
 
-  Narrowphase(const Narrowphase&) = delete;
-  Narrowphase& operator=(const Narrowphase&) = delete;
-
   // The solids of the P parts from here on; what is known of those that stay is kept.
-  void set_parts(const std::vector<std::shared_ptr<Solid>>& parts);
-
-  // Begin queries at other frames, or after poses have changed.
-  void begin() { node_ = body_ = part_ = kNone; }
-
-  Found query(const Frames& frames, std::size_t node, std::size_t body, std::size_t part, const PartPoses& poses,
-              const Vec3* shift);
+  void set_parts(const std::vector<Solid>& parts);
+  std::size_t parts() const { return parts_.size(); }
 
   // Distances are 0 where shapes touch, from here on; the shape of a part is null where it is a block.
   void shallow() { solver_.shallow = true; }
-  const coal::ShapeBase* shape(std::size_t part) const { return parts_[part]->shape.get(); }
+  const coal::ShapeBase* shape(std::size_t part) const { return parts_[part].shape.get(); }
 
   std::shared_ptr<const Bodies> bodies;
-  std::size_t queries = 0, prepared = 0;
+  std::mutex busy;  // held by the thread that is inside
 
  private:
-  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  friend struct Queries;
   using Key = std::pair<std::size_t, const void*>;
-  struct Hash {
-    std::size_t operator()(const Key& key) const { return std::hash<const void*>()(key.second) * 31 + key.first; }
-  };
 
   const ShapePair& pair(std::size_t body, std::size_t part);
-  Found cluster(std::size_t body, std::size_t part, const PartPoses& poses);
 
-  std::vector<std::shared_ptr<Solid>> parts_;
+  std::vector<Solid> parts_;
   std::vector<const ShapePair*> table_;  // (G, P), null until they are asked for
-  std::unordered_map<Key, std::unique_ptr<ShapePair>, Hash> pairs_;
+  std::map<Key, std::unique_ptr<ShapePair>> pairs_;
   std::vector<std::unique_ptr<coal::CollisionObject>> probes_;  // (G), for blocks
   PairSolver solver_;
+};
+
+constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+struct Counts {
+  std::size_t pairs = 0, queries = 0;
+};
+
+// Queries of a narrow phase at frames and poses that stay as they are as long as this is there.
+struct Queries {
+  Narrowphase& narrow;
+  const Frames frames;
+  const PartPoses poses;
+  const Moving moving;
+  Counts counts = {};
   // the body's and the part's pose of the last query
-  std::size_t node_ = kNone, body_ = kNone, part_ = kNone;
-  Mat3 R_;
-  Vec3 t_;
-  Transform3s body_pose_, part_pose_;
+  std::size_t last_node = kNone, last_body = kNone, last_part = kNone;
+  Mat3 body_R = {};
+  Vec3 body_t = {};
+  Transform3s body_pose = {}, part_pose = {};
+
+  Found exact(std::size_t node, std::size_t body, std::size_t part, const Vec3* shift);
+  Found cluster(std::size_t body, std::size_t part);
 };
 
 }  // namespace strips

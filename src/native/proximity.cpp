@@ -53,26 +53,23 @@ std::vector<std::int64_t> follow(const Bodies& bodies, const Frames& frames, con
   return lost;
 }
 
-namespace {
-
 // Bound one pair by its capsule, and measure it where that is below `reach`.
-void measure(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving, std::size_t node,
-             std::size_t body, std::size_t part, const Vec3& one, const Vec3& two, double reach, Distances& d,
-             Counts& counts) {
+static void measure(Queries& ask, std::size_t node, std::size_t body, std::size_t part, const Vec3& one,
+                    const Vec3& two, double reach, Distances& d) {
   Vec3 shift;
   double uncertainty = 0.0;
-  const Vec3* moves = moving.at(node, part, shift, uncertainty) ? &shift : nullptr;
+  const Vec3* moves = ask.moving.at(static_cast<double>(node), part, shift, uncertainty) ? &shift : nullptr;
   const std::size_t k = d.index(node, body, part);
-  ++counts.pairs;
-  const double cheap = capsule_bound(*narrow.bodies, one, two, body, poses, part, moves, uncertainty);
+  ++ask.counts.pairs;
+  const double cheap = capsule_bound(*ask.narrow.bodies, one, two, body, ask.poses, part, moves, uncertainty);
   if (cheap >= reach) {
     d.bound[k] = cheap;
     d.exact[k] = INFINITY;
     d.since[k] = kFar;
     return;
   }
-  ++counts.queries;
-  const Found found = narrow.query(frames, node, body, part, poses, moves);
+  ++ask.counts.queries;
+  const Found found = ask.exact(node, body, part, moves);
   d.exact[k] = found.distance - uncertainty;
   d.bound[k] = d.exact[k] - kGjkExcess;
   d.since[k] = 0.0;
@@ -80,12 +77,7 @@ void measure(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, 
   Eigen::Map<Vec3>(d.witness + 3 * k) = found.witness;
 }
 
-}  // namespace
-
-Counts refine(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving, double influence,
-              Distances& d) {
-  Counts counts;
-  narrow.begin();
+void refine(Queries& ask, double influence, Distances& d) {
   for (std::size_t n = 0; n < d.nodes; ++n) {
     for (std::size_t g = 0; g < d.bodies; ++g) {
       const double *bound = d.bound + d.index(n, g, 0), *since = d.since + d.index(n, g, 0);
@@ -94,23 +86,21 @@ Counts refine(Narrowphase& narrow, const Frames& frames, const PartPoses& poses,
       for (std::size_t p = 0; p < d.parts; ++p) {
         if (!(bound[p] < influence && since[p] > d.limit[p])) continue;
         if (!placed) {
-          narrow.bodies->ends_at(frames, n, g, one, two);
+          ask.narrow.bodies->ends_at(ask.frames, n, g, one, two);
           placed = true;
         }
-        measure(narrow, frames, poses, moving, n, g, p, one, two, influence, d, counts);
+        measure(ask, n, g, p, one, two, influence, d);
       }
     }
   }
-  return counts;
 }
 
-void refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
-               std::size_t node, std::size_t body, std::size_t part, double reach, Distances& d, Counts& counts) {
+void refine_at(Queries& ask, std::size_t node, std::size_t body, std::size_t part, double reach, Distances& d) {
   const std::size_t at = d.index(node, body, part);
   if (!(d.bound[at] < reach && d.since[at] > 0.0)) return;
   Vec3 one, two;
-  narrow.bodies->ends_at(frames, node, body, one, two);
-  measure(narrow, frames, poses, moving, node, body, part, one, two, reach, d, counts);
+  ask.narrow.bodies->ends_at(ask.frames, node, body, one, two);
+  measure(ask, node, body, part, one, two, reach, d);
 }
 
 }  // namespace strips

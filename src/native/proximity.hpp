@@ -17,10 +17,6 @@ struct Distances {
   std::size_t index(std::size_t n, std::size_t g, std::size_t p) const { return (n * bodies + g) * parts + p; }
 };
 
-struct Counts {
-  std::size_t pairs = 0, queries = 0;
-};
-
 // What was kept of the nodes (N) when they were last looked at: coordinates (N, nv), capsule ends (N, G, 2, 3),
 // rotations (N, G, 3, 3); boxes (C, 3) that hold candidates for what is inside, which of them holds each node, and how
 // deep.
@@ -37,12 +33,9 @@ std::vector<std::int64_t> follow(const Bodies& bodies, const Frames& frames, con
                                  double influence, Nodes& nodes, Distances& distances);
 
 // Make exact what is below `influence` and has moved by more than its limit since it was measured.
-Counts refine(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving, double influence,
-              Distances& distances);
+void refine(Queries& ask, double influence, Distances& distances);
 
-// Make a single pair exact whose bound is below `reach` and may be stale; `narrow` has begun.
-void refine_at(Narrowphase& narrow, const Frames& frames, const PartPoses& poses, const Moving& moving,
-               std::size_t node, std::size_t body, std::size_t part, double reach, Distances& distances,
-               Counts& counts);
+// Make a single pair exact whose bound is below `reach` and may be stale.
+void refine_at(Queries& ask, std::size_t node, std::size_t body, std::size_t part, double reach, Distances& distances);
 
 }  // namespace strips

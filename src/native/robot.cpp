@@ -25,14 +25,13 @@ double half_cot(double theta) {
 }  // namespace
 
 void place(const Tree& tree, const double* coordinates, std::size_t n, double* T, double* J, std::size_t capacity) {
-  const int nv = tree.nv;
   for (std::size_t node = 0; node < n; ++node) {
-    const double* q = coordinates + node * nv;
-    double* columns = J == nullptr ? nullptr : J + node * nv * 6;
+    const double* q = coordinates + node * tree.nv;
+    double* columns = J == nullptr ? nullptr : J + node * tree.motions() * 6;
     for (int i = 1; i < tree.joints; ++i) {
-      const std::int64_t k = tree.column[i];
+      const std::int64_t m = tree.motion[i];
       double* out = T + (i * capacity + node) * 12;
-      if (k < 0) {  // the planar root
+      if (m < 0) {  // the planar root
         const double c = std::cos(q[2]), s = std::sin(q[2]);
         const double base[12] = {c, -s, 0.0, q[0], s, c, 0.0, q[1], 0.0, 0.0, 1.0, 0.0};
         std::copy(base, base + 12, out);
@@ -49,10 +48,11 @@ void place(const Tree& tree, const double* coordinates, std::size_t n, double* T
         const double *row = P + k / 4 * 4, *column = o + k % 4;
         f[k] = row[0] * column[0] + row[1] * column[4] + row[2] * column[8] + (k % 4 == 3 ? row[3] : 0.0);
       }
+      const double rate = tree.rate[m], value = rate * q[tree.coordinate[m]] + tree.shift[m];
       if (tree.prismatic[i]) {
-        for (int r = 0; r < 3; ++r) f[4 * r + 3] += f[4 * r + 2] * q[k];
+        for (int r = 0; r < 3; ++r) f[4 * r + 3] += f[4 * r + 2] * value;
       } else {
-        const double c = std::cos(q[k]), s = std::sin(q[k]);
+        const double c = std::cos(value), s = std::sin(value);
         for (int r = 0; r < 3; ++r) {
           const double x = f[4 * r], y = f[4 * r + 1];
           f[4 * r] = c * x + s * y;
@@ -61,15 +61,10 @@ void place(const Tree& tree, const double* coordinates, std::size_t n, double* T
       }
       std::copy(f, f + 12, out);
       if (columns != nullptr) {
-        double* column = columns + k * 6;
-        const double ax = f[2], ay = f[6], az = f[10], px = f[3], py = f[7], pz = f[11];
-        if (tree.prismatic[i]) {
-          const double row[6] = {ax, ay, az, 0.0, 0.0, 0.0};
-          std::copy(row, row + 6, column);
-        } else {
-          const double row[6] = {py * az - pz * ay, pz * ax - px * az, px * ay - py * ax, ax, ay, az};
-          std::copy(row, row + 6, column);
-        }
+        const double ax = rate * f[2], ay = rate * f[6], az = rate * f[10], px = f[3], py = f[7], pz = f[11];
+        const double turns[6] = {py * az - pz * ay, pz * ax - px * az, px * ay - py * ax, ax, ay, az};
+        const double slides[6] = {ax, ay, az, 0.0, 0.0, 0.0};
+        std::copy_n(tree.prismatic[i] ? slides : turns, 6, columns + m * 6);
       }
     }
   }
@@ -105,7 +100,7 @@ void integrate(const Space& space, const double* a, const double* v, double scal
 
 double Bounds::travel(const Tree& tree, const double* v, std::size_t body) const {
   double sum = 0.0;
-  for (int k = 0; k < tree.nv; ++k) sum += std::abs(v[k]) * radius[k * bodies + body];
+  for (int m = 0; m < tree.motions(); ++m) sum += std::abs(v[tree.coordinate[m]]) * radius[m * bodies + body];
   return tree.planar ? sum + std::hypot(v[0], v[1]) : sum;
 }
 
@@ -114,18 +109,17 @@ double Bounds::tight(const Bodies& robot, const Frames& frames, std::size_t node
   const Tree& tree = robot.tree;
   Vec3 one, two;
   robot.ends_at(frames, node, body, one, two);
-  const double* J = frames.J + node * tree.nv * 6;
-  const std::int64_t joint = robot.joint[body];
-  double outer = 0.0, sum = 0.0;  // joints further out have larger columns: their motion adds to a lever
-  for (int k = tree.nv - 1; k >= 0; --k) {
-    const double r = radius[k * bodies + body], speed = std::abs(v[k]);
-    if (!(tree.planar && k < 2) && tree.supports(joint, k)) {
-      const Vec3 linear(J[6 * k], J[6 * k + 1], J[6 * k + 2]), angular(J[6 * k + 3], J[6 * k + 4], J[6 * k + 5]);
-      double lever = 1.0;
-      if (angular.cwiseAbs().maxCoeff() > 1e-9) {
+  double outer = 0.0, sum = 0.0;  // joints further out are larger motions: what they do adds to a lever
+  for (int m = tree.motions() - 1; m >= 0; --m) {
+    const double r = radius[m * bodies + body], speed = std::abs(v[tree.coordinate[m]]), rate = std::abs(tree.rate[m]);
+    if (!(tree.planar && m < 2) && tree.supports(robot.joint[body], m)) {
+      const double* c = frames.J + (node * tree.motions() + m) * 6;
+      const Vec3 linear(c[0], c[1], c[2]), angular(c[3], c[4], c[5]);
+      double lever = rate;
+      if (angular.cwiseAbs().maxCoeff() > 1e-9 * rate) {
         const double reach = std::sqrt(
             std::max((angular.cross(one) + linear).squaredNorm(), (angular.cross(two) + linear).squaredNorm()));
-        lever = reach + robot.radius[body] + outer;
+        lever = reach + rate * robot.radius[body] + rate * outer;
       }
       sum += std::min(lever, r) * speed;
     }

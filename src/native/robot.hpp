@@ -17,17 +17,19 @@ struct Space {
   int base_nv() const { return planar ? 3 : 0; }
 };
 
-// Joints whose frames are turned so that each moves about or along its z; see KinematicTree.
+// Joints whose frames are turned so that each moves about or along its z, and their M motions; see KinematicTree. Joint
+// i does motion[i], -1 for the universe and a planar root; motion m is rate[m] * q[coordinate[m]] + shift[m].
 struct Tree : Space {
   int joints = 0;
-  std::vector<std::int64_t> parents, column;     // column of the coordinates; -1 for the universe and a planar root
-  std::vector<std::uint8_t> prismatic, support;  // (joints), (joints, nv)
-  std::vector<double> offset;                    // (joints, 4, 4)
+  std::vector<std::int64_t> parents, motion, coordinate;  // (joints), (joints), (M)
+  std::vector<std::uint8_t> prismatic, support;           // (joints), (joints, M)
+  std::vector<double> offset, rate, shift;                // (joints, 4, 4), (M), (M)
 
-  bool supports(std::int64_t joint, int k) const { return support[joint * nv + k] != 0; }
+  int motions() const { return static_cast<int>(coordinate.size()); }
+  bool supports(std::int64_t joint, int m) const { return support[joint * motions() + m] != 0; }
 };
 
-// Placements (joints, capacity, 3, 4) and Jacobian columns (capacity, nv, 6) of nodes; see Kinematics.
+// Placements (joints, capacity, 3, 4) and Jacobian columns (capacity, M, 6) of nodes; see Kinematics.
 struct Frames {
   const double* T;
   const double* J;  // may be null
@@ -82,7 +84,7 @@ struct Bodies {
 
 // How far bodies move between configurations; see MotionBounds.
 struct Bounds {
-  const double* radius;  // (nv, G)
+  const double* radius;  // (M, G)
   std::size_t bodies;
 
   double travel(const Tree& tree, const double* v, std::size_t body) const;

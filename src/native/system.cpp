@@ -28,7 +28,7 @@ void difference_jacobians(const double* v, Block3& first, Block3& second) {
 }  // namespace
 
 double add_elastic(System& s, bool planar, const double* v, const double* weight) {
-  const int nv = s.nv, b = planar ? 3 : 0;
+  const int nv = static_cast<int>(s.nv), b = planar ? 3 : 0;
   const std::size_t block = static_cast<std::size_t>(nv) * nv;
   double energy = 0.0;
   for (std::size_t j = 0; j + 1 < s.nodes; ++j) {
@@ -64,7 +64,7 @@ double add_elastic(System& s, bool planar, const double* v, const double* weight
 }
 
 void add_row(System& s, std::size_t node, const double* row, double force, double stiffness) {
-  const int nv = s.nv;
+  const int nv = static_cast<int>(s.nv);
   double *f = s.force + node * nv, *D = s.diagonal + node * nv * nv;
   for (int r = 0; r < nv; ++r) {
     f[r] += force * row[r];
@@ -77,10 +77,11 @@ void add_row(System& s, std::size_t node, const double* row, double force, doubl
 void add_directional(const Tree& tree, const double* J, std::int64_t joint, const double* p, const double* n,
                      double* row) {
   const double moment[3] = {p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]};
-  for (int k = 0; k < tree.nv; ++k) {
-    if (!tree.supports(joint, k)) continue;
-    const double* c = J + 6 * k;
-    row[k] += c[0] * n[0] + c[1] * n[1] + c[2] * n[2] + c[3] * moment[0] + c[4] * moment[1] + c[5] * moment[2];
+  for (int m = 0; m < tree.motions(); ++m) {
+    if (!tree.supports(joint, m)) continue;
+    const double* c = J + 6 * m;
+    row[tree.coordinate[m]] +=
+        c[0] * n[0] + c[1] * n[1] + c[2] * n[2] + c[3] * moment[0] + c[4] * moment[1] + c[5] * moment[2];
   }
 }
 
@@ -96,7 +97,8 @@ double add_repulsion(System& s, const Bodies& bodies, const double* J, const Dis
         const double gap = influence - d.exact[k], deep = k_near > 0.0 ? std::max(near - d.exact[k], 0.0) : 0.0;
         energy += 0.5 * (k_r * gap * gap + k_near * deep * deep);
         std::fill(row.begin(), row.end(), 0.0);
-        add_directional(tree, J + n * tree.nv * 6, bodies.joint[g], d.witness + 3 * k, d.direction + 3 * k, row.data());
+        add_directional(tree, J + n * tree.motions() * 6, bodies.joint[g], d.witness + 3 * k, d.direction + 3 * k,
+                        row.data());
         add_row(s, n, row.data(), k_r * gap + k_near * deep, k_r + (deep > 0.0 ? k_near : 0.0));
       }
     }
@@ -110,7 +112,7 @@ double add_self_repulsion(System& s, const SelfPairs& pairs, const Frames& frame
   double energy = 0.0;
   std::vector<double> row(tree.nv);
   for (std::size_t n = 0; n < d.nodes; ++n) {
-    const double *T = frames.at(pairs.planar() ? 1 : 0, n), *J = frames.J + n * tree.nv * 6;
+    const double *T = frames.at(pairs.planar() ? 1 : 0, n), *J = frames.J + n * tree.motions() * 6;
     for (std::size_t p = 0, k = n * d.pairs; p < d.pairs; ++p, ++k) {
       if (!(d.exact[k] < repulsion[p] && d.since[k] <= d.tolerance)) continue;
       const double gap = repulsion[p] - d.exact[k];
@@ -127,10 +129,10 @@ double add_self_repulsion(System& s, const SelfPairs& pairs, const Frames& frame
 }
 
 double add_posture(System& s, const double* coordinates, const double* target, const double* k_p,
-                   const std::uint8_t* circular, int base_nv) {
+                   const std::uint8_t* circular, std::size_t base_nv) {
   double energy = 0.0;
   for (std::size_t n = 0; n < s.nodes; ++n) {
-    for (int k = base_nv; k < s.nv; ++k) {
+    for (std::size_t k = base_nv; k < s.nv; ++k) {
       double off = coordinates[n * s.nv + k] - target[n * s.nv + k];
       if (circular[k - base_nv]) off = std::atan2(std::sin(off), std::cos(off));
       energy += 0.5 * k_p[k] * off * off;

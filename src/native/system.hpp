@@ -8,8 +8,7 @@ namespace strips {
 // Forces (N, nv), diagonal blocks (N, nv, nv) and those above (N-1, nv, nv); see System.
 struct System {
   double *force, *diagonal, *upper;
-  std::size_t nodes;
-  int nv;
+  std::size_t nodes, nv;
 };
 
 // Springs between neighbours along tangents v (N-1, nv) with stiffness `weight` (nv); returns their potential.
@@ -19,7 +18,7 @@ double add_elastic(System& system, bool planar, const double* v, const double* w
 void add_row(System& system, std::size_t node, const double* row, double force, double stiffness);
 
 // How fast a point that a joint carries moves along a direction, per degree of freedom: adds nᵀJ to `row`.
-// J (nv, 6) are a node's Jacobian columns.
+// J (M, 6) are a node's Jacobian columns.
 void add_directional(const Tree& tree, const double* J, std::int64_t joint, const double* point,
                      const double* direction, double* row);
 
@@ -33,7 +32,7 @@ double add_self_repulsion(System& system, const SelfPairs& pairs, const Frames& 
 
 // Joints are pulled to where `target` (N, nv) has them by k_p (nv), continuous ones the shorter way; their potential.
 double add_posture(System& system, const double* coordinates, const double* target, const double* k_p,
-                   const std::uint8_t* circular, int base_nv);
+                   const std::uint8_t* circular, std::size_t base_nv);
 
 // Displacements (N, nv) of (D + K) delta = force, zero at both ends; false where the matrix is not positive definite.
 bool solve(const System& system, const double* damping, double* delta);

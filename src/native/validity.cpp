@@ -5,25 +5,24 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <stdexcept>
 
 namespace strips {
 
-namespace {
+constexpr double kMostSteps = 1e9;  // looked at along one motion
 
 // The largest component of a shape's points along a direction in its own frame.
-double reach_of(const coal::ShapeBase& shape, const Vec3& direction) {
+static double reach_of(const coal::ShapeBase& shape, const Vec3& direction) {
   int hint = 0;
   return direction.dot(
       coal::details::getSupport<coal::details::SupportOptions::WithSweptSphere>(&shape, direction, hint));
 }
 
-void to_front(std::vector<std::size_t>& order, std::size_t at) {
+static void to_front(std::vector<std::size_t>& order, std::size_t at) {
   std::rotate(order.begin(), order.begin() + at, order.begin() + at + 1);
 }
 
-}  // namespace
-
-Validity::Validity(std::shared_ptr<const Bodies> bodies, const std::vector<std::shared_ptr<Solid>>& parts,
+Validity::Validity(std::shared_ptr<const Bodies> bodies, const std::vector<Solid>& parts,
                    std::vector<std::int64_t> self_pairs, const PartPoses& poses, const double* radius, double margin)
     : bodies_(bodies),
       narrow_(bodies),
@@ -75,7 +74,9 @@ bool Validity::motion(const double* a, const double* b, double step) {
   difference(tree, a, b, v.data());
   double travel = 0.0;
   for (std::size_t g = 0; g < bodies_->size(); ++g) travel = std::max(travel, bounds_.travel(tree, v.data(), g));
-  const std::size_t count = std::max<std::size_t>(1, static_cast<std::size_t>(std::ceil(travel / step)));
+  const double steps = std::ceil(travel / step);
+  if (!(step > 0.0 && steps <= kMostSteps)) throw std::invalid_argument("a motion or a step of it that is no number");
+  const std::size_t count = std::max<std::size_t>(1, static_cast<std::size_t>(steps));
   if (!valid(b)) return false;
   std::size_t stride = 1;
   while (stride < count) stride *= 2;
@@ -98,7 +99,7 @@ double Validity::extent(const Frames& frames, std::size_t body, const Vec3& dire
 
 bool Validity::clear_of_itself(const Frames& frames, std::size_t pair) {
   const std::int64_t number = static_cast<std::int64_t>(pair);
-  if (self_.lower_bound(frames, 0, 0.0, number) > 0.0) return true;
+  if (self_.lower_bound(frames, 0, number) > 0.0) return true;
   const std::size_t one = self_.body(pair, 0), two = self_.body(pair, 1);
   const double* T = frames.at(bodies_->joint[one], 0);
   Mat3 R;
@@ -133,7 +134,7 @@ bool Validity::clear_of_parts(const Frames& frames) {
       near_.push_back(p);
     }
   }
-  narrow_.begin();
+  Queries ask{narrow_, frames, poses_, {}};
   for (std::size_t k = 0; k < count; ++k) {
     const std::size_t g = order_[k];
     for (std::size_t p : near_) {
@@ -141,7 +142,7 @@ bool Validity::clear_of_parts(const Frames& frames) {
       Axis& axis = axes_[g * poses_.count + p];
       const double room = margin_ - bodies_->skin;
       if (!axis.normal.isZero() && -axis.reach - extent(frames, g, axis.normal) > room) continue;
-      const Found found = narrow_.query(frames, 0, g, p, poses_, nullptr);
+      const Found found = ask.exact(0, g, p, nullptr);
       if (found.distance <= margin_) {
         to_front(order_, k);
         return false;

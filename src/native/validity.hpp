@@ -7,9 +7,9 @@ namespace strips {
 
 class Validity {
  public:
-  // `radius` (nv, G) are the static radii of MotionBounds.
-  Validity(std::shared_ptr<const Bodies> bodies, const std::vector<std::shared_ptr<Solid>>& parts,
-           std::vector<std::int64_t> self_pairs, const PartPoses& poses, const double* radius, double margin);
+  // `radius` (M, G) are the static radii of MotionBounds, of motions.
+  Validity(std::shared_ptr<const Bodies> bodies, const std::vector<Solid>& parts, std::vector<std::int64_t> self_pairs,
+           const PartPoses& poses, const double* radius, double margin);
   Validity(const Validity&) = delete;
   Validity& operator=(const Validity&) = delete;
 

@@ -10,7 +10,7 @@ import pytest
 
 from elastic_strips import proof_checker
 from elastic_strips.cli import main
-from elastic_strips.collision import certify
+from elastic_strips.collision import certify, path_digest
 from elastic_strips.io import load_path, read_scene, write_path
 from elastic_strips.robot import RobotModel
 
@@ -73,6 +73,7 @@ def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     assert certify(silvermate, read_scene(folder / "scene.yaml"), q, clearance=0.01).certified
     answer = json.loads((folder / "a.json").read_text())
     assert answer["repair"]["certified"]
+    assert answer["proof"]["path"] == path_digest(silvermate, load_path(repaired, silvermate), "arc")
     assert proof_checker.main([str(proof), "--path", answer["proof"]["path"]]) == 0
     assert "PROVEN: clear by 0.01 m of obstacles" in capsys.readouterr().out
     assert proof_checker.main([str(proof), "--scene", "0" * 32]) == 3
@@ -87,11 +88,57 @@ def test_a_path_that_is_not_certified_has_no_proof(folder, capsys):
 def test_times_count_where_something_moves(folder, capsys):
     assert call(folder / "soon.json", *_robot(folder, "moves.yaml")) == 3
     assert "ball" in capsys.readouterr().out
-    assert call(folder / "late.json", *_robot(folder, "moves.yaml")) == 0
-    assert call(folder / "beside.csv", *_robot(folder, "moves.yaml")) == 0
-    assert "no times in the path: what moves counts as it stands at 0 s" in capsys.readouterr().out
+    assert call(folder / "late.json", *_robot(folder, "moves.yaml"), "--starts-at", 6) == 0
+    assert call(folder / "late.json", *_robot(folder, "moves.yaml")) == 3  # how it comes to its first point is not said
+    assert "certified" not in capsys.readouterr().out.splitlines()[-1]
+    assert call(folder / "beside.csv", *_robot(folder, "moves.yaml")) == 2
+    assert "ball" in capsys.readouterr().err
+    assert (
+        call(folder / "beside.csv", *_robot(folder, "moves.yaml"), "--scene-time", 0, "--json", folder / "a.json") == 0
+    )
+    assert any("ball" in note for note in json.loads((folder / "a.json").read_text())["notes"])
+    assert call(folder / "soon.json", *_robot(folder, "moves.yaml"), "--scene-time", 2) == 3
     assert call(folder / "soon.json", *_robot(folder, "moves.yaml"), "--repair", folder / "r.csv") == 2
     assert not (folder / "r.csv").exists()
+
+
+TURNS = """<robot name="turns"><link name="base"/>
+  <link name="arm"><collision><origin xyz="0.4 0 0"/><geometry><box size="0.6 0.06 0.06"/></geometry></collision></link>
+  <joint name="pan" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint></robot>
+"""
+
+
+def test_which_way_an_angle_goes_is_asked_for_and_proven(folder, capsys):
+    (folder / "turns.urdf").write_text(TURNS)
+    (folder / "post.yaml").write_text(
+        "obstacles:\n  - {shape: box, name: post, size: [0.1, 0.1, 1], at: [0.55, 0, 0]}\n"
+    )
+    (folder / "long.csv").write_text("pan\n3.0\n-3.0\n")
+    (folder / "turn.csv").write_text("pan\n0.5\n5.5\n")
+    robot = ["--robot", folder / "turns.urdf", "--base", "fixed", "--scene", folder / "post.yaml"]
+    for file, by_values in (("long.csv", 3), ("turn.csv", 0)):
+        proof = folder / f"{file}.npz"
+        assert call(folder / file, *robot, "--json", folder / "a.json", "--proof", proof) == 3
+        answer = json.loads((folder / "a.json").read_text())
+        assert answer["verdict"] == "unknown"
+        assert answer["interpolation"] == "line"
+        assert not proof.exists()
+        assert call(folder / file, *robot, "--interpolation", "values", "--proof", proof) == by_values
+        capsys.readouterr()
+        if by_values == 0:
+            name = proof_checker.path_digest(np.loadtxt(folder / file, skiprows=1, ndmin=2), "values")
+            assert proof_checker.main([str(proof), "--path", name]) == 0
+    assert call(folder / "long.csv", *robot, "--interpolation", "shortest", "--json", folder / "a.json") == 0
+    assert any("pan" in note for note in json.loads((folder / "a.json").read_text())["notes"])
+
+
+def test_what_appears_is_seen_from_the_command(folder):
+    late = SCENE.replace("at: [2.0, 0.35, 0.5]", "at: [2.0, 0.0, 0.5], appears: 1.0")
+    (folder / "late.yaml").write_text(late)
+    assert call(folder / "soon.json", *_robot(folder, "late.yaml")) == 3
+    assert call(folder / "through.csv", *_robot(folder, "late.yaml")) == 2  # it has no times
+    assert call(folder / "through.csv", *_robot(folder, "late.yaml"), "--scene-time", 0.5) == 0
+    assert call(folder / "soon.json", *_robot(folder, "late.yaml"), "--scene-time", 1.5) == 3
 
 
 def test_a_base_goes_on_lines_or_arcs(folder, capsys, silvermate):
@@ -101,6 +148,35 @@ def test_a_base_goes_on_lines_or_arcs(folder, capsys, silvermate):
     assert set(verdicts.values()) <= {0, 3}
     out = capsys.readouterr().out.splitlines()
     assert out[0] != out[1]
+
+
+def test_a_path_that_is_not_all_of_the_file_is_unknown(folder, capsys, silvermate):
+    """The base is nowhere in the file: the answer says what settles it, and nothing is written."""
+    joints = ",".join(silvermate.joint_names)
+    row = ",".join(map(str, silvermate.space.to_coordinates(silvermate.home_q)[3:]))
+    (folder / "arm.csv").write_text(f"{joints}\n{row}\n{row}\n")
+    arguments = [folder / "arm.csv", *_robot(folder)]
+    written = ["--repair", folder / "r.csv", "--proof", folder / "p.npz", "--json", folder / "a.json"]
+    assert call(*arguments, *written) == 3
+    assert "--base-at" in capsys.readouterr().out
+    answer = json.loads((folder / "a.json").read_text())
+    assert answer["verdict"] == "unknown"
+    assert len(answer["doubts"]) == 1
+    assert not (folder / "r.csv").exists()
+    assert not (folder / "p.npz").exists()
+    assert call(*arguments, "--base-at", -1, 0, 0.5) == 0
+    assert call(*arguments, "--base-at", 2, 0.35, 0) == 3
+    assert call(*arguments, "--base", "fixed") == 0
+    assert call(*arguments, "--base-at", 2e4, 0, 0) == 2
+
+
+def test_angles_and_columns_that_do_not_matter(folder, silvermate):
+    (folder / "deg.csv").write_text("x,y,yaw,lamp\n0,-2,0,0\n1,-2,90,1\n")
+    arguments = [folder / "deg.csv", *_robot(folder)]
+    assert call(*arguments) == 3
+    assert call(*arguments, "--ignore", "lamp") == 3  # degrees?
+    assert call(*arguments, "--ignore", "lamp", "--angles", "deg") == 0
+    assert call(*arguments, "--ignore", "lump", "--angles", "deg") == 2
 
 
 @pytest.mark.parametrize(

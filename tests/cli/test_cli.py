@@ -145,6 +145,29 @@ def test_where_there_is_no_way_the_run_ends_with_3(tmp_path: Path) -> None:
     _check_types(document)
 
 
+def test_a_start_that_touches_is_left_where_that_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The palm is 2.1 mm in a wall: refused, or left; then the result has both parts, and is not certified as a whole."""
+    scenario, result = tmp_path / "touch.yaml", tmp_path / "r.json"
+    scenario.write_text(
+        "robot: silvermate\nbase: diff_drive\nstart: {x: 0}\ngoal: {x: -2}\nscene:\n  obstacles:\n"
+        "    - {shape: box, name: wall, size: [0.2, 3, 3], at: [0.438, 0, 0]}\n"
+    )
+    assert call("run", str(scenario)) == 2
+    assert "--start-depth" in capsys.readouterr().err
+    assert call("run", str(scenario), "--start-depth", "0.001") == 2
+    assert call("run", str(scenario), "--start-depth", "0.01", "--json", str(result)) == 3
+    document = _object(result)
+    assert document["certified"] is False
+    assert document["status"] == "departed"
+    assert all(document["segments"])
+    left = document["departure"]
+    assert left["rest"] == "certified"
+    assert [contact["two"] for contact in left["contacts"]] == ["wall"] * len(left["contacts"])
+    assert left["depth"] == pytest.approx(0.0021, abs=3e-4)
+
+
 def test_without_obstacles_there_is_no_clearance(tmp_path: Path) -> None:
     """Infinity is no number of JSON: null."""
     (tmp_path / "empty.yaml").write_text("robot: silvermate\nstart: {}\ngoal: {x: 2}\nscene: {obstacles: []}\n")

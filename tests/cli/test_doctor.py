@@ -68,7 +68,7 @@ def test_what_is_broken_is_a_line_each(tmp_path: Path) -> None:
     )  # fmt: skip
     assert code == 3
     broken = {name for name, check in checks.items() if check["status"] == PROBLEM}
-    assert {"lxml", "coal", "rich"} <= broken <= {"lxml", "coal", "rich", "pin"}, document
+    assert {"lxml", "coal", "rich"} <= broken <= {"lxml", "coal", "rich", "pin", "yourdfpy"}, document
     assert "libxml2.so.2" in checks["lxml"]["text"]
     assert "signal" in checks["coal"]["text"]
     assert checks["native kernel"]["status"] == NOTE

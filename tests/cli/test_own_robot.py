@@ -79,7 +79,8 @@ def test_it_says_what_it_plans_and_what_not(folder, capsys):
     "more, words",
     [
         (["--joints", "lft"], "cannot plan 'lft'; did you mean 'lift'"),
-        (["--joints", "thumb"], "'finger', which <mimic> it, would not follow"),
+        (["--joints", "finger"], "cannot plan 'finger' alone: it has to <mimic> 'thumb'"),
+        (["--joints", "lift,thumb", "--lock", "finger=0.1"], "'finger' follows 'thumb'"),
         (["--lock", "lift"], "'lift' has to be NAME=VALUE"),
         (["--lock", "lift=nan"], "nan is not a finite number"),
         (["--lock", "lft=0"], "unknown joint 'lft'; did you mean 'lift'"),

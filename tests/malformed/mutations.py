@@ -329,10 +329,12 @@ def _archive(data: bytes, rng: Rng) -> bytes:
             )
         elif way == 4:
             arrays[name] = _pick(
-                rng, (array[None], array.reshape(-1), array.T, array[..., :0], np.zeros(0), np.float64(1.0))
+                rng,
+                (array[None], array.reshape(-1), array.T, np.atleast_1d(array)[..., :0], np.zeros(0), np.float64(1.0)),
             )
         elif way == 5:
-            arrays[_pick(rng, sorted(arrays)) + _pick(rng, ("", "x"))] = arrays.pop(name)
+            called = _pick(rng, sorted(arrays)) + _pick(rng, ("", "x"))
+            arrays[called] = arrays.pop(name)
         elif way == 6:
             del arrays[name]
             if not arrays:

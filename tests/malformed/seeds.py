@@ -198,6 +198,12 @@ _XACRO_INCLUDES = """<robot name="made" xmlns:xacro="http://ros.org/wiki/xacro">
 _XACRO_PART = """<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="foot"><link name="l0"><collision><geometry>
 <box size="0.4 0.4 0.2"/></geometry></collision></link></xacro:macro></robot>
 """
+
+
+def _pose(x: float) -> dict[str, object]:
+    return {"translation": {"x": x, "y": 0.0, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}}
+
+
 _PATHS = {
     "p.json": json.dumps({"joint_names": ["slide", "x", "y", "yaw"], "points": [
         {"positions": [0.05 * k, 0.2 * k, 1.0, 0.1], "time_from_start": {"sec": k, "nanosec": 5}} for k in range(4)]}),
@@ -205,6 +211,18 @@ _PATHS = {
     "p.txt": "Geometric path with 2 states\nCompound state [\nSE2 state [0 1 0.5]\nRealVector state [0.1 0.1]\n]\n"
              "Compound state [\nSE2 state [1 1 0.5]\nRealVector state [0.1 0.2]\n]\n",
     "p.yaml": "joint_names: [slide]\npoints:\n" + "".join(f"- positions: [0.0{k}]\n  time_from_start: {k}.5\n" for k in range(4)),
+    "plan.json": json.dumps({
+        "trajectory_start": {
+            "joint_state": {"name": ["slide"], "position": [0.05]},
+            "multi_dof_joint_state": {"joint_names": ["world_joint"], "transforms": [_pose(0.0)]}},
+        "trajectory": [{
+            "joint_trajectory": {"joint_names": ["slide"], "points": [
+                {"positions": [0.05 * k + 0.05], "time_from_start": {"sec": k, "nanosec": 0}} for k in (j, j + 1)]},
+            "multi_dof_joint_trajectory": {"joint_names": ["world_joint"], "points": [
+                {"transforms": [_pose(0.5 * k)], "time_from_start": {"sec": k, "nanosec": 0}} for k in (j, j + 1)]}}
+            for j in (0, 1)]}),
+    "units.csv": '"time_ms";"x [m]";"y_mm";"yaw (deg)";"slide";"slide_vel";"index";"lamp"\n'
+                 + "".join(f"{1000 * k};0,{k};100;10,5;0,05;0;{k};1\n" for k in range(4)),
 }  # fmt: skip
 
 
@@ -260,14 +278,19 @@ def _bag(suffix: str) -> bytes:
 
 
 _ROBOTS: list[es.RobotModel] = []
+_CRATE = es.Scene([es.Box((0.5, 0.5, 0.5), at=(3.0, 3.0, 0.25), name="crate")])
 
 
-def _path(path: Path) -> None:
+def _small() -> es.RobotModel:
     if not _ROBOTS:
         with tempfile.TemporaryDirectory() as folder:
             (Path(folder) / "small.urdf").write_text(SOUND)
             _ROBOTS.append(es.load_robot(Path(folder) / "small.urdf", base="omni"))
-    io.load_path(path, _ROBOTS[0])
+    return _ROBOTS[0]
+
+
+def _path(path: Path) -> None:
+    es.certify(_small(), _CRATE, io.load_path(path, _small()), interpolation="line", measure=False)
 
 
 def _read_bag(path: Path) -> None:
@@ -277,6 +300,52 @@ def _read_bag(path: Path) -> None:
             pass
 
 
+def _planning(path: Path) -> None:
+    found = io.read_scene_file(path)
+    if found.held:
+        found.held_by(_small())
+
+
+_AT = {"position": {"x": 1.0, "y": 0.5, "z": 0.25}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}}
+_MOVE = {"translation": _AT["position"], "rotation": _AT["orientation"]}
+_PLANNING = {
+    "name": "made", "robot_model_name": "small", "is_diff": False,
+    "robot_state": {
+        "joint_state": {"name": ["slide", "shoulder"], "position": [0.1, 0.2]},
+        "multi_dof_joint_state": {"joint_names": ["world"], "transforms": [_MOVE]},
+        "attached_collision_objects": [{
+            "link_name": "tool", "touch_links": ["tool", "base"], "weight": 0.5,
+            "object": {"id": "cup", "header": {"frame_id": "map"}, "pose": _AT,
+                       "primitives": [{"type": 3, "dimensions": [0.2, 0.05]}], "primitive_poses": [_AT]},
+        }],
+    },
+    "fixed_frame_transforms": [{"header": {"frame_id": "map"}, "child_frame_id": "shelf", "transform": _MOVE}],
+    "allowed_collision_matrix": {"entry_names": ["a", "tool"], "entry_values": [{"enabled": [True, False]}]},
+    "link_padding": [{"link_name": "tool", "padding": 0.01}], "link_scale": [], "object_colors": [],
+    "world": {
+        "collision_objects": [
+            {"id": "a", "header": {"frame_id": "shelf"}, "pose": _AT, "operation": 0,
+             "primitives": [{"type": 1, "dimensions": [0.1, 0.2, 0.3]}, {"type": 5, "dimensions": [0.3], "polygon": {
+                 "points": [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0}, {"x": 0, "y": 1, "z": 0}]}}],
+             "primitive_poses": [_AT, _AT], "planes": [{"coef": [0, 0, 1, 0.5]}], "plane_poses": [_AT],
+             "subframe_names": ["tip"], "subframe_poses": [_AT]},
+            {"id": "b", "header": {"frame_id": "a/tip"}, "operation": "\0", "mesh_poses": [_AT], "meshes": [{
+                "vertices": [{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0}, {"x": 0, "y": 1, "z": 0}, {"x": 0, "y": 0, "z": 1}],
+                "triangles": [{"vertex_indices": t} for t in ([0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3])]}]},
+            {"id": "a", "header": {"frame_id": "map"}, "pose": _AT, "operation": 3},
+        ],
+        "octomap": {"header": {"frame_id": "map"}, "origin": _AT, "octomap": {
+            "binary": True, "id": "OcTree", "resolution": 0.1, "data": [2, -128]}},
+    },
+}  # fmt: skip
+_SOURCES = """sources:
+- {file: m.yaml, at: [1, 2, 0, 0.5], low: 0.1, high: 2.0, unknown: occupied, outside: blocked, lethal: 90}
+- {file: s.scene, at: [0, 0, 1], rpy: [0.1, 0.2, 0.3], planes: free}
+- {file: m.bt, at: [0, 0, 0, 0, 0, 0.6, 0.8], low: -1.0, high: 5, occupied: 0.7}
+- {file: c.xyz, voxel: 0.1, scale: 2.0, min_points: 1, low: 0}
+- {file: own.yaml, at: [0, 0, 1], quat: [0, 0, 0.6, 0.8]}
+obstacles: [{shape: sphere, radius: 0.1}]
+"""
 _BARN = {
     "cylinder_radius": 0.075, "cylinder_length": 1.0, "cylinder_center_z": 0.0, "goal_tolerance": 1.0, "timeout": 100.0,
     "worlds": [
@@ -399,6 +468,10 @@ def seeds() -> tuple[Seed, ...]:
         seed("MoveIt scene", "s.scene", _MOVEIT, _scene, 3.0),
         seed("MoveIt scene", "s.scene", _MOVEIT_OLD, _scene),
         seed("MoveIt scene", "s.scene", _MOVEIT_MANY, _scene),
+        seed("planning scene", "p.json", json.dumps(_PLANNING), _planning, 3.0),
+        seed("planning scene", "p.yaml", yaml_text(json.loads(json.dumps(_PLANNING))) + "---\n", _planning, 3.0),
+        seed("sources", "all.yaml", _SOURCES, _scene, 3.0, m__yaml=_MAP, map__pgm=_PGM, s__scene=_MOVEIT, own__yaml=yaml_text(_SCENE),
+             m__bt=_octree(binary=True), c__xyz="1 2 0.5\n2 1 0.5\n"),
         seed("OctoMap", "m.bt", _octree(binary=True), _scene, 1.5),
         seed("OctoMap", "m.ot", _octree(binary=False), _scene, 1.5),
         seed("OctoMap", "c.ot", _octree(binary=False, colour=b"rgb"), _scene),

@@ -1,10 +1,10 @@
 """An attack on the certificate: random robots, obstacles moved until the proof just holds, movers at their worst.
 
 Each robot is a random URDF (prismatic, continuous, mimicking, branching joints, scaled and mirrored meshes, nv 3 … 16,
-every kind of base). What the library certifies is then walked along ``pin.interpolate`` in steps in which no point of
-the robot, and none of an obstacle, moves by more than a millimetre, and at every step Coal is asked whether the shapes,
-grown by the clearance that was proven, overlap at Pinocchio's placements. Nothing of the library's kinematics, bounds
-or searches is used for that.
+every kind of base; every other one has joints that follow planned ones). What the library certifies is then walked
+along ``pin.interpolate`` in steps in which no point of the robot, and none of an obstacle, moves by more than a
+millimetre, and at every step Coal is asked whether the shapes, grown by the clearance that was proven, overlap at
+Pinocchio's placements. Nothing of the library's kinematics, bounds or searches is used for that.
 
     python tests/oracle/attack.py --segments 1000000 --processes 2
 """
@@ -30,10 +30,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 from brute_force import configuration, make_obstacle, random_pose, scene_pieces
-from random_robots import random_urdf
+from random_robots import random_robot
 
 from elastic_strips.collision import BodySet, Forecast, MotionBounds, MotionCertifier
-from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
 from elastic_strips.strip import Deformer, DeformParams, Strip
 
@@ -540,8 +540,8 @@ def run(segments: int, seed: int) -> Figures:
     base = _BASES[seed % 3]
     nv = 3 + (seed // 3) % 14
     with tempfile.TemporaryDirectory() as folder:
-        urdf = random_urdf(rng, Path(folder), nv - (0 if base == "fixed" else 3))
-        robot = load_robot(urdf, base=base)
+        joints, followers = nv - (0 if base == "fixed" else 3), seed % 2 == 1
+        robot = random_robot(rng, Path(folder), joints, base, followers=followers)
     attack = Attack(robot, rng, figures, f"seed {seed}")
     figures.robots = 1
     attack.pairs()

@@ -7,6 +7,7 @@ every step whether anything touches, and whether anything comes nearer than 5 mm
 for that (see ``attack.py``).
 
     python tests/oracle/path_study.py --root FOLDER_WITH_MBM --stride 1
+    python tests/oracle/path_study.py --ways 10000 --processes 2     # turns, worlds with timetables: way_study.py
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 from typing import cast
@@ -25,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from attack import Checker, Figures
 from brute_force import link_distances, self_distances
+from way_study import WAYS, WORLDS, study_ways
 
 from elastic_strips.collision import Verdict, certify
 from elastic_strips.errors import ConfigurationError
@@ -65,8 +69,18 @@ class Findings:
         free = self.total("clear")
         return self.total("alarm") / free if free else 0.0
 
+    def add(self, other: Findings) -> None:
+        self.counts.update(other.counts)
+        self.wrong += other.wrong
+        self.milliseconds += other.milliseconds
+        self.walks.add(other.walks)
+
+    def further(self) -> tuple[str, ...]:
+        """What is counted of ways only."""
+        return tuple(what for what in ("no way said", "proofs") if self.total(what))
+
     def table(self) -> str:
-        names = ("paths", "touching", "certified", "refuted", "unknown", "missed", "clear", "alarm")
+        names = ("paths", "touching", "certified", "refuted", "unknown", "missed", "clear", "alarm", *self.further())
         rows: list[tuple[str, ...]] = [("kind", "resolution", *names)]
 
         def row(kind: str | None, resolution: float | None) -> None:
@@ -74,7 +88,7 @@ class Findings:
             if numbers[0]:
                 rows.append((kind or "all", "all" if resolution is None else f"{resolution:g}", *map(str, numbers)))
 
-        for kind in KINDS:
+        for kind in (*KINDS, *WAYS, *WORLDS):
             for resolution in RESOLUTIONS:
                 row(kind, resolution)
             row(kind, None)
@@ -222,18 +236,44 @@ def study_mbm(root: Path, names: tuple[str, ...], findings: Findings, *, first: 
                 print(f"{name}: {k + 1}/{len(chosen)}, {done}", file=sys.stderr, flush=True)
 
 
+def ways(paths: int, seed: int, *, kinds: tuple[str, ...] = (*WAYS, *WORLDS)) -> Findings:
+    """So many paths that turn, and worlds that change."""
+    findings = Findings()
+    study_ways(paths, seed, findings, kinds)
+    return findings
+
+
+def all_ways(paths: int, seed: int, processes: int, *, each: int = 225) -> Findings:
+    """The same, by several processes."""
+    total = Findings()
+    works = [(min(each, paths - k), 1000 * seed + k // each) for k in range(0, paths, each)]
+    if processes <= 1:
+        for work in works:
+            total.add(ways(*work))
+        return total
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        for done in as_completed([pool.submit(ways, *work) for work in works]):
+            total.add(done.result())
+            print(f"{total.total('paths')} paths, {len(total.wrong)} wrong", file=sys.stderr, flush=True)
+    return total
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--root", type=Path, required=True, help="folder with mbm")
+    parser.add_argument("--root", type=Path, help="folder with mbm")
+    parser.add_argument("--ways", type=int, default=0, help="paths that turn, and worlds that change")
+    parser.add_argument("--processes", type=int, default=1, help="for --ways")
     parser.add_argument("--robots", nargs="+", choices=MBM_ROBOTS, default=MBM_ROBOTS)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--stride", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     findings = Findings()
-    study_mbm(
-        given.root, tuple(given.robots), findings, first=given.first, stride=given.stride, seed=given.seed
-    )  # fmt: skip
+    if given.root is not None:
+        study_mbm(
+            given.root, tuple(given.robots), findings, first=given.first, stride=given.stride, seed=given.seed
+        )  # fmt: skip
+    findings.add(all_ways(given.ways, given.seed, given.processes))
     for line in findings.wrong[:50]:
         print(line)
     print(findings.table())

@@ -162,6 +162,41 @@ def _turn_normal(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
     normal[int(rng.integers(len(normal))), int(rng.integers(2))] = rng.normal(size=3)
 
 
+def _other_way(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
+    """The rows are the same, and the robot goes another way between them."""
+    header["way"] = str(rng.choice([way for way in ("values", "shortest", "arc") if way != header["way"]]))
+
+
+def _wrapping(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
+    """A column of which values a whole turn apart are said to be one, or no longer."""
+    circular = header["robot"]["circular"]
+    k = int(rng.integers(len(circular)))
+    circular[k] = not circular[k]
+
+
+def _follower(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
+    """A joint follows its column by another part, or from elsewhere."""
+    joint = header["robot"]["joints"][int(rng.integers(header["robot"]["planar"], len(header["robot"]["joints"])))]
+    joint[str(rng.choice(["multiplier", "constant"]))] += float(rng.normal())
+
+
+def _other_parent(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
+    """A joint stands on another one, or on the world, and no longer moves with the base."""
+    joints = header["robot"]["joints"]
+    k = int(rng.integers(1, len(joints)))
+    joints[k]["parent"] = int(rng.choice([p for p in range(-1, k) if p != joints[k]["parent"]]))
+
+
+def _text(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
+    """A number is text, or a truth value."""
+    header["clearance"] = [str(header["clearance"]), True, None, [header["clearance"]]][int(rng.integers(4))]
+
+
+def _far(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
+    """Numbers in which a metre is lost."""
+    parts["rows"] = parts["rows"] + np.where(np.arange(parts["rows"].shape[1]) == 0, 10.0 ** rng.uniform(7, 17), 0.0)
+
+
 def _larger_clearance(rng: np.random.Generator, header: Parts, parts: Parts) -> None:
     """More is claimed than was proven."""
     header["clearance"] += float(10.0 ** rng.uniform(-3, -0.5))
@@ -169,7 +204,7 @@ def _larger_clearance(rng: np.random.Generator, header: Parts, parts: Parts) -> 
 
 CAUGHT: tuple[Callable[[np.random.Generator, Parts, Parts], None], ...] = (
     _shift_obstacle, _drop_obstacle, _other_robot, _drop_self_pair, _other_path, _drop_interval, _edit_span,
-    _swap_pair,
+    _swap_pair, _other_way, _wrapping, _follower, _other_parent, _text, _far,
 )  # fmt: skip
 """Edits that are refused whatever they are: the digests, or the cover, are others."""
 JUDGED = (_turn_normal, _larger_clearance)
@@ -199,7 +234,7 @@ class Study:
         clearance = float(rng.choice([1e-3, 5e-3, 2e-2]))
         strip = self.attack.chain(int(rng.integers(1, 4)))
         robot = strip.robot
-        proof = prove(robot, scene, strip.coordinates, clearance=clearance, self_clearance=1e-3)
+        proof = prove(robot, scene, strip, clearance=clearance, self_clearance=1e-3)
         if proof is None:
             findings.unproven += 1
             return False
@@ -221,12 +256,20 @@ class Study:
     def command(self, header: Parts, parts: Parts, digests: dict[str, str]) -> int:
         """The checker's command on a file, told which robot, scene and path are meant."""
         np.savez(self.file, header=np.array(json.dumps(header)), **parts)
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            return checker.main([str(self.file), *(part for k, v in digests.items() for part in (f"--{k}", v))])
+        arguments = [str(self.file), *(part for k, v in digests.items() for part in (f"--{k}", v))]
+        with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(out):
+            try:
+                return checker.main(arguments)
+            except (TypeError, ValueError):  # it was taken, and cannot be printed
+                return 0
 
     def tamper(self, scene: Scene, q: Array, header: Parts, parts: Parts, digests: dict[str, str]) -> None:
         rng, findings = self.rng, self.findings
-        possible = {_drop_self_pair: bool(header["robot"]["pairs"]), _swap_pair: bool(parts["pair"].max() > 0)}
+        joints = len(header["robot"]["joints"]) - header["robot"]["planar"]
+        possible = {
+            _drop_self_pair: bool(header["robot"]["pairs"]), _swap_pair: bool(parts["pair"].max() > 0),
+            _follower: joints > 0, _other_parent: len(header["robot"]["joints"]) > 1,
+        }  # fmt: skip
         edits = [e for e in (*CAUGHT, *JUDGED) if possible.get(e, True)]
         edit = edits[int(rng.integers(len(edits)))]
         edit(rng, header, parts)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import path_study
 import pytest
+import way_study
 from path_study import KINDS, Findings, Study
+from way_study import WAYS, WORLDS
 
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene
@@ -40,3 +42,24 @@ def test_the_study_sees_what_a_blind_certificate_overlooks(study, monkeypatch):
     one.checker.take(scene, 2e-5, 2e-5, free=5e-3)
     one.judge("through the wall", "any line", 0.05, scene, ends)
     assert one.findings.total("missed") == len(one.findings.wrong) == 1
+
+
+def test_ways_and_worlds_are_followed():
+    found = path_study.ways(9, 4)
+    assert found.wrong == []
+    assert {kind for kind, _, _ in found.counts} == {*WAYS, *WORLDS}
+    for what in ("clear", "certified", "unknown", "no way said", "proofs"):
+        assert found.total(what) > 0, what
+    assert found.total("certified", "half turn") == 0
+
+
+def test_the_study_sees_what_a_certificate_blind_to_time_overlooks(monkeypatch):
+    """One that takes the obstacles as they are at first, and where they are seen."""
+    certify = way_study.certify
+
+    def overlooking(robot, world, path, *, times=None, **given):
+        there = [o.observed(o.pose, None) for o in world.scene if world.exists(o.name, 0.0)]
+        return certify(robot, Scene(there), path, **given)
+
+    monkeypatch.setattr(way_study, "certify", overlooking)
+    assert path_study.ways(15, 2, kinds=WORLDS).total("missed") > 0

@@ -8,17 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import trimesh
+import yourdfpy
 from brute_force import configuration, link_poses, outside, random_coordinates
 from lxml import etree
 from shared_data import shared_data
 
 from elastic_strips.arrays import Array
-from elastic_strips.catalogue import find_robot
+from elastic_strips.catalogue import find_robot, robot_names
+from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot.second_reader import differences, shape_differences
+from elastic_strips.robot.urdf import pinocchio_geometry, pinocchio_model, read_urdf
 
-yourdfpy = pytest.importorskip("yourdfpy")
+KNOWN = {"simple_humanoid"}  # Pinocchio's own <collision_checking> makes a capsule of its cylinder
 OWN = ["silvermate", "jackal-box", "bridge-arm"]
 OTHERS = ["tiago", "panda", "hyq", "baxter", "ur5_gripper", "mbm/fetch/fetch.urdf", "mbm/panda/panda.urdf"]
 
@@ -107,3 +112,21 @@ def test_pieces_hold_the_collision_geometry_of_another_reader(twice: SecondReade
                 assert np.min(excess, axis=0).max() <= 1e-6, name
                 shapes += 1
     assert shapes
+
+
+@pytest.mark.parametrize("name", [*robot_names(), "mbm/fetch/fetch.urdf", "mbm/panda/panda.urdf"])
+def test_the_second_reader_finds_nothing_in_correct_files(name: str) -> None:
+    """What `load_robot` and the card compare, over all robots that there are: no false difference."""
+    if name.endswith(".urdf"):
+        file, folders = shared_data(*Path(name).parts), ()
+    else:
+        file, folders = find_robot(name).urdf, find_robot(name).package_dirs
+    try:
+        source = read_urdf(file, package_dirs=folders)
+    except RobotError:  # the file of example-robot-data that has no link
+        pytest.skip(f"{name} is refused")
+    model = pinocchio_model(source)
+    assert differences(source, model) == ()
+    found = shape_differences(source, model, pinocchio_geometry(source, model, pin.COLLISION))
+    assert found is not None
+    assert bool(found) == (name in KNOWN), found

@@ -3,7 +3,9 @@ files are written whole or not at all, whatever comes between."""
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import socket
 import stat
 import tempfile
@@ -14,7 +16,7 @@ import pytest
 
 from elastic_strips import files
 from elastic_strips.errors import InputError, SceneError
-from elastic_strips.files import atomic_write, check_input, read_input, read_input_text
+from elastic_strips.files import atomic_write, check_input, check_writable, read_input, read_input_text
 
 
 def read(path: Path | str, limit: int = 100) -> bytes:
@@ -126,3 +128,82 @@ def test_nothing_is_left_of_a_file_that_could_not_be_written(
         atomic_write(target, b"new")
     assert target.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def _names_of_one_file(tmp_path):
+    """A file that was read, and all the names that lead to it."""
+    source = tmp_path / "in" / "scene.yaml"
+    source.parent.mkdir()
+    source.write_text("of the user")
+    (tmp_path / "link.yaml").symlink_to(source)
+    (tmp_path / "further.yaml").symlink_to("link.yaml")
+    os.link(source, tmp_path / "hard.yaml")
+    (tmp_path / "folder").symlink_to("in")
+    names = [
+        source, tmp_path / "in" / ".." / "in" / "scene.yaml", tmp_path / "link.yaml", tmp_path / "further.yaml",
+        tmp_path / "hard.yaml", tmp_path / "folder" / "scene.yaml", Path(os.path.relpath(source)),
+    ]  # fmt: skip
+    return source, names
+
+
+def test_a_command_overwrites_nothing_that_it_has_read_by_whatever_name(tmp_path):
+    source, names = _names_of_one_file(tmp_path)
+    for used in (source, tmp_path / "further.yaml", tmp_path / "hard.yaml"):
+        with files.command_files():
+            read(used)
+            for name in names:
+                for write in (check_writable, lambda target: atomic_write(target, b"of the program")):
+                    with pytest.raises(InputError, match=re.escape(str(name))):
+                        write(name)
+            atomic_write(tmp_path / "out.json", b"1")
+    assert source.read_text() == (tmp_path / "hard.yaml").read_text() == "of the user"
+    assert (tmp_path / "link.yaml").is_symlink()
+
+
+def test_what_a_command_has_written_it_may_read_and_write_again(tmp_path):
+    target = tmp_path / "table.csv"
+    target.write_bytes(b"0")
+    with files.command_files():
+        for k in range(3):
+            atomic_write(check_writable(target), b"%d" % k)
+            assert read(target) == b"%d" % k
+    assert read(target) == b"2"
+
+
+def test_a_library_s_user_may_write_what_he_has_read(tmp_path):
+    target = tmp_path / "scene.yaml"
+    target.write_bytes(b"0")
+    with files.command_files():
+        read(target)
+        with files.command_files():
+            read(target)
+        with pytest.raises(InputError):
+            atomic_write(target, b"1")
+    read(target)
+    assert atomic_write(target, b"1").read_bytes() == b"1"
+
+
+def test_files_that_others_read_by_name_count(tmp_path):
+    target = tmp_path / "colours.mtl"
+    target.write_bytes(b"0")
+    with files.command_files():
+        files.note_input(target)
+        files.note_input(tmp_path / "gone")
+        with pytest.raises(InputError):
+            check_writable(target)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
+def test_a_scratch_folder_without_room_is_the_files_error(tmp_path, number):
+    kept = []
+
+    def write() -> None:
+        with files.scratch_folder(tmp_path / "film.mp4") as folder:
+            kept.append(folder)
+            (folder / "half").write_bytes(b"0")
+            raise OSError(number, os.strerror(number))
+
+    with pytest.raises(InputError, match=r"film\.mp4"):
+        write()
+    assert not kept[0].exists()
+    assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""Command line: ``elastic-strips run | drag | drive | view | certify | bench | sweep | study | list | doctor``."""
+"""Command line: ``elastic-strips run | drag | drive | view | certify | robot | bench | sweep | study | list | …``."""
 
 import os
 import signal

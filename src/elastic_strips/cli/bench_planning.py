@@ -153,6 +153,7 @@ def robots(
     """
     from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
 
+    options.check_outputs("", table_file, json_file)
     for name in names:
         if not os.path.exists(name):  # a file that cannot be read is a row of the table; a name that nobody has is none
             find_robot(name)

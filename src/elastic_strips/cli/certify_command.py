@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from . import options, output
 from .robot_options import robot_options
+from .scene_options import SCENE_FILES, scene_options
 
 if TYPE_CHECKING:
+    from elastic_strips.arrays import Array
     from elastic_strips.collision import PathCertificate
+    from elastic_strips.io import SceneFile, SceneOptions
     from elastic_strips.robot import LoadOptions, RobotModel
 
 
@@ -19,10 +23,9 @@ if TYPE_CHECKING:
 @click.argument("path", metavar="PATH", type=options.FILE)
 @click.option("--robot", required=True, metavar=options.ROBOT_FILES, type=options.ROBOT, help="Whose path it is.")
 @click.option(
-    "--scene", "scene_file", required=True, metavar="FILE", type=options.FILE,
-    help="The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene; "
-    "OctoMap's .bt or .ot; a Nav2 map's .yaml.",
+    "--scene", "scene_files", required=True, multiple=True, metavar="FILE", type=options.FILE, help=SCENE_FILES,
 )  # fmt: skip
+@scene_options
 @options.base_option()
 @robot_options
 @click.option(
@@ -35,87 +38,147 @@ if TYPE_CHECKING:
 @click.option(
     "--interpolation", type=options.LateChoice("collision.path_certificate", "INTERPOLATIONS"), default="line",
     show_default=True,
-    help="How a base goes between two configurations: x, y and yaw linearly, or on an arc as wheels do. Joints go "
-    "linearly.",
+    help="Between two configurations. line: base and joints go linearly; arc: a base on an arc, as wheels do. Where an "
+    "angle's values change by more than half a turn, they do not say which way: values (linearly by the numbers) and "
+    "shortest do.",
+)  # fmt: skip
+@click.option(
+    "--scene-time", "moment", metavar="SECONDS", type=options.Finite(-1e9, 1e9),
+    help="Take what moves, appears or vanishes as it stands then, whatever the path's times.",
+)  # fmt: skip
+@click.option(
+    "--base-at", type=(options.Finite(), options.Finite(), options.Finite()), metavar="X Y YAW",
+    help="Where the base stands, where the path does not say so [m, m, rad].",
+)  # fmt: skip
+@click.option(
+    "--angles", type=click.Choice(["rad", "deg"]),
+    help="Unit of the path's angles where it names none; radians by default.",
+)  # fmt: skip
+@click.option("--ignore", multiple=True, metavar="NAME", help="A column that does not matter. May be given again.")
+@click.option(
+    "--starts-at", type=options.Finite(-1e9, 1e9), metavar="SECONDS",
+    help="When the first configuration is reached, in the scene's time; as the path has it by default.",
 )  # fmt: skip
 @click.option("--repair", "repaired", metavar="FILE", type=options.OutputFile(), help="Push it free; write that path.")
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
 def certify(
-    path: str, robot: str, scene_file: str, base: str | None, described: LoadOptions, clearance: float,
-    self_clearance: float, interpolation: str, repaired: str | None, proof: str | None, json_file: str | None,
+    path: str, robot: str, scene_files: tuple[str, ...], reading: SceneOptions, base: str | None,
+    described: LoadOptions, clearance: float, self_clearance: float, interpolation: str, moment: float | None,
+    base_at: tuple[float, float, float] | None, angles: Literal["rad", "deg"] | None, ignore: tuple[str, ...],
+    starts_at: float | None, repaired: str | None,
+    proof: str | None, json_file: str | None,
 ) -> int:  # fmt: skip
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
 
     PATH is a JointTrajectory (JSON or YAML, also what MoveIt prints), CSV, NPZ, or what OMPL prints. A path with times
-    is certified against the obstacles that move, where the scene has some.
+    is certified against the obstacles that move, appear and vanish, where the scene has some; a path without times
+    needs --scene-time then.
+
+    A path that is not all that its file says, such as one whose gripper moves and is held still here, is not certified:
+    the answer is unknown, and says what settles it.
 
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
     """
+    from elastic_strips.collision import Verdict, prove
     from elastic_strips.collision import certify as certify_path
-    from elastic_strips.collision import prove
-    from elastic_strips.collision.path_certificate import as_arcs
-    from elastic_strips.io import load_path, read_world, write_path
+    from elastic_strips.collision.path_certificate import changes
+    from elastic_strips.io import load_path, read_scene_file, write_path
     from elastic_strips.robot import load_robot
     from elastic_strips.strip import DeformParams, repair
 
     options.check_outputs(path, repaired, proof, json_file)
     model = load_robot(robot, base=base, **described)
-    world = read_world(scene_file)
-    scene = world.at(world.scene.time)
-    given = load_path(path, model)
-    timed = given.times is not None and bool(world.names_moving)
-    if timed and (repaired or proof):
-        raise click.UsageError(
-            "--repair and --proof are of obstacles that stand still; these move with the path's times"
-        )
+    given = load_path(path, model, base_at=base_at, angles=angles, ignore=ignore, starts_at=starts_at)
+    found_scene = read_scene_file(scene_files, robot=model, q=given.q[0], options=reading)
+    world = found_scene.world
+    if found_scene.held:
+        model = found_scene.held_by(model)
+        output.say(("note:", output.NOTE), f" {model.name} holds {', '.join(found_scene.held_names)}")
+    moving = changes(world)
+    if moving and moment is None:
+        said = f"{', '.join(moving[:3])} move, appear or vanish with the time; "
+        if given.times is None:
+            raise click.UsageError(
+                f"{said}{path} has no times: give it some, or --scene-time SECONDS for the scene as it is then"
+            )
+        if repaired or proof:
+            raise click.UsageError(
+                f"{said}--repair and --proof are of obstacles that stand still: give --scene-time SECONDS"
+            )
+    timed = bool(moving) and moment is None
+    scene = world.at(world.scene.time if moment is None else moment)
     found = certify_path(
-        model, world if timed else scene, given.q, clearance=clearance, self_clearance=self_clearance,
+        model, world if timed else scene, given, clearance=clearance, self_clearance=self_clearance,
         interpolation=interpolation, times=given.times if timed else None,
     )  # fmt: skip
+    if found.certified and (left := _left_map(model, found_scene, given.q)):
+        found = replace(found, verdict=Verdict.UNKNOWN, reason=left)
     for note in given.notes:
         output.say(("note:", output.NOTE), f" {note}")
-    if world.names_moving and not timed:
-        output.say(("note:", output.NOTE), f" no times in the path: what moves counts as it stands at {scene.time:g} s")
+    doubts = (*given.doubts, *(given.time_doubts if timed else ()))
+    for doubt in doubts if found.broken else ():  # else they are the reason
+        output.say(("note:", output.NOTE), f" {doubt}")
     output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
-    document = _document(model, found, given.notes)
-    done, q = found.certified, given.q
-    if repaired is not None:
+    document = _document(model, found, given.notes, doubts, interpolation)
+    done, mended_path = found.certified, None
+    if doubts and (repaired or proof):
+        output.say(("neither repaired nor proven", output.BAD), ": ", "; ".join(doubts))
+    elif repaired is not None:
         if not done:
             params = DeformParams(clearance=clearance, self_clearance=self_clearance)
-            mended = repair(model, scene, q, params=params)
-            done, q, interpolation = mended.certified, mended.strip.q, "arc"
-            said = "certified" if done else f"not certified: {mended.reason}"
+            mended = repair(model, scene, given.q, params=params)
+            left = _left_map(model, found_scene, mended.strip.q)
+            done, mended_path, interpolation = mended.certified and left is None, mended.strip, "arc"
+            said = "certified" if done else f"not certified: {left or mended.reason}"
             output.say(
                 "repaired: ",
                 output.verdict(said, done),
-                f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations",
+                f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations"
+                f"{', angles the shorter way' * bool(model.space.turning.any())}",
             )
             document["repair"] = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
-        output.say(f"path    {write_path(repaired, model, q)}")
-    if proof is not None:
+        short = given.q if interpolation == "shortest" else given
+        output.say(f"path    {write_path(repaired, model, short if mended_path is None else mended_path)}")
+    if proof is not None and not doubts:
         made = None
         if done:
-            rows, _, _ = as_arcs(model, model.space.to_coordinates(q), interpolation)
-            made = prove(model, scene, rows, clearance=clearance, self_clearance=self_clearance)
+            made = prove(
+                model, scene, given if mended_path is None else mended_path, clearance=clearance,
+                self_clearance=self_clearance, interpolation=interpolation,
+            )  # fmt: skip
         if made is None:
             output.say(("no proof", output.BAD), ": the path is not certified" + (", or too narrowly" if done else ""))
             done = False
         else:
-            output.say(f"proof   {made.save(proof)}, {len(made.span)} intervals")
-            document["proof"] = {"intervals": len(made.span), **made.digests}
+            output.say(f"proof   {made.save(proof)}, {len(made.span)} intervals, angles {made.header['way']}")
+            document["proof"] = {"intervals": len(made.span), "way": made.header["way"], **made.digests}
             for what, name in made.digests.items():
                 output.say(f"  {what:6} {name}")
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
 
 
-def _document(robot: RobotModel, found: PathCertificate, notes: tuple[str, ...]) -> dict[str, object]:
+def _left_map(robot: RobotModel, scene: SceneFile, q: Array) -> str | None:
+    """What to say of a path whose base stands where no map shows anything; None where it does not."""
+    base = robot.space.to_coordinates(q)[:, :2].tolist() if robot.space.planar else [[0.0, 0.0]]
+    beyond = scene.outside(base)
+    if not len(beyond):
+        return None
+    x, y = base[beyond[0]]
+    return f"configuration {beyond[0]} at ({x:.3g}, {y:.3g}) is outside of the map, of which nothing is known"
+
+
+def _document(
+    robot: RobotModel, found: PathCertificate, notes: tuple[str, ...], doubts: tuple[str, ...], interpolation: str
+) -> dict[str, object]:
     """The answer as JSON has it."""
     broken = found.broken
     least = found.least if found.least is None or math.isfinite(found.least) else None
     return {
-        "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name, "notes": list(notes),
+        "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name,
+        "notes": [*notes, *found.notes], "interpolation": interpolation,
+        "links_without_shape": list(robot.bare_links), "doubts": list(doubts),
         "clearance_m": found.clearance, "self_clearance_m": found.self_clearance, "least_clearance_m": least,
         "segments": list(found.segments), "seconds": found.seconds,
         "broken": None if broken is None else {

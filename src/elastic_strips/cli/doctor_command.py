@@ -55,6 +55,23 @@ from elastic_strips.cli.doctor_command import compare_kernel
 print("PROBED", json.dumps(compare_kernel()), flush=True)
 """
 
+_ROBOT = """
+import json, logging, sys
+given = json.loads(sys.argv[1])
+sys.path[:] = given["path"]
+logging.disable(logging.CRITICAL)
+from elastic_strips.errors import ElasticStripsError
+from elastic_strips.robot import load_robot
+try:
+    card = load_robot(given["names"][0]).card()
+    said = [["note", trouble] for trouble in card.troubles]
+    said.append(["ok", f"{card.base}; elastic-strips robot {given['names'][0]} shows all"])
+except ElasticStripsError as error:
+    said = [["problem", str(error)]]
+for each in said:
+    print("PROBED", json.dumps(each), flush=True)
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Check:
@@ -72,8 +89,9 @@ class Check:
 
 
 @click.command()
+@options.robot_option(help="Look at a robot as well: what of it is not looked at, and what is read in two ways.")
 @options.json_option("Write the findings.")
-def doctor(json_file: str | None) -> int:
+def doctor(robot: str | None, json_file: str | None) -> int:
     """Look at this installation: versions, the native kernel, extras, robots, browser, folders and the machine.
 
     Each line is ok, a note (something that only some uses need), or a problem (the core does not work so).
@@ -82,7 +100,7 @@ def doctor(json_file: str | None) -> int:
     """
     checks: list[Check] = []
     with options.LateProgress("looking") as bar:
-        for check in examine():
+        for check in examine(robot):
             checks.append(check)
             bar.step(check.name)
     rows = [(check.name, (check.status, _COLOURS[check.status]), check.text) for check in checks]
@@ -100,8 +118,8 @@ def doctor(json_file: str | None) -> int:
     return options.EXIT_DONE if not problems else options.EXIT_NOT_DONE
 
 
-def examine() -> Iterator[Check]:
-    """Every check, one after the other."""
+def examine(robot: str | None = None) -> Iterator[Check]:
+    """Every check, one after the other; that of a robot where one is given."""
     yield Check(_DISTRIBUTION, OK, f"{__version__} in {Path(__file__).parents[1]}")
     yield Check("python", OK, f"{platform.python_version()}, {platform.platform()}, {sys.executable}")
     wanted, extras = _requirements()
@@ -120,6 +138,8 @@ def examine() -> Iterator[Check]:
     yield Check("native kernel", NOTE, "not looked at: it needs what is broken") if broken else _kernel()
     for extra, names in extras.items():
         yield _extra(extra, names, said)
+    if robot is not None:
+        yield from _one_robot(robot)
     yield from (look() for look in (_robots, _chromium, _working_folder, _temporary_folder, _port, _processors))
 
 
@@ -261,6 +281,14 @@ def _kernel() -> Check:
         return Check("native kernel", PROBLEM, f"{ended}; ELASTIC_STRIPS_NATIVE=0 turns it off")
     status, text = found[0]
     return Check("native kernel", status, text or "")
+
+
+def _one_robot(name: str) -> list[Check]:
+    """What its card has to say of a robot."""
+    found, ended = _run(_ROBOT, [name])
+    if not found:
+        return [Check(f"robot {name}", PROBLEM, ended)]
+    return [Check(f"robot {name}", str(status), text or "") for status, text in found]
 
 
 def _extra(extra: str, names: Sequence[str], said: dict[str, str | None]) -> Check:

@@ -13,6 +13,7 @@ import click
 
 from elastic_strips._version import __version__
 from elastic_strips.errors import ElasticStripsError, nearest_name
+from elastic_strips.files import command_files
 from elastic_strips.progress import LOGGER
 
 from . import interruptible_imports, output
@@ -33,6 +34,7 @@ Start with:
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
   elastic-strips certify path.csv --robot panda --scene scene.yaml
+  elastic-strips robot my.urdf            what is known of a robot, and what is not looked at
   elastic-strips doctor                   what is installed, and what is broken
 
 --json - writes a command's document to standard output. NO_COLOR=1 turns colours off.
@@ -49,6 +51,7 @@ _COMMANDS = {
     "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
+    "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not looked at."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
     "study": ("study_command", "study", "Run the paper's simulations again, and write the report."),
     "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),
@@ -89,7 +92,9 @@ class LateGroup(click.Group):
 )
 @click.version_option(__version__, prog_name="elastic-strips")
 @click.option("-v", "--verbose", is_flag=True, help="Log what the library does to standard error.")
-def cli(verbose: bool) -> None:
+@click.pass_context
+def cli(context: click.Context, verbose: bool) -> None:
+    context.with_resource(command_files())
     if verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
         return

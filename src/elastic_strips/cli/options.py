@@ -310,19 +310,45 @@ def sensors_of(text: str | None, robot: str) -> SensorConfig | None:
 
 
 def check_outputs(scenario: str, *files: str | None) -> None:
-    """Check that every output can be written, and none would overwrite the scenario or another output.
+    """Check that every output can be written, and none would overwrite another output, the scenario or another file
+    that the command was given, by whatever name.
 
     Raises:
         InputError: a file that cannot be written, or that is named twice.
     """
-    taken = {Path(scenario).absolute()}
+    os.getcwd()  # names are of the working folder: where that was removed it is said at once
+    context = click.get_current_context(silent=True)
+    named = _texts(context.params) if context is not None else []
+    for name in files:  # what is left is no output
+        if name in named:
+            named.remove(name)
+    taken = [scenario, *(name for name in named if os.path.isfile(name))]
     for name in files:
         if name is None or name == output.STDOUT:
             continue
-        path = check_writable(name).absolute()
-        if path in taken:
+        if any(_same(name, other) for other in taken):
             raise InputError(f"{name}: is named twice; each output needs a file of its own")
-        taken.add(path)
+        check_writable(name)
+        taken.append(name)
+
+
+def _texts(value: object) -> list[str]:
+    """All texts and paths in the values of a command's parameters: some of them may be files."""
+    if isinstance(value, (str, Path)):
+        return [str(value)]
+    if isinstance(value, Mapping):
+        return [text for each in value.values() for text in _texts(each)]
+    return [text for each in value for text in _texts(each)] if isinstance(value, (tuple, list)) else []
+
+
+def _same(one: str, two: str) -> bool:
+    """Whether two names are of one file, or would be."""
+    try:
+        return os.path.samefile(one, two)
+    except FileNotFoundError:  # one of them is not there yet
+        return os.path.realpath(one) == os.path.realpath(two)
+    except (OSError, ValueError):  # no file name
+        return False
 
 
 class LateProgress:

@@ -21,12 +21,13 @@ _NAMED = 12
 
 
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
-    """``--joints``, ``--lock``, ``--srdf`` and ``--package-dir``, as one argument ``described`` for ``load_robot``."""
+    """``--joints``, ``--lock``, ``--srdf``, ``--package-dir`` and ``--visual-as-collision``, as one argument
+    ``described`` for ``load_robot``."""
 
     @wraps(command)
     def with_options(
         *, joints: str | None, lock: tuple[tuple[str, float], ...], srdf: str | None, package_dir: tuple[str, ...],
-        **others: object,
+        visual_as_collision: tuple[str, ...], **others: object,
     ) -> int:  # fmt: skip
         described: LoadOptions = {}
         if joints is not None:
@@ -37,19 +38,30 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
             described["srdf"] = srdf
         if package_dir:
             described["package_dirs"] = package_dir
+        if visual_as_collision:
+            missing = "missing" in visual_as_collision
+            if missing and len(visual_as_collision) > 1:
+                raise click.UsageError("--visual-as-collision missing means all such links; name no others besides")
+            described["visual_as_collision"] = "missing" if missing else visual_as_collision
         return command(described=described, **others)
 
     folder = click.option(
         "--package-dir", multiple=True, metavar="DIR", type=click.Path(file_okay=False, exists=True),
         help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
     )  # fmt: skip
+    shapes = click.option(
+        "--visual-as-collision", multiple=True, metavar="LINK|missing",
+        help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
+        "again.",
+    )  # fmt: skip
     pairs = click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups.")
     still = click.option(
         "--lock", multiple=True, metavar="NAME=VALUE", type=JointValue(Finite()),
-        help="A joint to hold still [rad or m], besides wheels and grippers that mimic. May be given again.",
+        help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
+        "given again.",
     )  # fmt: skip
     planned = click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; no others then.")
-    return planned(still(pairs(folder(with_options))))
+    return planned(still(pairs(folder(shapes(with_options)))))
 
 
 def load_robot(
@@ -65,7 +77,9 @@ def load_robot(
         joints = model.joint_names
         output.say(
             f"{model.name} plans {len(joints)} joint{'s' * (len(joints) != 1)}: {_list(joints)}; "
-            f"locked: {_list(tuple(model.locked))}"
+            + (f"following: {_list(tuple(model.followers))}; " if model.followers else "")
+            + f"locked: {_list(tuple(model.locked))}"
+            + (f"; {model.unproven}" if model.unproven else "")
         )
     return model
 

@@ -1,8 +1,9 @@
 """Bounds: bodies of a robot as capsules, and how far any of their points moves between two configurations.
 
 The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of
-freedom: 1 for sliding, the distance from the axis for turning. Static radii hold for all postures within the joint
-limits; tight ones for one posture and the motion to the next.
+freedom: 1 for sliding, the distance from the axis for turning; of one that joints follow, the sum of what its joints
+do, each times its multiplier. Static radii hold for all postures within the joint limits; tight ones for one posture
+and the motion to the next.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from weakref import WeakKeyDictionary
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, Indices, by_rows
 from elastic_strips.native import kernel
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.coal_shapes import native_solid
@@ -109,8 +110,8 @@ class BodySet:
         if not self._kept:
             solids = [native_solid(geometry) for geometry in self.geometries]
             bodies = module.Bodies(
-                tree, solids, self.joint, self.rotation, self.translation, np.ascontiguousarray(self.ends),
-                self.radius, self.skin,
+                tree, solids, np.ascontiguousarray(self.joint, dtype=np.intp),
+                *by_rows(self.rotation, self.translation, self.ends, self.radius), self.skin,
             )  # fmt: skip
             self._kept.append(bodies)
         return self._kept[0]
@@ -154,6 +155,7 @@ class MotionBounds:
     Attributes:
         radius: (nv, G) static radii; zero where the degree of freedom does not move the body.
             Rows 0 and 1 of a planar root are 0: its translation counts once, as ‖(v_x, v_y)‖.
+        of_motion: (M, G) the same of each motion, for a unit of its coordinate; ``radius`` where no joint follows.
     """
 
     def __init__(self, bodies: BodySet) -> None:
@@ -161,30 +163,34 @@ class MotionBounds:
         self.bodies = bodies
         self.planar: bool = tree.space.planar
         if not bodies._radii:  # walked once
-            self.radius: Array = np.zeros((tree.space.nv, len(bodies)))
+            self.of_motion: Array = np.zeros((len(tree.coordinate), len(bodies)))
             for g in range(len(bodies)):
                 self._chain(g)
-            self.radius.setflags(write=False)
-            bodies._radii.append(self.radius)
-        self.radius = bodies._radii[0]
+            folded = tree.summed(self.of_motion.T).T.copy() if tree.follows else self.of_motion
+            bodies._radii.extend((folded, self.of_motion))
+            for radius in bodies._radii:
+                radius.setflags(write=False)
+        self.radius: Array = bodies._radii[0]
+        self.of_motion = bodies._radii[1]
 
     def _chain(self, g: int) -> None:
         """Walk from the body to the root, adding up how far the body can be from each joint's origin."""
-        tree, space = self.bodies.tree, self.bodies.tree.space
+        tree = self.bodies.tree
+        lower, upper = tree.to_motions(tree.space.lower), tree.to_motions(tree.space.upper)
         joint = int(self.bodies.joint[g])
         far = self.bodies.radius[g]
         planar_far = np.linalg.norm(self.bodies.ends[g][:, :2], axis=1).max() + far
         distance = np.linalg.norm(self.bodies.ends[g], axis=1).max() + far
         first = True
         while joint > 0:
-            k = int(tree.coordinate_index[joint])
+            k = int(tree.motion[joint])
             if k < 0:
-                self.radius[2, g] = planar_far if first else distance
+                self.of_motion[2, g] = planar_far if first else distance
             elif tree.prismatic[joint]:
-                self.radius[k, g] = 1.0
-                distance += max(abs(space.lower[k]), abs(space.upper[k]))
+                self.of_motion[k, g] = abs(tree.rate[k])
+                distance += max(abs(lower[k]), abs(upper[k]))
             else:
-                self.radius[k, g] = planar_far if first else distance
+                self.of_motion[k, g] = abs(tree.rate[k]) * (planar_far if first else distance)
             distance += float(np.linalg.norm(tree.offset[joint][:3, 3]))
             first = False
             joint = int(tree.parents[joint])
@@ -210,18 +216,19 @@ class MotionBounds:
         """
         bodies, tree = self.bodies, self.bodies.tree
         ends = bodies.ends_at(kin, node, body)
-        columns = kin.J[node]  # (K, nv, 6), world origin
+        columns = kin.J[node]  # (K, M, 6), world origin
+        rate = np.abs(tree.rate)
         linear, angular = columns[..., :3], columns[..., 3:]
         cross = np.cross(angular[:, None], ends[:, :, None, :]) + linear[:, None]
         reach = np.sqrt((cross**2).sum(axis=-1)).max(axis=1)  # speed of the capsule's ends per unit rate
-        turning = np.abs(angular).max(axis=2) > 1e-9
-        reach = np.where(turning, reach + bodies.radius[body][:, None], 1.0)
-        speed = np.abs(v)
-        static = self.radius[:, body].T * speed  # (K, nv)
+        turning = np.abs(angular).max(axis=2) > 1e-9 * rate
+        reach = np.where(turning, reach + rate * bodies.radius[body][:, None], rate)
+        speed = np.abs(v)[:, tree.coordinate]
+        static = self.of_motion[:, body].T * speed  # (K, M)
         outer = np.zeros_like(static)
-        # joints further out than k on the body's chain have larger coordinate columns: their motion adds to k's lever
+        # joints further out than k on the body's chain are larger motions: what they do adds to k's lever
         outer[:, :-1] = np.cumsum(static[:, :0:-1], axis=1)[:, ::-1]
-        tight = np.minimum(np.where(turning, reach + outer, 1.0), self.radius[:, body].T)
+        tight = np.minimum(np.where(turning, reach + rate * outer, rate), self.of_motion[:, body].T)
         tight *= tree.support[bodies.joint[body]]
         if self.planar:
             tight[:, :2] = 0.0
@@ -233,7 +240,9 @@ class MotionBounds:
         support = self.bodies.tree.support[self.bodies.joint]
         one, two = support[pairs[:, 0]], support[pairs[:, 1]]
         only_one, only_two = one & ~two, two & ~one
-        return self.radius[:, pairs[:, 0]] * only_one.T + self.radius[:, pairs[:, 1]] * only_two.T
+        radius = self.of_motion[:, pairs[:, 0]] * only_one.T + self.of_motion[:, pairs[:, 1]] * only_two.T
+        radius = self.bodies.tree.summed(radius.T).T if self.bodies.tree.follows else radius
+        return np.ascontiguousarray(radius)  # by rows, as the kernel reads them
 
 
 class Displacement:

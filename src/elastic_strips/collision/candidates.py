@@ -348,7 +348,8 @@ class MovingParts:
         """(N−1, P) bound [m] on how far parts come towards the robot from node to node; None where nothing moves."""
         if self.prediction is None:
             return None
-        return np.where(self.columns, self.prediction.travel()[:, self._mover], 0.0)
+        # by rows, as the kernel reads it
+        return np.ascontiguousarray(np.where(self.columns, self.prediction.travel()[:, self._mover], 0.0))
 
     def displaced(self, node: Indices, part: Indices) -> tuple[Array, Array] | None:
         """Shift (K, 3) and uncertainty (K,) of parts at nodes; None where nothing moves."""

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, Indices, by_rows
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
 from elastic_strips.scene import Scene
 from elastic_strips.work import count_work
@@ -41,7 +42,7 @@ _MAX_DEPTH = 12
 """Most halvings between two samples."""
 
 
-class MotionCertifier:
+class MotionCertifier(OneThread):
     """Workspace: certifies motions given as samples, among obstacles that move meanwhile.
 
     Args:
@@ -67,10 +68,12 @@ class MotionCertifier:
         """Exact distance queries made so far."""
         return self._narrow.queries + self._self.queries
 
+    @exclusive
     def reset(self) -> None:
         """Forget the obstacles; for after an exception."""
         self.candidates = None
 
+    @exclusive
     def certify(
         self,
         coordinates: Array,
@@ -94,6 +97,7 @@ class MotionCertifier:
         Returns:
             Its ``broken`` is the first pair found too near; then nothing is said of the other segments.
         """
+        (v,) = by_rows(v)
         count_work(batches=1)
         self._kin.update(coordinates, jacobians=False)
         self._bisection.begin(self._kin, v)
@@ -134,7 +138,8 @@ class MotionCertifier:
         pairs = ObstaclePairs(self.bodies, self._narrow, candidates, self._moving)
         if self._narrow.native is not None:
             found = self._narrow.native.prove(
-                self._kin.T, self._kin.coordinates[: self._kin.n], self._v, candidates.native(), self._moving.native,
+                self._kin.T, self._kin.coordinates[: self._kin.n], self._v, self._narrow.poses(candidates),
+                self._moving.native,
                 travel, approach, clearance, _depth(len(travel)),
             )  # fmt: skip
             return self._proof(pairs, found, len(travel))

@@ -23,6 +23,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.coal_shapes import for_penetration, native_block, native_solid, sphere_as_capsule, supporter
 from elastic_strips.scene.parts import Part
@@ -162,7 +163,7 @@ GJK_EXCESS = 1e-5
 """Every bound subtracts this much [m]: twice what a distance may be above its proof, and what rounding adds."""
 
 
-class Narrowphase:
+class Narrowphase(OneThread):
     """Workspace: exact distances between bodies and obstacle parts; keeps Coal's functors of each pair."""
 
     def __init__(self, bodies: BodySet) -> None:
@@ -180,7 +181,9 @@ class Narrowphase:
         if module is not None and native_bodies is not None:
             self.native = module.Narrowphase(native_bodies)
         self._solids: dict[int, _native.Solid] = {}
+        self._shown: Sequence[Part] | None = None  # what the native half has the shapes of
 
+    @exclusive
     def retain(self, parts: Sequence[Part]) -> None:
         """Forget what is cached for all other parts."""
         self._parts = {id(part): part for part in parts}
@@ -190,7 +193,15 @@ class Narrowphase:
             known = self._solids
             self._solids = {key: known.get(key) or native_part(part) for key, part in self._parts.items()}
             self.native.set_parts([self._solids[id(part)] for part in parts])
+            self._shown = parts
 
+    def poses(self, candidates: CandidateParts) -> _native.Poses:
+        """Where the candidates are, as the native half takes it; it has the shapes of these very candidates then."""
+        if candidates.parts is not self._shown:
+            self.retain(candidates.parts)
+        return candidates.native()
+
+    @exclusive
     def query(
         self,
         kin: Kinematics,
@@ -219,7 +230,8 @@ class Narrowphase:
         distance = np.empty(count)
         direction, witness = np.zeros((count, 3)), np.zeros((count, 3))
         if self.native is not None:
-            self.native.query(kin.T, node, body, part, candidates.native(), shift, distance, direction, witness)
+            poses = self.poses(candidates)
+            self.native.query(kin.T, node, body, part, poses, shift, distance, direction, witness)
             return distance, direction, witness
         rotation, translation = self.bodies.placements(kin, node, body)
         if shift is not None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero, rows_from
 from elastic_strips.scene import Scene
@@ -31,7 +32,7 @@ _MOVING_TOLERANCE = 2e-3
 """What is predicted is never as exact as that [m]: distances to moving parts are measured again only beyond."""
 
 
-class ObstacleProximity:
+class ObstacleProximity(OneThread):
     """Workspace: distances of a strip's bodies to a scene's parts, kept from tick to tick.
 
     Args:
@@ -75,6 +76,7 @@ class ObstacleProximity:
         self._limit = np.full(p, self.tolerance)
         self._share()
 
+    @exclusive
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
         self.candidates = None
@@ -85,6 +87,7 @@ class ObstacleProximity:
         candidates = self.candidates
         return candidates is not None and self.moving.prediction is not None and candidates.scene.names == scene.names
 
+    @exclusive
     def remap(self, source: Indices) -> None:
         """Carry the bounds over to a strip whose node i was node ``source[i]``; −1 marks a new node.
 
@@ -106,6 +109,7 @@ class ObstacleProximity:
         self._coordinates[new] = np.nan
         self._share()
 
+    @exclusive
     def update(self, kin: Kinematics, scene: Scene, prediction: NodePrediction | None = None) -> None:
         """Bring all bounds and exact distances up to date with the nodes of ``kin`` and a scene snapshot.
 
@@ -211,6 +215,7 @@ class ObstacleProximity:
         self.margin[nodes], self._cover[nodes] = grow, -1
         return True
 
+    @exclusive
     def look_between(self, kin: Kinematics, between: Kinematics, reach: Array) -> bool:
         """See that the candidates hold all that is within ``reach`` (M,) [m] of configurations between the nodes.
 
@@ -316,17 +321,20 @@ class ObstacleProximity:
             self._frames[moved] = self._rotations(kin, moved)
             self._coordinates[moved] = kin.coordinates[moved]
 
+    @exclusive
     def refine(self, kin: Kinematics) -> None:
         """Make every pair exact whose bound is below the influence distance and that moved since it was measured."""
         candidates, native, arrays = self.candidates, self.narrow.native, self.arrays
         assert candidates is not None
         if native is not None and arrays is not None:
-            self.account(*native.refine(kin.T, candidates.native(), self.moving.native, self.influence, arrays))
+            poses = self.narrow.poses(candidates)
+            self.account(*native.refine(kin.T, poses, self.moving.native, self.influence, arrays))
             return
         need = (self.bound < self.influence) & (self._since > self._limit)
         node, body, part = nonzero(need)
         self._ask(kin, node, body, part, self.influence)
 
+    @exclusive
     def refine_at(self, kin: Kinematics, node: Indices, body: Indices, part: Indices, reach: Array) -> None:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
         stale = (self.bound[node, body, part] < reach) & (self._since[node, body, part] > 0.0)
@@ -365,10 +373,7 @@ class ObstacleProximity:
 
     def contacts(self) -> Contacts:
         """All pairs within the influence distance, exact to the tolerance."""
-        if self.arrays is not None:
-            node, body, part = at = self.arrays.contacts(self.influence)
-        else:
-            node, body, part = at = nonzero((self.exact < self.influence) & (self._since <= self._limit))
+        node, body, part = at = nonzero((self.exact < self.influence) & (self._since <= self._limit))
         return Contacts(node, body, part, self.exact[at], self.direction[at], self.witness[at])
 
     def clearance(self) -> Array:

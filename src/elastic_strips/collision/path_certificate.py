@@ -6,46 +6,37 @@ miss what lies between them; a certificate cannot (:mod:`elastic_strips.collisio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import pairwise
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, SceneError
+from elastic_strips.errors import ParameterError, RobotError, SceneError
 from elastic_strips.robot import Kinematics, RobotModel
-from elastic_strips.scene import Scene, World
+from elastic_strips.scene import Obstacle, Scene, UnknownMotion, World
+from elastic_strips.scene.motion import MAX_SPEED
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_choice, check_number, check_type
 
 from .bounds import BodySet, MotionBounds
-from .certificate import BrokenSegment
+from .certificate import BrokenSegment, half_turn
 from .obstacles import ObstacleProximity
+from .path_rows import INTERPOLATIONS, Arcs, PathLike, as_arcs, path_rows
 from .self_distance import SelfProximity
 from .strip_certificate import Certifier, coordinate_clearance
 
-INTERPOLATIONS = ("arc", "line")
 _REACH = 0.05  # [m] distances are exact below this, or twice the clearance
 _DEPTH = 20  # most halvings of a segment
 _CHUNK = 256  # segments at once
 _SAMPLES = 129  # configurations of a broken segment that are looked at for the deepest
-_BOW = 1e-4  # [m] by which arcs may leave the line that they stand for
+_LOOKED = 8  # most broken segments that are looked at for one that refutes
 _LEAST_MOTION = 1e-4  # [m] of an obstacle, below which a piece of time is not divided further
 _LEAST_TIME = 1e-6  # [s]
 _TOLERANCE = 1e-4  # [m] of the clearance that is measured
-
-
-class HasConfigurations(Protocol):
-    """A path that knows its configurations, such as a strip."""
-
-    @property
-    def q(self) -> Array:
-        """(N, nq) configurations."""
-        ...
 
 
 class Verdict(str, Enum):
@@ -71,6 +62,7 @@ class PathCertificate(Summary):
         place: where on the segment that is, from 0 to 1; time: when [s], where the path is timed.
         distance: of that pair at ``q`` [m]; below 0 by how deep it is.
         reason: all of it for people, and what would decide what is unknown.
+        notes: what was taken to be so: which way the path turns, at which time what moves was taken.
         seconds: that it took.
     """
 
@@ -85,6 +77,7 @@ class PathCertificate(Summary):
     time: float | None
     distance: float | None
     reason: str
+    notes: tuple[str, ...]
     seconds: float
 
     @property
@@ -99,7 +92,7 @@ class PathCertificate(Summary):
 def certify(
     robot: RobotModel,
     scene: Scene | World,
-    path: npt.ArrayLike | HasConfigurations,
+    path: PathLike,
     *,
     clearance: float = 0.0,
     self_clearance: float = 0.0,
@@ -111,19 +104,27 @@ def certify(
 
     Args:
         robot: the robot.
-        scene: the obstacles; a world's move with the time, for a path with ``times``.
-        path: configurations (N, nq), or a strip. Between two of them joints go linearly.
+        scene: the obstacles. With ``times`` they move, and a world's appear and vanish. Without, a scene is taken as it
+            stands, and the answer says so where something in it moves; a world that changes is refused.
+        path: configurations (N, nq), coordinate rows (N, nv), a strip, or what `load_path` returns, whose doubts count.
+            Configurations have (cos, sin) of a yaw and of joints without limits, rows their values. Between two of
+            them joints go linearly.
         clearance: distance to obstacles [m] to prove; 0 proves that nothing touches.
         self_clearance: distance of the robot's own links [m] to prove.
         interpolation: ``"arc"``: the base goes along the tangent of SE(2), on an arc, as wheels do and as strips have
-            it; ``"line"``: x, y and yaw go linearly, as OMPL's SE(2) and most files have it.
+            it; ``"line"``: x, y and yaw go linearly, as OMPL's SE(2) and most files have it. With both, angles go the
+            shorter way, and values that change by more than half a turn are *unknown*. ``"values"``: all go linearly,
+            angles by their values, whole turns too; *unknown* for configurations, which have none. ``"shortest"``: all
+            go linearly, angles the shorter way, whatever their values. Half a turn is *unknown* where the values do
+            not say which.
         times: (N,) when each configuration is reached [s], not decreasing.
         measure: whether to measure the least distance along a certified path.
 
     Raises:
         RobotError, SceneError: not a robot, or no scene or world.
         ConfigurationError: a path of another shape, or less than two configurations, or outside the joints' limits.
-        ParameterError: a clearance below 0, an unknown interpolation, or times that do not fit.
+        ParameterError: a clearance below 0, an unknown interpolation, times that do not fit, or none where the world
+            changes with the time.
     """
     began = perf_counter()
     check_type("robot", robot, RobotModel, RobotError)
@@ -132,47 +133,31 @@ def certify(
     check_number("clearance", clearance, low=0.0, unit="m")
     check_number("self_clearance", self_clearance, low=0.0, unit="m")
     check_choice("interpolation", interpolation, INTERPOLATIONS)
-    q = robot.check_q(path.q if hasattr(path, "q") else path, what="path")  # type: ignore[union-attr]
-    if q.ndim != 2 or len(q) < 2:
-        raise ConfigurationError(f"path has shape {q.shape}; at least two configurations (N, {robot.nq}) are needed")
-    rows, whole, bow = as_arcs(robot, robot.space.to_coordinates(q), interpolation)
-    when = None if times is None else _checked_times(times, len(q))
-    if isinstance(scene, World) and scene.names_moving and when is None:
-        raise ParameterError(f"times= are needed: {', '.join(scene.names_moving[:3])} move")
-    work = _Work(robot, clearance, self_clearance, bow)
-    standing, movers = _apart(scene, when)
-    work.standing(rows, standing)
-    if movers is not None and when is not None:
-        work.moving(rows, when[0] + np.interp(whole, np.arange(len(when)), when - when[0]), movers)
-    least = coordinate_clearance(robot, rows, standing, tolerance=_TOLERANCE) if measure and movers is None else None
-    return work.result(rows, whole, when, least, began)
+    given = path_rows(robot, path)
+    arcs = as_arcs(robot, given, interpolation)
+    when = None if times is None else _checked_times(times, len(given.rows))
+    standing, changing, notes = _apart(scene, when)
+    work = _Work(robot, clearance, self_clearance, arcs)
+    work.standing(standing)
+    if changing is not None and when is not None:
+        work.changing(when[0] + np.interp(arcs.whole, np.arange(len(when)), when - when[0]), *changing)
+    least = None
+    if measure and changing is None and not arcs.unknown:
+        least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_TOLERANCE)
+    found = work.result(when, least, (*((arcs.way,) if arcs.way else ()), *notes), began)
+    if found.certified and robot.unproven:
+        found = replace(found, reason=f"{found.reason}; {robot.unproven}")
+    varies = changes(scene) if isinstance(scene, World) else [o for o in scene if o.motion is not None]
+    time_doubts = getattr(path, "time_doubts", ()) if when is not None and varies else ()
+    return _doubted(found, [*getattr(path, "doubts", ()), *time_doubts])
 
 
-def as_arcs(robot: RobotModel, rows: Array, interpolation: str) -> tuple[Array, Array, float]:
-    """A path's rows (N, nv) as arcs.
-
-    Returns:
-        Rows (M, nv) between which the base goes on arcs; the segment and the place on it of each, as one number; and
-        how far [m] the arcs may leave the path: 0 where they are the path.
-    """
-    whole = np.arange(len(rows), dtype=float)
-    if interpolation == "arc" or not robot.space.planar:
-        return rows, whole, 0.0
-    v = np.diff(rows, axis=0)
-    v[:, 2] = np.pi - np.mod(np.pi - v[:, 2], 2.0 * np.pi)
-    length, turn = np.hypot(v[:, 0], v[:, 1]), np.abs(v[:, 2])
-    # an arc of constant speed leaves its chord by no more than an eighth of its acceleration, speed times turn; the
-    # speed is at most pi/2 times the chord for turns below half a circle
-    pieces = np.maximum(np.ceil(np.sqrt(np.pi / 16.0 * length * turn / _BOW)), np.ceil(turn / 1.5)).astype(int)
-    out, place = [], []
-    for j, count in enumerate(np.maximum(pieces, 1).tolist()):
-        t = np.arange(count) / count
-        out.append(rows[j] + t[:, None] * v[j])
-        place.append(j + t)
-        # joints that turn without end go the short way, as along the tangent
-        tangent = robot.space.interpolate(rows[j][None], rows[j + 1][None], t)
-        out[-1][:, 3:] = tangent[:, 3:]
-    return np.vstack((*out, rows[-1:])), np.concatenate((*place, whole[-1:])), _BOW
+def _doubted(found: PathCertificate, doubts: list[str]) -> PathCertificate:
+    """What is certified of a path that may not be what the robot does is unknown of the robot."""
+    if not doubts or not found.certified:
+        return found
+    reason = f"{'; '.join(doubts)}. Of what was looked at, {found.reason}"
+    return replace(found, verdict=Verdict.UNKNOWN, reason=reason)
 
 
 def _checked_times(times: npt.ArrayLike, count: int) -> Array:
@@ -182,182 +167,350 @@ def _checked_times(times: npt.ArrayLike, count: int) -> Array:
     return when
 
 
-def _apart(scene: Scene | World, when: Array | None) -> tuple[Scene, World | None]:
-    """What stands still, and the world where something moves."""
+def changes(world: World) -> tuple[str, ...]:
+    """Names of what is not the same at all times: what moves, appears or vanishes."""
+    return tuple(dict.fromkeys((*world.names_moving, *world.appears, *world.vanishes)))
+
+
+def _apart(
+    scene: Scene | World, when: Array | None
+) -> tuple[Scene, tuple[World, tuple[Obstacle, ...]] | None, tuple[str, ...]]:
+    """What stands still all along; the world and what of it does not; what to say of it."""
     if isinstance(scene, Scene):
-        return scene, None
-    first = scene.at(float(when[0]) if when is not None else 0.0)
-    moving = set(scene.names_moving)
-    if not moving:
-        return first, None
-    return Scene([o for o in first if o.name not in moving]), scene
+        moving = [o.name or "" for o in scene if o.motion is not None]
+        if when is None:
+            note = f"{', '.join(moving[:3])}{', …' * (len(moving) > 3)} as it stands at {scene.time:g} s"
+            return scene, None, (note,) if moving else ()
+        if not moving:
+            return scene, None, ()
+        scene = World(scene)
+    names = changes(scene)
+    if not names:
+        return scene.scene, None, ()
+    first = ", ".join(names[:3])
+    if when is None:
+        raise ParameterError(f"times= are needed: {first} move, appear or vanish")
+    if when[0] == when[-1]:
+        raise ParameterError(f"times are all {when[0]:g} s, and {first} move, appear or vanish: nothing says when")
+    standing, changing = [], []
+    for obstacle in scene.scene:
+        begin, end = (
+            d.get(obstacle.name or "", far) for d, far in ((scene.appears, -np.inf), (scene.vanishes, np.inf))
+        )
+        if begin > when[-1] or end <= when[0]:
+            continue
+        all_along = obstacle.motion is None and begin <= when[0] and end > when[-1]
+        (standing if all_along else changing).append(obstacle)
+    return Scene(standing, time=scene.scene.time), (scene, tuple(changing)) if changing else None, ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Broken:
+    """The segment of the refined path, the place on it, what is not proven there, and among what."""
+
+    j: int
+    place: float
+    segment: BrokenSegment
+    scene: Scene | World
+
+    @property
+    def order(self) -> tuple[bool, float]:
+        """What is certain comes first, then what is nearest."""
+        return not self.segment.certain, self.segment.clearance
+
+
+@dataclass(frozen=True, slots=True)
+class _Tools:
+    """Workspaces that measure and certify."""
+
+    obstacles: ObstacleProximity
+    itself: SelfProximity
+    certifier: Certifier
+    kin: Kinematics
 
 
 class _Work:
     """Workspace of one call: what was broken so far."""
 
-    def __init__(self, robot: RobotModel, clearance: float, self_clearance: float, bow: float) -> None:
-        self.robot, self.clearance, self.self_clearance, self.bow = robot, clearance, self_clearance, bow
+    def __init__(self, robot: RobotModel, clearance: float, self_clearance: float, arcs: Arcs) -> None:
+        self.robot, self.clearance, self.self_clearance = robot, clearance, self_clearance
+        self.arcs, self.rows = arcs, arcs.rows
+        self.needed = clearance + arcs.bow
         self.bodies = BodySet.links(robot)
         self.bounds = MotionBounds(self.bodies)
-        self.broken: list[tuple[float, BrokenSegment, Scene | World]] = []  # where on the path, what, and among what
+        self.broken: list[_Broken] = []
         self.bad: set[int] = set()
-        self._tools: tuple[ObstacleProximity, SelfProximity, Certifier, Kinematics] | None = None
+        self._tools: dict[tuple[float, bool], _Tools] = {}
 
-    def _certifier(self) -> tuple[ObstacleProximity, SelfProximity, Certifier, Kinematics]:
-        if self._tools is None:
-            reach, own = (max(_REACH, 2.0 * c) for c in (self.clearance + self.bow, self.self_clearance))
+    def _with(self, reach: float, *, itself: bool) -> _Tools:
+        """Workspaces in which distances are exact below ``reach`` [m], with or without the robot's own pairs."""
+        reach = _REACH if 2.0 * reach <= _REACH else float(2.0 ** np.ceil(np.log2(2.0 * reach)))
+        key = (reach, itself)
+        if key not in self._tools:
             obstacles = ObstacleProximity(self.bodies, influence=reach)
-            itself = SelfProximity(self.bodies, self.robot.self_pairs, self.bounds, influence=own)
-            certifier = Certifier(self.bodies, self.bounds, obstacles, itself, max_depth=_DEPTH)
-            self._tools = obstacles, itself, certifier, Kinematics(self.robot.tree, _CHUNK + 1)
-        return self._tools
+            pairs = self.robot.pairs_within(self.self_clearance) if itself else self.robot.self_pairs[:0]
+            own = SelfProximity(self.bodies, pairs, self.bounds, influence=max(_REACH, 2.0 * self.self_clearance))
+            certifier = Certifier(self.bodies, self.bounds, obstacles, own, max_depth=_DEPTH)
+            self._tools[key] = _Tools(obstacles, own, certifier, Kinematics(self.robot.tree, _CHUNK + 1))
+        return self._tools[key]
 
-    def standing(self, rows: Array, scene: Scene) -> None:
+    def standing(self, scene: Scene) -> None:
         """Certify all segments among obstacles that stand still."""
-        for first, states, broken in self._certified(rows, scene, self.clearance + self.bow):
+        tools = self._with(self.needed, itself=True)
+        for first in range(0, len(self.rows) - 1, _CHUNK):
+            chunk = slice(first, first + _CHUNK)
+            part = self.rows[first : first + _CHUNK + 1]
+            states, broken = self._certified(tools, part, self.arcs.known[chunk], scene, self.needed)
             self.bad.update((first + np.flatnonzero(states)).tolist())
             if broken is not None:
-                self.broken.append((first + broken.segment, broken, scene))
+                self.broken.append(_Broken(first + broken.segment, 0.5, broken, scene))
 
     def _certified(
-        self, rows: Array, scene: Scene, clearance: float
-    ) -> Iterator[tuple[int, npt.NDArray[np.int8], BrokenSegment | None]]:
-        """First segment, states, and the worst broken segment, of pieces of the path."""
-        obstacles, itself, certifier, kin = self._certifier()
-        for first in range(0, len(rows) - 1, _CHUNK):
-            part = rows[first : first + _CHUNK + 1]
-            kin.update(part)
-            obstacles.update(kin, scene)
-            itself.update(kin)
-            v = self.robot.space.difference(part[:-1], part[1:])
-            found = certifier.certify(kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene)
-            yield first, found.states, found.broken
+        self, tools: _Tools, rows: Array, known: npt.NDArray[np.bool_], scene: Scene, clearance: float
+    ) -> tuple[npt.NDArray[np.int8], BrokenSegment | None]:
+        """States of the segments between rows, and the worst broken one; of what is not known, only the ends count."""
+        kin, v = tools.kin, self.robot.space.difference(rows[:-1], rows[1:])
+        v[~known] = 0.0
+        kin.update(rows)
+        tools.obstacles.update(kin, scene)
+        tools.itself.update(kin)
+        found = tools.certifier.certify(
+            kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene
+        )  # fmt: skip
+        return found.states, found.broken
 
-    def moving(self, rows: Array, when: Array, world: World) -> None:
-        """Certify all segments among what moves: in pieces of time in which nothing moves far."""
-        names = world.names_moving
-        for j in range(len(rows) - 1):
-            todo = [(0.0, 1.0)]
+    def changing(self, when: Array, world: World, obstacles: tuple[Obstacle, ...]) -> None:
+        """Certify all segments among what moves, appears or vanishes: in pieces of time in which nothing moves far.
+
+        Time is divided where something appears or vanishes, so that all through a piece the same obstacles are there.
+        """
+        last = len(when) - 2
+        for j in np.flatnonzero(self.arcs.known).tolist():
+            begin, span = float(when[j]), float(when[j + 1] - when[j])
+            events = [(e - begin) / span for e in world.event_times if begin < e < begin + span] if span > 0.0 else []
+            cuts = [0.0, *(e for e in events if 0.0 < e < 1.0), 1.0]
+            todo = [(low, high, obstacles) for low, high in pairwise(cuts)]
+            if j == last:
+                todo.append((1.0, 1.0, obstacles))  # what appears at the very end
             while todo:
-                low, high = todo.pop()
-                t0, t1 = (when[j] + part * (when[j + 1] - when[j]) for part in (low, high))
-                at = world.at(0.5 * (t0 + t1))
-                present = [o for o in at if o.name in names]
-                if not present:
-                    continue
-                shift = max(world.speed_bound(o.name, start=t0, end=t1) for o in present) * 0.5 * (t1 - t0)
-                scene = Scene(present, time=at.time)
-                ends = self.robot.space.interpolate(rows[j][None], rows[j + 1][None], np.array([low, high]))
-                if shift < _REACH or not np.isfinite(shift):
-                    needed = self.clearance + self.bow + (shift if np.isfinite(shift) else 0.0)
-                    _, states, broken = next(self._certified(ends, scene, needed))
-                    if not states.any() and np.isfinite(shift):
-                        continue
-                    if shift < _LEAST_MOTION or t1 - t0 < _LEAST_TIME:
-                        assert broken is not None
-                        self.bad.add(j)
-                        self.broken.append((j + 0.5 * (low + high), broken, world))
-                        break
-                middle = 0.5 * (low + high)
-                todo += [(middle, high), (low, middle)]
+                low, high, among = todo.pop()
+                t0, t1 = begin + low * span, begin + high * span
+                there = tuple(o for o in among if world.exists(o.name or "", 0.5 * (t0 + t1)))
+                ends = self.robot.space.interpolate(
+                    self.rows[j][None], self.rows[j + 1][None], np.array([low, high])
+                )  # fmt: skip
+                open_, broken = self._open(ends, there, world, t0, t1)
+                if broken is not None:
+                    self.bad.add(j)
+                    self.broken.append(_Broken(j, 0.5 * (low + high), broken, world))
+                    break
+                if open_:
+                    middle = 0.5 * (low + high)
+                    todo += [(middle, high, open_), (low, middle, open_)]
+
+    def _open(
+        self, ends: Array, there: tuple[Obstacle, ...], world: World, t0: float, t1: float
+    ) -> tuple[tuple[Obstacle, ...], BrokenSegment | None]:
+        """Obstacles that may be too near in a piece of time, or what is broken where it is too short to be divided."""
+        half, middle = 0.5 * (t1 - t0), 0.5 * (t0 + t1)
+        known = tuple(o for o in there if not isinstance(o.motion, UnknownMotion))
+        shift = max((world.speed_bound(o.name, start=t0, end=t1) for o in known), default=0.0) * half if half else 0.0
+        floor = t1 - t0 < _LEAST_TIME
+        open_: list[Obstacle] = []
+        if not np.isfinite(shift):  # a loop jumps: it is on one side of the jump or on the other
+            if not floor:
+                open_ += known
+            else:
+                far = MAX_SPEED * (1.0 + max(o.reach for o in known)) * (t1 - t0)
+                for t in (t0, t1):
+                    broken = self._broken_among(ends, known, t, far)
+                    if broken is not None:
+                        return (), broken
+        elif shift >= _REACH and not floor:
+            open_ += known
+        elif known:
+            broken = self._broken_among(ends, known, middle, shift)
+            if broken is not None and (shift < _LEAST_MOTION or floor):
+                return (), broken
+            open_ += known if broken is not None else ()
+        for obstacle in there:
+            if isinstance(obstacle.motion, UnknownMotion):
+                margin = away(obstacle, world.scene.time, t0, t1)
+                broken = self._broken_among(ends, (obstacle,), middle, margin)
+                if broken is not None:
+                    if obstacle.motion.max_speed * (t1 - t0) < _LEAST_MOTION or floor:
+                        return (), broken if margin == 0.0 else replace(broken, certain=False)
+                    open_.append(obstacle)
+        return tuple(open_), None
+
+    def _broken_among(
+        self, ends: Array, obstacles: tuple[Obstacle, ...], t: float, margin: float
+    ) -> BrokenSegment | None:
+        """What is broken where these obstacles are within ``margin`` [m] of where they are at ``t``."""
+        needed = self.needed + margin
+        known = np.ones(1, dtype=bool)
+        tools = self._with(needed, itself=False)
+        states, broken = self._certified(tools, ends, known, Scene([o.at(t) for o in obstacles], time=t), needed)
+        assert broken is not None or not states.any()
+        return broken
 
     def result(
-        self, rows: Array, whole: Array, when: Array | None, least: float | None, began: float
-    ) -> PathCertificate:
+        self, when: Array | None, least: float | None, notes: tuple[str, ...], began: float
+    ) -> PathCertificate:  # fmt: skip
         """The verdict; where something is broken, the configuration that shows it best."""
-        segments = tuple(sorted({int(whole[j]) for j in self.bad}))
-        shared = {"clearance": self.clearance, "self_clearance": self.self_clearance, "least": least}
-        if not self.bad:
-            said = "" if least is None else f", {_mm(least)} at the nearest" if np.isfinite(least) else ", nothing near"
-            reason = f"all {len(whole[whole % 1.0 == 0.0]) - 1} segments are proven{said}"
+        whole, unknown = self.arcs.whole, self.arcs.unknown
+        segments = tuple(sorted({int(whole[j]) for j in self.bad} | set(unknown)))
+        assumed = "".join(f"; {note}" for note in notes)
+
+        def answer(
+            verdict: Verdict, reason: str, broken: BrokenSegment | None, found: _Found | None, place: float = 0.0
+        ) -> PathCertificate:
+            shown = found if verdict is Verdict.REFUTED else None
+            time = None if when is None or shown is None else float(np.interp(place, np.arange(len(when)), when))
             return PathCertificate(
-                Verdict.CERTIFIED, **shared, segments=(), broken=None, q=None, place=None, time=None, distance=None,
-                reason=reason, seconds=perf_counter() - began,
+                verdict, self.clearance, self.self_clearance, least, segments, broken,
+                q=None if shown is None else self.robot.space.from_coordinates(shown.row),
+                place=None if shown is None or broken is None else place - broken.segment, time=time,
+                distance=None if shown is None else shown.distance, reason=reason + assumed, notes=notes,
+                seconds=perf_counter() - began,
             )  # fmt: skip
-        self.broken.sort(key=lambda entry: (not entry[1].certain, entry[1].clearance))
-        at, worst, scene = self.broken[0]
-        j = int(at)
-        moments = None if when is None else np.interp(whole[j : j + 2], np.arange(len(when)), when)
-        found = self._deepest(rows[j : j + 2], scene, moments)
+
+        if not segments:
+            said = "" if least is None else f", {_mm(least)} at the nearest" if np.isfinite(least) else ", nothing near"
+            return answer(Verdict.CERTIFIED, f"all {int(whole[-1])} segments are proven{said}", None, None)
+        others = f"; {len(segments) - 1} more segments are not certified" if len(segments) > 1 else ""
+        self.broken.sort(key=lambda entry: entry.order)
+        worst, found = None, None
+        for entry in self.broken[:_LOOKED]:
+            deepest = self._deepest(entry, when)
+            if found is None or deepest.order < found.order:
+                worst, found = entry, deepest
+            if deepest.certain:
+                break
+        if unknown and (found is None or not found.certain):
+            j, why = next(iter(unknown.items()))
+            return answer(Verdict.UNKNOWN, f"segment {j}: {why}{others}", half_turn(self.bodies, j), None)
+        assert worst is not None
+        assert found is not None
+        j = worst.j
         place = whole[j] + (whole[j + 1] - whole[j]) * found.place
         segment = min(int(place), int(whole[-1]) - 1)
-        time = None if when is None else float(np.interp(place, np.arange(len(when)), when))
         broken = BrokenSegment(
             segment, found.link, found.other, found.distance, found.kind, found.certain, found.labels
         )
         one, two = found.labels
-        others = f"; {len(segments) - 1} more segments are not certified" if len(segments) > 1 else ""
         if not found.certain:
-            undefined = worst.kind == "half turn"
             why = (
                 f"segment {segment}: {one} and {two} come as near as {_mm(found.distance)}, too near "
                 "to the clearance to decide: prove a smaller clearance, or look at the path in smaller pieces"
             )
-            return PathCertificate(
-                Verdict.UNKNOWN, **shared, segments=segments, broken=worst if undefined else broken, q=None,
-                place=None, time=None, distance=None, reason=(str(worst) if undefined else why) + others,
-                seconds=perf_counter() - began,
-            )  # fmt: skip
+            if found.margin > 0.0:
+                why = (
+                    f"segment {segment}: {one} comes as near as {_mm(found.distance)} to where {two} was at "
+                    f"{self._seen(worst.scene):g} s, which may have moved by {_mm(found.margin)} since"
+                )
+            return answer(Verdict.UNKNOWN, why + others, broken, found)
         deep = f"{_mm(-found.distance)} deep in" if found.distance < 0.0 else f"{_mm(found.distance)} from"
         reason = f"segment {segment}, at {place - segment:.3f} of it: {one} is {deep} {two}{others}"
-        return PathCertificate(
-            Verdict.REFUTED, **shared, segments=segments, broken=broken, q=self.robot.space.from_coordinates(found.row),
-            place=place - segment, time=time, distance=found.distance, reason=reason, seconds=perf_counter() - began,
-        )  # fmt: skip
+        return answer(Verdict.REFUTED, reason, broken, found, place)
 
-    def _deepest(self, rows: Array, scene: Scene | World, moments: Array | None) -> _Found:
-        """The worst configuration of one segment (2, nv), among many; its ends are reached at ``moments`` (2,) [s]."""
-        part = np.linspace(0.0, 1.0, _SAMPLES)
+    @staticmethod
+    def _seen(scene: Scene | World) -> float:
+        return scene.time if isinstance(scene, Scene) else scene.scene.time
+
+    def _deepest(self, broken: _Broken, when: Array | None) -> _Found:
+        """The worst configuration of a segment of the refined path, among many."""
+        j, scene = broken.j, broken.scene
+        moments = None if when is None else np.interp(self.arcs.whole[j : j + 2], np.arange(len(when)), when)
+        part = np.sort(np.append(np.linspace(0.0, 1.0, _SAMPLES), broken.place))  # what is there for a moment only
         best: _Found | None = None
         for _ in range(3):  # ever closer about the worst so far
-            samples = self.robot.space.interpolate(rows[:1], rows[1:], part)
+            if not self.arcs.known[j]:
+                part, samples = np.array([0.0, 1.0]), self.rows[j : j + 2]
+            else:
+                samples = self.robot.space.interpolate(self.rows[j][None], self.rows[j + 1][None], part)
+                if self.arcs.bow:  # the path itself is a line
+                    samples[:, :2] = self.rows[j, :2] + part[:, None] * (self.rows[j + 1, :2] - self.rows[j, :2])
             if isinstance(scene, Scene):
-                pieces = [(slice(None), scene)]
+                pieces = [(slice(None), scene, {})]
             else:
                 assert moments is not None
-                when = np.interp(part, (0.0, 1.0), moments).tolist()
-                pieces = [(slice(k, k + 1), scene.at(t)) for k, t in enumerate(when)]
-            for k, obstacles in pieces:
-                found = self._worst_of(samples[k], part[k], obstacles)
-                if best is None or found.spare < best.spare:
+                pieces = []
+                for k, t in enumerate(np.interp(part, (0.0, 1.0), moments).tolist()):
+                    among = scene.at(t)
+                    apart = {
+                        o.name: away(o, scene.scene.time, t, t) for o in among if isinstance(o.motion, UnknownMotion)
+                    }
+                    pieces.append((slice(k, k + 1), among, apart))
+            for k, obstacles, margins in pieces:
+                found = self._worst_of(samples[k], part[k], obstacles, margins)
+                if best is None or found.order < best.order:
                     best = found
-            step = part[1] - part[0]
+            step = (part[-1] - part[0]) / (_SAMPLES - 1)
             assert best is not None
             part = np.linspace(max(best.place - step, 0.0), min(best.place + step, 1.0), _SAMPLES)
         assert best is not None
         return best
 
-    def _worst_of(self, samples: Array, part: Array, scene: Scene) -> _Found:
+    def _worst_of(self, samples: Array, part: Array, scene: Scene, margins: dict[str | None, float]) -> _Found:
         kin = Kinematics(self.robot.tree, len(samples))
         kin.update(samples)
-        obstacles, itself, _, _ = self._certifier()
+        tools = self._with(self.needed + max(margins.values(), default=0.0), itself=True)
+        obstacles, itself = tools.obstacles, tools.itself
         obstacles.reset()
         itself.reset()
         obstacles.update(kin, scene)
         itself.update(kin)
-        distance, link, other, k, kind, labels = np.inf, "", "", 0, "obstacle", ("", "")
+        found: list[_Found] = []
+
+        def note(
+            k: int,
+            distance: float,
+            needed: float,
+            margin: float,
+            kind: str,
+            names: tuple[str, str],
+            labels: tuple[str, str],
+        ) -> None:
+            certain, spare = distance + margin <= needed, distance - margin - needed
+            found.append(
+                _Found(float(part[k]), samples[k].copy(), *names, labels, distance, margin, kind, spare, certain)
+            )
+
         if obstacles.exact.size:
-            at = int(np.argmin(obstacles.exact))
-            k, g, c = (int(i) for i in np.unravel_index(at, obstacles.exact.shape))
-            distance, link, other = float(obstacles.exact[k, g, c]), self.bodies.names[g], obstacles.obstacle_name(c)
-            labels = self.bodies.labels[g], other
-        spare, needed = distance - self.clearance, self.clearance
+            parts = [obstacles.obstacle_name(c) for c in range(obstacles.exact.shape[2])]
+            margin = np.array([margins.get(name, 0.0) for name in parts])
+            for at in {int(np.argmin(obstacles.exact + sign * margin)) for sign in (1.0, -1.0)}:
+                k, g, c = (int(i) for i in np.unravel_index(at, obstacles.exact.shape))
+                link, label = self.bodies.names[g], self.bodies.labels[g]
+                distance = float(obstacles.exact[k, g, c])
+                note(k, distance, self.clearance, float(margin[c]), "obstacle", (link, parts[c]), (label, parts[c]))
         if itself.exact.size:
-            at = int(np.argmin(itself.exact))
-            n, s = (int(i) for i in np.unravel_index(at, itself.exact.shape))
-            own = float(itself.exact[n, s])
-            if own - self.self_clearance < spare:
-                one, two = (int(i) for i in itself.pairs[s])
-                distance, link, other, k, kind = own, self.bodies.names[one], self.bodies.names[two], n, "self"
-                labels = self.bodies.labels[one], self.bodies.labels[two]
-                spare, needed = own - self.self_clearance, self.self_clearance
-        return _Found(float(part[k]), samples[k].copy(), link, other, labels, distance, kind, spare, distance <= needed)
+            k, s = (int(i) for i in np.unravel_index(int(np.argmin(itself.exact)), itself.exact.shape))
+            one, two = (int(i) for i in itself.pairs[s])
+            names, labels = ((of[one], of[two]) for of in (self.bodies.names, self.bodies.labels))
+            note(k, float(itself.exact[k, s]), self.self_clearance, 0.0, "self", names, labels)
+        if not found:
+            return _Found(float(part[0]), samples[0].copy(), "", "", ("", ""), np.inf, 0.0, "obstacle", np.inf, False)
+        return min(found, key=lambda one: one.order)
+
+
+def away(obstacle: Obstacle, seen: float, t0: float, t1: float) -> float:
+    """How far [m] an obstacle of unknown motion may be, between ``t0`` and ``t1`` [s], from where it was ``seen`` [s].
+
+    It was where it is at the scene's time; and, where a sensor or a caller placed it at another time, then.
+    """
+    assert isinstance(obstacle.motion, UnknownMotion)
+    since = max(abs(t - at) for t in (t0, t1) for at in {seen, obstacle.anchor_time or seen})
+    return obstacle.motion.max_speed * since
 
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """The worst of some configurations: its place, row, pair and distance, and whether that is too near for sure."""
+    """The worst of some configurations: its place, row, pair and distance, and whether that is too near for sure.
+
+    What moves as nobody knows may be ``margin`` [m] away from where it was measured.
+    """
 
     place: float
     row: Array
@@ -365,9 +518,15 @@ class _Found:
     other: str
     labels: tuple[str, str]
     distance: float
+    margin: float
     kind: str
     spare: float
     certain: bool
+
+    @property
+    def order(self) -> tuple[bool, float]:
+        """What is certain comes first, then what has the least to spare."""
+        return not self.certain, self.spare
 
 
 def _mm(distance: float) -> str:

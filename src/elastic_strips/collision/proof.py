@@ -21,14 +21,16 @@ import numpy as np
 
 from elastic_strips import proof_checker as checker
 from elastic_strips.arrays import Array, Document, Indices
-from elastic_strips.errors import InputError, RobotError, SceneError
+from elastic_strips.errors import InputError, ParameterError, RobotError, SceneError
 from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
+from elastic_strips.validation import check_choice, check_number, check_type
 
 from .bounds import BodySet
+from .path_rows import INTERPOLATIONS, PathLike, PathRows, column_names, path_rows
 
 _DEPTH = 24  # most halvings of a segment; what is still open then is not proven
 _MOST = 3_000_000  # intervals of a proof
@@ -40,8 +42,8 @@ class PathProof(Summary):
     """A proof that a path keeps its clearances, as :mod:`elastic_strips.proof_checker` reads it.
 
     Attributes:
-        header: the robot, the scene and the clearances, as JSON has them.
-        rows: (N, nv) the path.
+        header: the robot, the scene, the clearances and which way the path goes, as JSON has them.
+        rows: (N, nv) the path, as it was given.
         segment, pair: (M,) what each interval is of.
         span: (M, 2) where on the segment it begins and ends.
         normal: (M, 2, 3) directions at both ends, from the first to the second shape.
@@ -65,8 +67,8 @@ class PathProof(Summary):
     @property
     def digests(self) -> dict[str, str]:
         """Names of robot, scene and path: what is proven about another one has other ones."""
-        parts = {"robot": self.header["robot"], "scene": self.header["scene"], "path": self.rows.tolist()}
-        return {name: checker.digest(part) for name, part in parts.items()}
+        parts = {name: checker.digest(self.header[name]) for name in ("robot", "scene")}
+        return {**parts, "path": checker.path_digest(self.rows, str(self.header["way"]))}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the proof as a NumPy archive: the whole file or none.
@@ -84,64 +86,104 @@ class PathProof(Summary):
 
 
 def prove(
-    robot: RobotModel, scene: Scene, coordinates: Array, *, clearance: float = 0.0, self_clearance: float = 0.0
+    robot: RobotModel,
+    scene: Scene,
+    path: PathLike,
+    *,
+    clearance: float = 0.0,
+    self_clearance: float = 0.0,
+    interpolation: str = "arc",
 ) -> PathProof | None:
     """The proof that a path keeps its clearances, or None where it does not, or too narrowly to be proven.
 
     Args:
         robot: the robot.
-        scene: the obstacles, standing still.
-        coordinates: (N, nv) rows; between two of them the robot moves along the tangent: joints linearly, a base on
-            an arc.
+        scene: the obstacles, as they stand.
+        path: configurations (N, nq), coordinate rows (N, nv), a strip, or a path file; see :func:`certify`. The proof
+            is of its very rows.
         clearance, self_clearance: to prove [m].
+        interpolation: as :func:`certify` has it; there is no proof where that does not say which way the path goes.
 
     Raises:
-        RobotError, SceneError: a shape that the checker does not know.
+        RobotError, SceneError: a shape that the checker does not know, or no scene.
+        ConfigurationError: a path of another shape.
+        ParameterError: a clearance below 0, or an unknown interpolation.
         InputError: more intervals would be needed than a proof may have.
     """
-    rows = np.array(coordinates, dtype=float)
+    if not isinstance(scene, Scene):
+        raise SceneError(f"scene is a {type(scene).__name__}; proofs are of a Scene, whose obstacles stand still")
+    check_number("clearance", clearance, low=0.0, unit="m")
+    check_number("self_clearance", self_clearance, low=0.0, unit="m")
+    given = path_rows(robot, path)
+    way = _way(robot, given, interpolation)
+    if way is None:
+        return None
     header: dict[str, Any] = {
-        "format": checker.FORMAT, "version": checker.VERSION, "clearance": clearance, "self_clearance": self_clearance,
-        "robot": robot_statement(robot), "scene": scene_statement(scene),
+        "format": checker.FORMAT, "version": checker.VERSION, "way": way, "clearance": float(clearance),
+        "self_clearance": float(self_clearance), "robot": robot_statement(robot), "scene": scene_statement(scene),
     }  # fmt: skip
     try:
-        work = _Work(robot, scene, header, rows, clearance, self_clearance)
+        work = _Work(robot, scene, header, given.rows)
         found = work.intervals()
     except checker.Refused:
-        return None  # half a turn
+        return None  # half a turn, numbers beyond those that the checker takes
     if found is None:
         return None
     segment, pair, span, normal, spare = found
     normal = normal.astype(np.float32).astype(float)  # as the file has them, and as they were looked at
-    return PathProof(header, rows, segment, pair, span, normal, spare)
+    return PathProof(header, given.rows, segment, pair, span, normal, spare)
+
+
+def path_digest(robot: RobotModel, path: PathLike, interpolation: str = "line") -> str:
+    """The name that a proof of this path has; it is made of the path's rows and of which way it goes, and of no more.
+
+    Args:
+        robot: whose path it is.
+        path: as :func:`prove` takes it.
+        interpolation: as :func:`certify` has it.
+
+    Raises:
+        RobotError: not a robot.
+        ConfigurationError: a path of another shape.
+        ParameterError: an unknown interpolation, or one that does not say which way this path goes.
+    """
+    check_type("robot", robot, RobotModel, RobotError)
+    given = path_rows(robot, path)
+    way = _way(robot, given, interpolation)
+    if way is None:
+        raise ParameterError("interpolation 'values' needs rows (N, nv): configurations have (cos, sin) of angles")
+    return checker.path_digest(given.rows, way)
+
+
+def _way(robot: RobotModel, path: PathRows, interpolation: str) -> str | None:
+    """What proofs call an interpolation; None for one by values, of a path without."""
+    check_choice("interpolation", interpolation, INTERPOLATIONS)
+    if interpolation == "values" and not path.stated:
+        return None
+    if interpolation in ("arc", "line"):
+        # where no angle's values change by half a turn or more; else there is no proof
+        far = np.abs(np.diff(path.rows, axis=0))[:, robot.space.turning].max(initial=0.0)
+        if far >= checker.HALF_TURN:
+            return None
+        return "arc" if interpolation == "arc" and robot.space.planar else "values"
+    return interpolation
 
 
 class _Work:
     """Workspace: halves intervals until all are proven."""
 
-    def __init__(
-        self,
-        robot: RobotModel,
-        scene: Scene,
-        header: dict[str, Any],
-        rows: Array,
-        clearance: float,
-        self_clearance: float,
-    ) -> None:
-        self.robot = checker.Robot(header["robot"])
-        self.obstacles = [checker.Shape(o, "obstacle") for o in header["scene"]]
-        self.rows, self.v = rows, self.robot.tangents(rows)
-        self.across = len(self.robot.bodies) * len(self.obstacles)
-        self.pairs = self.across + len(self.robot.pairs)
-        self.moves = checker.motions(self.robot, self.obstacles, rows, self.v)
-        self.needed = np.where(np.arange(self.pairs) < self.across, clearance, self_clearance)
-        self.body_shapes = list(BodySet.links(robot).geometries)
-        self.obstacle_shapes = [shape for _, shape, _, _ in _pieces(scene)]
-        self.body_boxes, self.obstacle_boxes = (_boxes(shapes) for shapes in (self.robot.bodies, self.obstacles))
+    def __init__(self, robot: RobotModel, scene: Scene, header: dict[str, Any], rows: Array) -> None:
+        self.world = world = checker.World(header["robot"], header["scene"])
+        self.path = checker.Path(world, rows, header["way"])
+        self.bodies, self.pairs = len(header["robot"]["bodies"]), len(world.pairs)
+        clearances = header["clearance"], header["self_clearance"]
+        self.needed = np.where(np.arange(self.pairs) < world.across, *clearances)
+        self.geometries = [*BodySet.links(robot).geometries, *(shape for _, shape, _, _ in _pieces(scene))]
+        self.middles, self.halves = _boxes(world.shapes)
 
     def intervals(self) -> tuple[Indices, Indices, Array, Array, float] | None:
         """Segment, pair, span and normals of intervals that prove everything, and what the worst has to spare."""
-        segments = len(self.rows) - 1
+        segments = len(self.path.v)
         segment = np.repeat(np.arange(segments), self.pairs)
         pair = np.tile(np.arange(self.pairs), segments)
         span = np.tile((0.0, 1.0), (len(pair), 1))
@@ -178,7 +220,7 @@ class _Work:
         return segment, pair, span, normal, least
 
     def _spare(self, segment: Indices, pair: Indices, span: Array, gap: Array) -> Array:
-        travel = (span[:, 1] - span[:, 0]) * self.moves[segment, pair]
+        travel = (span[:, 1] - span[:, 0]) * self.path.motions(segment, pair)
         return 0.5 * (gap.sum(axis=1) - travel) - self.needed[pair] - checker.ROUNDING
 
     def _gaps(self, segment: Indices, t: Array, pair: Indices, normal: Array) -> Array:
@@ -186,39 +228,30 @@ class _Work:
             return np.zeros(0)
         # as the file will have them
         single = normal.astype(np.float32).astype(float)
-        return checker.gaps(self.robot, self.obstacles, self.rows, self.v, segment, t, pair, single)
+        return self.path.gaps(segment, t, pair, single)
 
     def _placed(self, segment: Indices, t: Array) -> tuple[list[tuple[Array, Array]], Indices]:
-        """Poses of all bodies at the different places, and which place each entry is at."""
+        """Poses of all shapes at the different places, and which place each entry is at."""
         places, where = np.unique(np.column_stack((segment, t)), axis=0, return_inverse=True)
-        rows = self.robot.between(self.rows, self.v, places[:, 0].astype(np.int64), places[:, 1].astype(float))
-        frames = self.robot.place(rows)
+        frames = self.world.place(self.path.between(places[:, 0].astype(np.int64), places[:, 1].astype(float)))
         out = []
-        for body, joint in zip(self.robot.bodies, self.robot.joint, strict=True):
-            R = np.tile(np.eye(3), (len(rows), 1, 1)) if joint < 0 else frames[joint][0]
-            t0 = np.zeros((len(rows), 3)) if joint < 0 else frames[joint][1]
-            out.append((R @ body.rotation, t0 + R @ body.translation))
+        for shape, joint in zip(self.world.shapes, self.world.joint, strict=True):
+            R, at = frames[joint]
+            out.append((R @ shape.rotation, at + R @ shape.at))
         return out, where.reshape(-1)
 
     def _between_middles(self, segment: Indices, t: Array, pair: Indices) -> Array:
         """Directions (K, 3) from the middle of the first shape to the nearest place of a box about the second."""
         placed, where = self._placed(segment, t)
-        middles = np.stack([R @ middle + at for middle, (R, at) in zip(self.body_boxes[0], placed, strict=True)])
-        first = np.concatenate(
-            (np.repeat(np.arange(len(self.robot.bodies)), len(self.obstacles)), self.robot.pairs[:, 0])
-        )
-        one = middles[first[pair], where]
-        two = np.empty_like(one)
-        own = pair >= self.across
-        two[own] = middles[self.robot.pairs[pair[own] - self.across, 1], where[own]]
-        if len(self.obstacles):
-            R = np.stack([o.rotation for o in self.obstacles])
-            at = np.stack([o.translation for o in self.obstacles])
-            middle, half = self.obstacle_boxes
-            k = pair[~own] % len(self.obstacles)
-            local = np.einsum("kji,kj->ki", R[k], one[~own] - at[k]) - middle[k]
-            two[~own] = at[k] + np.einsum("kij,kj->ki", R[k], np.clip(local, -half[k], half[k]) + middle[k])
-        way = two - one
+        way = np.zeros((len(pair), 3))
+        for p in np.unique(pair):
+            k = np.flatnonzero(pair == p)
+            one, two = self.world.pairs[p]
+            (R, at), (R_two, at_two) = ((turn[where[k]], place[where[k]]) for turn, place in (placed[one], placed[two]))
+            begin = at + R @ self.middles[one]
+            local = np.einsum("kji,kj->ki", R_two, begin - at_two) - self.middles[two]
+            half = self.halves[two] if two >= self.bodies else 0.0  # of two bodies the middles
+            way[k] = at_two + np.einsum("kij,kj->ki", R_two, np.clip(local, -half, half) + self.middles[two]) - begin
         way[(np.abs(way) < 1e-2).all(axis=1)] = (0.0, 0.0, 1.0)
         return way / np.linalg.norm(way, axis=1, keepdims=True)
 
@@ -229,14 +262,10 @@ class _Work:
         request.gjk_tolerance = 1e-9
         for k, (p, w) in enumerate(zip(pair.tolist(), where.tolist(), strict=True)):
             result = coal.DistanceResult()
-            if p < self.across:
-                g, o = divmod(p, len(self.obstacles))
-                two, pose = self.obstacle_shapes[o], (self.obstacles[o].rotation, self.obstacles[o].translation)
-            else:
-                g, h = self.robot.pairs[p - self.across]
-                two, pose = self.body_shapes[h], (placed[h][0][w], placed[h][1][w])
-            one = coal.Transform3s(placed[g][0][w], placed[g][1][w])
-            distance = coal.distance(self.body_shapes[g], one, two, coal.Transform3s(*pose), request, result)
+            both = [
+                (self.geometries[g], coal.Transform3s(placed[g][0][w], placed[g][1][w])) for g in self.world.pairs[p]
+            ]
+            distance = coal.distance(*both[0], *both[1], request, result)
             normal = np.asarray(result.normal)
             if distance > 0.0 and np.isfinite(normal).all():
                 out[k] = normal
@@ -250,19 +279,19 @@ def robot_statement(robot: RobotModel) -> Document:
         RobotError: a shape that proofs do not know.
     """
     tree, space, bodies = robot.tree, robot.space, BodySet.links(robot)
-    circular = np.zeros(space.nv, dtype=bool)
-    circular[space.base_nv :] = space.circular
     return {
         "name": robot.name,
+        "columns": list(column_names(robot)),
         "planar": bool(space.planar),
         "joints": [
             {
                 "parent": int(tree.parents[i]) - 1, "column": int(tree.coordinate_index[i]),
                 "slides": bool(tree.prismatic[i]), "offset": tree.offset[i, :3].tolist(),
+                "multiplier": float(tree.multiplier[i]), "constant": float(tree.constant[i]),
             }
             for i in range(1, len(tree.parents))
         ],
-        "circular": circular.tolist(),
+        "circular": (space.turning & (np.arange(space.nv) >= space.base_nv)).tolist(),
         "bodies": [
             {
                 "joint": int(bodies.joint[g]) - 1,

@@ -11,6 +11,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero, rows_from
 from elastic_strips.work import count_work
@@ -62,7 +63,7 @@ def segment_distance(one: Array, two: Array) -> Array:
     return np.sqrt((gap * gap).sum(axis=1))
 
 
-class SelfProximity:
+class SelfProximity(OneThread):
     """Workspace: bounds on the distances of self pairs, exact below the influence distance.
 
     Args:
@@ -104,7 +105,7 @@ class SelfProximity:
         module, native_bodies = kernel(), bodies.native()
         self.native: _native.SelfPairs | None = None
         if module is not None and native_bodies is not None:
-            self.native = module.SelfPairs(native_bodies, pairs)
+            self.native = module.SelfPairs(native_bodies, np.ascontiguousarray(pairs, dtype=np.intp))
         self._allocate(0)
         self._functors: dict[int, ShapePair] = {}  # made when the twin first asks
         self._solver = PairSolver()
@@ -126,10 +127,12 @@ class SelfProximity:
                 self.bound, self._since, self.exact, self.direction, self.first, self.second, self.tolerance
             )
 
+    @exclusive
     def reset(self) -> None:
         """Forget everything; the next update starts from nothing."""
         self._coordinates = np.zeros((0, 0))
 
+    @exclusive
     def remap(self, source: Indices) -> None:
         """Carry over to a strip whose node i was node ``source[i]``; −1 marks a new node."""
         if len(self._coordinates) == 0:
@@ -142,6 +145,7 @@ class SelfProximity:
         self._coordinates[new] = np.nan
         self._share()
 
+    @exclusive
     def update(self, kin: Kinematics) -> None:
         """Bring bounds and exact distances up to date with the nodes of ``kin``."""
         coordinates = kin.coordinates[: kin.n]
@@ -165,11 +169,13 @@ class SelfProximity:
             self._since += shift
         self.refine(kin, self.influence)
 
+    @exclusive
     def refine(self, kin: Kinematics, reach: float) -> None:
         """Make every pair exact whose bound is below ``reach`` and that moved since it was measured."""
         node, pair = nonzero((self.bound < reach) & (self._since > self.tolerance))
         self._ask(kin, node, pair, reach)
 
+    @exclusive
     def refine_at(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
         """Make the bounds of single pairs exact where they are below ``reach`` (K,) [m] and may be stale."""
         stale = (self.bound[node, pair] < reach) & (self._since[node, pair] > self.tolerance)
@@ -203,6 +209,7 @@ class SelfProximity:
         ends = bodies.ends_at(kin, node, one), bodies.ends_at(kin, node, two)
         return segment_distance(*ends) - bodies.radius[one] - bodies.radius[two]
 
+    @exclusive
     def query(self, kin: Kinematics, node: Indices, pair: Indices) -> tuple[Array, Array, Array, Array]:
         """Exact signed distances (K,) [m], directions (K, 3) and witness points (K, 3) on either body, world frame."""
         count = len(node)
@@ -221,6 +228,7 @@ class SelfProximity:
         self.queries += queries
         count_work(pairs=pairs, queries=queries)
 
+    @exclusive
     def distances(self, kin: Kinematics, node: Indices, pair: Indices) -> Array:
         """Exact signed distances (K,) [m]; cheaper than :meth:`query`, which reads the nearest points, too."""
         return np.fromiter(self._each(kin, node, pair), dtype=float, count=len(node))

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.arrays import Array, Indices, Mask, by_rows
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.space import nonzero
 from elastic_strips.scene import Scene
@@ -35,7 +36,7 @@ _UNLIMITED = 60
 _KNOWN = np.int8(-1)  # a segment that is certified already, while others are looked at
 
 
-class Certifier:
+class Certifier(OneThread):
     """Workspace: certifies strips for which the two proximities are up to date.
 
     What the proximities know of the nodes decides most pairs; only what it leaves open is bisected.
@@ -64,6 +65,7 @@ class Certifier:
         self._bisection = Bisection(bodies)
         self._between = Kinematics(bodies.tree, 64)
 
+    @exclusive
     def certify(
         self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene,
         known: Mask | None = None,
@@ -79,6 +81,7 @@ class Certifier:
             known: (N−1,) segments that are certified with these very clearances, scene and ends; the others are
                 looked at.
         """
+        (v,) = by_rows(v)
         states = np.zeros(kin.n - 1, dtype=np.int8)
         if known is not None:
             states[known] = _KNOWN
@@ -127,8 +130,8 @@ class Certifier:
         coordinates, checks = kin.coordinates[: kin.n], 0
         if len(candidates):
             broken, count, work = narrow.certify(
-                kin.T, kin.J, coordinates, v, candidates.native(), obstacles.moving.native, self.bounds.radius,
-                obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
+                kin.T, kin.J, coordinates, v, obstacles.narrow.poses(candidates), obstacles.moving.native,
+                self.bounds.of_motion, obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
             )  # fmt: skip
             obstacles.account(*work)
             searches[0].note(broken)

@@ -22,6 +22,7 @@ import time
 from collections import deque
 from itertools import count
 from multiprocessing.context import SpawnProcess
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
 from elastic_strips.errors import ConfigurationError
+from elastic_strips.files import refuse_input
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
@@ -92,6 +94,8 @@ class ExecutorProcess:
         row = space.to_coordinates(robot.check_q(start, what="start"))
         self._goal = space.to_coordinates(robot.check_q(goal, what="goal"))
         self._task = (robot, self.limits, self.params, row, self._goal, self.params.tolerance)
+        if log is not None:
+            refuse_input(Path(log))
         self._log = None if log is None else os.fspath(log)
         self._serial = count(1)
         resting = stationary(robot, self.limits, row, 0.0, self.params.control_dt)

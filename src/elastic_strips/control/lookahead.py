@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, Mask, by_rows
 from elastic_strips.collision import Forecast
 from elastic_strips.native import kernel
 from elastic_strips.robot import PlanarFootprint
@@ -92,7 +92,7 @@ class ObstacleLookahead:
         count_work(outlooks=_pairs(pose, self._discs))
         if self._native is not None:
             result = np.empty(pose.shape[:2])
-            self._native.near_discs(pose, time, self._discs, self._size, lookahead, FAR, result)
+            self._native.near_discs(*by_rows(pose, time, self._discs, self._size), lookahead, FAR, result)
             return result
         x, y, vx, vy = self._discs[:, :4].T
         t = time[:, None]
@@ -115,7 +115,8 @@ class ObstacleLookahead:
             return result
         count_work(outlooks=len(self.body.low) * _pairs(pose, self._discs))
         if self._native is not None:
-            self._native.possible_discs(pose, time, self._discs, self._error, *self.body.boxes(), far, result)
+            seen = by_rows(pose, time, self._discs, self._error, *self.body.boxes())
+            self._native.possible_discs(*seen, far, result)
             return result
         cos, sin = np.cos(pose[..., 2])[..., None], np.sin(pose[..., 2])[..., None]
         x, y, vx, vy, radius, low, high = self._discs[:, :7].T
@@ -140,7 +141,7 @@ class ObstacleLookahead:
         body = self.body
         count_work(outlooks=len(body.low) * _pairs(pose, self._boxes))
         if self._native is not None:
-            self._native.standing_boxes(pose, self._boxes, *self.body.boxes(), _LEAST_DISC, far, result)
+            self._native.standing_boxes(*by_rows(pose, self._boxes, *self.body.boxes()), _LEAST_DISC, far, result)
             return result
         cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         for k in range(len(body.low)):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.arrays import Array, Indices, Mask, by_rows
 from elastic_strips.native import kernel
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.trajectory import ReferenceState
@@ -142,7 +142,8 @@ class RollOuts:
         pose, change = np.empty((len(done), steps, 3)), self._acceleration * self._dt
         here = start.coordinates[:3]
         if self._native is not None:
-            self._native.roll_out(here, speed, first, second, change, rate, self._twist, done, pose)
+            start_and_speeds = by_rows(here, speed, first, second, change, rate, self._twist)
+            self._native.roll_out(*start_and_speeds, done, pose)
             return pose
         # The long axis, that of the manoeuvres, is the last: NumPy's loops run along it.
         passed = np.arange(steps + 1)[:, None]

@@ -7,20 +7,22 @@ robot was when something was measured is interpolated between the transforms bef
 from __future__ import annotations
 
 import importlib
+import logging
 import math
 import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ElasticStripsError, InputError, missing_extra, nearest_name
-from elastic_strips.files import check_input, open_input
-from elastic_strips.scene.quantities import rotation_of
+from elastic_strips.files import check_input, note_input, open_input
+from elastic_strips.scene.quantities import check_pose, rotation_of
 from elastic_strips.validation import check_array
 
 from .laser_log import LoggedScan, scan_of
@@ -29,6 +31,7 @@ from .point_cloud import PointCloud
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
+_log = logging.getLogger(__name__)
 _MAX_BYTES = 2**42
 _HEADS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 _SCAN, _CLOUD, _JOINTS = (f"sensor_msgs/msg/{name}" for name in ("LaserScan", "PointCloud2", "JointState"))
@@ -159,6 +162,8 @@ class BagReader:
         self._base, self._world = base_frame, world_frame
         if os.path.isdir(self.path):
             check_input(self.path / "metadata.yaml", "bag", _MAX_BYTES, BagError)
+            for file in self.path.iterdir():  # that rosbags opens by itself
+                note_input(file)
         else:
             self._check_head()
         self.topics: dict[str, BagTopic] = {}
@@ -175,28 +180,41 @@ class BagReader:
             if stream.read(len(_HEADS[suffix])) != _HEADS[suffix]:
                 raise BagError(f"{self.path}: is no {suffix} bag: it does not begin with {_HEADS[suffix]!r}")
 
-    def scans(self, topic: str | None = None) -> Iterator[LoggedScan]:
+    def scans(
+        self, topic: str | None = None, *, frame: str | None = None, mount: ArrayLike | None = None
+    ) -> Iterator[LoggedScan]:
         """The laser scans, each with the base's pose, as `read_laser_log` gives them.
 
-        The sensor's mount is that of the transforms; it is taken as the base's own place where there are none. The pose
-        is None where the transforms do not say it. Both are counted in ``dropped``.
+        The sensor's mount is that of the transforms. Where they do not have it, ``mount`` is taken, or, with a warning
+        in the log that names frames like it, the base's own place. The pose is None where the transforms do not say it.
+        Both are counted in ``dropped``.
+
+        Args:
+            topic: of the scans.
+            frame: of the sensor, where its messages name one that the transforms do not have.
+            mount: pose (4, 4) of the sensor in the base's frame [m], where the transforms do not say it.
 
         Raises:
             BagError: no such topic, several of them, or a damaged bag.
+            SceneError: a mount that is no pose.
         """
+        given = None if mount is None else check_pose(mount)
         for message, stamp, frames in self._stamped(_SCAN, topic):
-            name = message.header.frame_id
-            mount = frames.between(self._base, name, stamp)
-            if mount is None:
-                self.dropped["scans of a sensor whose mount is not known"] += 1
-                mount = np.eye(4)
+            name = frame or message.header.frame_id
+            at = frames.between(self._base, name, stamp)
+            if at is None and given is None:
+                said = "scans of a sensor whose mount is not known"
+                if not self.dropped[said]:
+                    self._warn(frames, name, self._base, "its scans are taken to be seen from the base's own place")
+                self.dropped[said] += 1
+            mounted = at if at is not None else np.eye(4) if given is None else given
             pose = self._pose(frames, stamp)
             if pose is None:
                 self.dropped["scans without a pose"] += 1
             keys = ("angle_min", "angle_increment", "range_min", "range_max")
             head = {"stamp": stamp, **{key: float(getattr(message, key)) for key in keys}}
             try:
-                yield scan_of(name or "laser", head, message.ranges, mount), pose
+                yield scan_of(name or "laser", head, message.ranges, mounted), pose
             except ValueError as error:
                 self.dropped[f"scans that are none ({error})"] += 1
 
@@ -223,7 +241,10 @@ class BagReader:
             if frame is not None:
                 T = frames.between(frame, name, stamp)
                 if T is None:
-                    self.dropped[f"clouds whose place in {frame!r} is not known"] += 1
+                    said = f"clouds whose place in {frame!r} is not known"
+                    if not self.dropped[said]:
+                        self._warn(frames, name, frame, "its clouds are left out")
+                    self.dropped[said] += 1
                     continue
                 points = points @ T[:3, :3].T + T[:3, 3]
             if not len(points):
@@ -270,6 +291,20 @@ class BagReader:
             if pose is not None:
                 last = stamp
                 yield stamp, pose
+
+    def _warn(self, frames: _Frames, source: str, target: str, so: str) -> None:
+        """Say that no transforms lead from one frame to another, and which frames have such names."""
+        known = sorted({*frames.parents, *frames.parents.values()})
+        like = [
+            f"{name!r} may be {', '.join(map(repr, found[:6]))}"
+            for name in (source, target)
+            if name.lstrip("/") not in known
+            and (found := [k for k in known if _last(k) == _last(name)] or get_close_matches(name, known, n=2))
+        ]
+        _log.warning(
+            "%s: no transforms lead from the frame %r to %r: %s%s; there are %s",
+            self.path, source, target, so, "".join(f"; {each}" for each in like), ", ".join(known[:12]) or "none",
+        )  # fmt: skip
 
     def _pose(self, frames: _Frames, stamp: float) -> Array | None:
         world = self._world or frames.root(self._base)
@@ -342,6 +377,11 @@ class BagReader:
             raise missing_extra(f"the bag {self.path.name}", "rosbags", "ros") from None
         store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)  # for bags that hold no definitions
         return highlevel.AnyReader([self.path], default_typestore=store)
+
+
+def _last(frame: str) -> str:
+    """A frame's name without its robot's: the part behind the last slash."""
+    return frame.rpartition("/")[2]
 
 
 class _Channel(NamedTuple):

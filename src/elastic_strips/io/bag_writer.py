@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -26,7 +25,7 @@ import trimesh
 from elastic_strips.arrays import Array, Document
 from elastic_strips.control.record import Record
 from elastic_strips.errors import InputError, missing_extra
-from elastic_strips.files import atomic_write, check_writable, read_input
+from elastic_strips.files import atomic_write, check_writable, read_input, scratch_folder
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.scene.quantities import quaternion_of
@@ -84,11 +83,11 @@ def write_bag(
         raise InputError(f"{target}: the motion begins at {times[0]:g} s; a bag's time begins at 0")
     world = World(Scene([])) if scene is None else World(scene) if isinstance(scene, Scene) else scene
     chosen = np.unique(np.append(np.searchsorted(times, np.arange(times[0], times[-1], period)), len(times) - 1))
-    with tempfile.TemporaryDirectory() as folder:
-        bag = _Bag(Path(folder) / "bag", frame)
+    with scratch_folder(target) as folder:
+        bag = _Bag(folder / "bag", frame)
         with bag.writer:
             _write(bag, robot, document, times[chosen], coordinates[chosen], v[chosen], world)
-        data = next((Path(folder) / "bag").glob("*.mcap")).read_bytes()
+        data = next((folder / "bag").glob("*.mcap")).read_bytes()
     return atomic_write(target, data)
 
 

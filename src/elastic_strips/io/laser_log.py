@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import logging
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -20,6 +21,7 @@ from elastic_strips.validation import check_array, check_choice, check_number
 
 from .nodes import Node, Source
 
+_log = logging.getLogger(__name__)
 MAX_BYTES = 200_000_000
 _MAX_LINE = 2_000_000  # bytes
 _MAX_SCANS = 200_000
@@ -40,8 +42,9 @@ class LaserLogError(InputError):
 
 
 def read_laser_log(
-    path: str | os.PathLike[str], *, carmen_pose: str = "laser", carmen_range_max: float = 80.0, height: float = 0.0
-) -> tuple[LoggedScan, ...]:
+    path: str | os.PathLike[str], *, carmen_pose: str = "laser", carmen_range_max: float = 80.0, height: float = 0.0,
+    mount: ArrayLike | None = None,
+) -> tuple[LoggedScan, ...]:  # fmt: skip
     """Read the scans of a log, in the file's order; docs/sensed-scenes.md describes the formats.
 
     Args:
@@ -51,6 +54,8 @@ def read_laser_log(
             the base's, or ``"odometry"``, the base's own; the difference of the two is then the laser's mount.
         carmen_range_max: range from which on nothing was hit [m]; for FLASER lines, which do not state it.
         height: of a laser over the floor [m], where the log does not state it.
+        mount: (x, y, z, yaw) of the laser on the base [m, rad], where a log of JSON lines or CSV does not state it;
+            without it the laser is taken to be at the base's origin, with a warning in the log.
 
     Returns:
         Each scan with the base's pose, see `LoggedScan`.
@@ -61,14 +66,17 @@ def read_laser_log(
     check_choice("carmen_pose", carmen_pose, _CARMEN_POSES)
     check_number("carmen_range_max", carmen_range_max, above=0.0, unit="m")
     check_number("height", height, unit="m")
+    usual = [0.0, 0.0, height, 0.0] if mount is None else check_array("mount", mount, (4,)).tolist()
     file = Path(path)
+    unmounted = 0
     scans: list[LoggedScan] = []
     parse: Callable[[str], LoggedScan | None] | None = None
-    readings = 0
+    readings, states = 0, False
     with open_input(file, "laser log", MAX_BYTES, LaserLogError) as (stream, _):
         for number, line in _lines(stream, file):
             if parse is None:
-                parse = _reader(file, number, line, carmen_pose, carmen_range_max, height)
+                parse = _reader(file, number, line, carmen_pose, carmen_range_max, height, usual)
+                states = line.startswith(("{", "stamp,"))
                 if line.startswith("stamp,"):
                     continue
             try:
@@ -78,12 +86,18 @@ def read_laser_log(
             if scan is None:
                 continue
             scans.append(scan)
+            unmounted += states and '"mount"' not in line
             readings += len(scan[0].ranges)
             if len(scans) > _MAX_SCANS or readings > _MAX_READINGS:
                 most = f"{_MAX_SCANS} scans and {_MAX_READINGS} ranges"
                 raise LaserLogError(f"{file}:{number}: the log holds more than {most}, which is the most that is read")
     if not scans:
         raise LaserLogError(f"{file}: the log holds no scans{': it is empty' if parse is None else ''}")
+    if unmounted and mount is None:
+        _log.warning(
+            "%s: %d scans do not say where the laser is mounted: it is taken to be at the base's origin, %g m up",
+            file, unmounted, height,
+        )  # fmt: skip
     return tuple(scans)
 
 
@@ -106,11 +120,11 @@ def _lines(stream: BinaryIO, file: Path) -> Iterator[tuple[int, str]]:
 
 
 def _reader(
-    file: Path, number: int, first: str, carmen_pose: str, carmen_range_max: float, height: float
+    file: Path, number: int, first: str, carmen_pose: str, carmen_range_max: float, height: float, usual: list[float]
 ) -> Callable[[str], LoggedScan | None]:
     """What reads the lines of a log, as its first line tells."""
     if first.startswith("{"):
-        return lambda line: _json(line, height)
+        return lambda line: _json(line, usual)
     if first.startswith("stamp,"):
         columns = [c.strip() for c in first.split(",")]
         valid = set(_NEEDED) <= set(columns) <= {*_NEEDED, *_POSE}
@@ -119,7 +133,7 @@ def _reader(
             raise LaserLogError(
                 f"{file}:{number}: the header must hold {needed}, may hold x, y, yaw, and ends with ranges"
             )
-        return lambda line: _csv(line, columns, height)
+        return lambda line: _csv(line, columns, usual)
     if first.split()[0].isupper():
         return lambda line: _carmen(line, carmen_pose, carmen_range_max, height)
     raise LaserLogError(
@@ -128,24 +142,24 @@ def _reader(
     )
 
 
-def _json(line: str, height: float) -> LoggedScan:
+def _json(line: str, usual: list[float]) -> LoggedScan:
     try:
         entry = json.loads(line)
     except json.JSONDecodeError as error:
         raise ValueError(f"no JSON object: {error.msg} at column {error.colno}") from None
-    return _logged(entry, height)
+    return _logged(entry, usual)
 
 
-def _csv(line: str, columns: list[str], height: float) -> LoggedScan:
+def _csv(line: str, columns: list[str], usual: list[float]) -> LoggedScan:
     cells = [c.strip() for c in line.split(",")]
     if len(cells) < len(columns):
         raise ValueError(f"has {len(cells)} columns; {len(columns) - 1} and the ranges are needed")
     entry: Document = {key: _float(cell, key) for key, cell in zip(columns[:-1], cells, strict=False)}
     entry["ranges"] = [_float(c, "ranges", finite=False) if c else None for c in cells[len(columns) - 1 :]]
-    return _logged(entry, height)
+    return _logged(entry, usual)
 
 
-def _logged(entry: object, height: float) -> LoggedScan:
+def _logged(entry: object, usual: list[float]) -> LoggedScan:
     """The scan and pose of a line that is a JSON object, or a row of a table."""
     entries = Node(entry, "", Source(Path("scan"))).mapping((*_NEEDED, *_OPTIONAL), needed=_NEEDED)
     numbers = {key: entries[key].finite() for key in _NEEDED[:-1]}
@@ -154,7 +168,7 @@ def _logged(entry: object, height: float) -> LoggedScan:
     if parts and (len(parts) < 3 or "pose" in entries):
         raise ValueError("a pose is given by 'pose', or by all of 'x', 'y' and 'yaw'")
     pose = entries["pose"].vector(3, limit=math.inf).tolist() if "pose" in entries else parts or None
-    mount = entries["mount"].vector(4, limit=math.inf).tolist() if "mount" in entries else [0.0, 0.0, height, 0.0]
+    mount = entries["mount"].vector(4, limit=math.inf).tolist() if "mount" in entries else usual
     name = entries.get("sensor", entries.get("frame_id"))
     return _scan("laser" if name is None else name.text(), numbers, ranges, mount), _pose(pose)
 

@@ -21,32 +21,64 @@ from elastic_strips.errors import InputError, SceneError, nearest_name
 from elastic_strips.files import read_input_text
 from elastic_strips.scene import Box, Cone, Cylinder, Mesh, Obstacle, Scene, Sphere
 from elastic_strips.scene.quantities import pose_of, quaternion_of
+from elastic_strips.validation import check_choice
+
+from .point_cloud import LARGE_MESH, warn_of_units
 
 _log = logging.getLogger(__name__)
 MAX_BYTES = 20_000_000
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "plane": 4}
 _SHAPES: dict[str, Callable[..., Obstacle]] = {"sphere": Sphere, "cylinder": Cylinder, "cone": Cone}
+PLANE_SIZE = (200.0, 200.0, 0.1)
+"""Lengths [m] of the slab that stands for a plane."""
 _LEAST_NORM = 0.5  # of a quaternion; one that is not quite of length 1 is normalised, as it was printed in few digits
 
 
-def read_moveit_scene(path: str | os.PathLike[str]) -> Scene:
+def read_moveit_scene(path: str | os.PathLike[str], *, planes: str = "blocked") -> Scene:
     """Read the obstacles of a MoveIt scene file, of the newer format or the older one without poses of objects.
 
-    Obstacles are called as the objects are; those of an object of several shapes have a number after it. Left out, with
-    a warning in the log: colours, subframes, and planes, which have no end. The file's frame is taken as the world.
+    Obstacles are called as the objects are; those of an object of several shapes have a number after it. A plane has no
+    end: it becomes a slab (`plane_slab`). Left out, with a warning in the log: colours and subframes. The file's frame
+    is taken as the world.
+
+    Args:
+        path: of the file.
+        planes: ``"blocked"``, or ``"free"``: they are left out.
 
     Raises:
         SceneError: no such file, or one that does not fit the format; the message names file and line.
     """
+    check_choice("planes", planes, ("blocked", "free"), SceneError)
     file = Path(path)
-    return _Reader(file, read_input_text(file, "MoveIt scene", MAX_BYTES, SceneError)).scene()
+    return _Reader(file, read_input_text(file, "MoveIt scene", MAX_BYTES, SceneError), planes == "free").scene()
+
+
+def plane_slab(coef: Array, pose: Array, name: str | None) -> Obstacle:
+    """A plane as a slab of `PLANE_SIZE` behind it, about the point of it that is nearest to its pose's origin.
+
+    Args:
+        coef: (4,) a, b, c, d of a x + b y + c z + d = 0 in the frame of ``pose``; behind it is where that is below 0.
+        pose: (4, 4) [m].
+        name: of the obstacle.
+    """
+    length = float(np.linalg.norm(coef[:3]))
+    normal = coef[:3] / length
+    turn = np.eye(3)
+    turn[:, 2] = normal
+    turn[:, 0] = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    turn[:, 0] /= np.linalg.norm(turn[:, 0])
+    turn[:, 1] = np.cross(normal, turn[:, 0])
+    middle = -(coef[3] / length + 0.5 * PLANE_SIZE[2]) * normal
+    at = pose[:3, :3] @ middle + pose[:3, 3]
+    return Box(PLANE_SIZE, at=at, quat=quaternion_of(pose[:3, :3] @ turn), name=name)
 
 
 class _Reader:
     """A cursor over the words of a file, which knows its line."""
 
-    def __init__(self, file: Path, text: str) -> None:
+    def __init__(self, file: Path, text: str, planes_free: bool) -> None:
         self._file = file
+        self._planes_free = planes_free
         self._lines = text.splitlines()
         self._at = 1  # lines taken; the first is the scene's name
         self._words: list[str] = []  # of the current line that are left, the next one last
@@ -114,6 +146,8 @@ class _Reader:
             vertices, triangles = (self._count(f"the number of {what}") for what in ("vertices", "triangles"))
             points = np.array(self._numbers(3 * vertices, "a vertex")).reshape(-1, 3)
             faces = np.array(self._numbers(3 * triangles, "a triangle")).reshape(-1, 3)
+            if len(points):
+                warn_of_units(f"{self._file}:{self._at}: the mesh", points, LARGE_MESH)
             return lambda **where: Mesh(points, faces, **where)
         if kind not in _SIZES:
             self._fail(f"shapes of the kind {kind[:40]!r} are not read{nearest_name(kind[:40], [*_SIZES, 'mesh'])}")
@@ -122,8 +156,12 @@ class _Reader:
         if self._words or self._at > line:  # one is missing or too many, if what follows does not fit either
             self._doubt = line, f"the {_SIZES[kind]} sizes of a {kind} are not one line"
         if kind == "plane":
-            self._drop("planes")
-            return None
+            if self._planes_free:
+                self._drop("planes")
+                return None
+            if not any(sizes[:3]):
+                self._fail("a plane's normal must not be 0")
+            return lambda at, quat, name: plane_slab(np.array(sizes), pose_of(at, quat), name)
         if kind == "box":
             return lambda **where: Box(sizes, **where)
         return lambda **where: _SHAPES[kind](*sizes, **where)

@@ -7,15 +7,18 @@ import io
 import logging
 import math
 import os
+import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import ScenarioError, missing_extra
 from elastic_strips.files import read_input
-from elastic_strips.scene import Scene, Voxels
+from elastic_strips.scene import Box, Obstacle, Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
+from elastic_strips.scene.quantities import check_pose, quaternion_of
 from elastic_strips.validation import check_choice, check_number, shown
 
 from .nodes import Node, load_yaml
@@ -24,13 +27,57 @@ _log = logging.getLogger(__name__)
 _KEYS = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 MAX_BYTES = 100_000_000
 _MAX_CELLS = 16_000_000
+_COMMENT = re.compile(rb"#[^\r\n]*")
 _MODES = ("trinary", "scale", "raw")
 _FULL = 100.0  # occupancy of a cell that is certainly occupied
+WALL_HEIGHT = 3.0
+"""Height [m] of a map's walls where neither it nor the robot is known: more than mobile manipulators reach."""
+_EDGE = 2.0  # [m] thickness of what stands for all that is outside of a map
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapArea:
+    """The rectangle that a map shows.
+
+    Attributes:
+        T_world_map: pose (4, 4) of its lower left corner; it stands upright.
+        size: (2,) its lengths along the map's x and y [m].
+        low, high: between which heights its walls are [m].
+    """
+
+    T_world_map: Array
+    size: Array
+    low: float
+    high: float
+
+    def holds(self, points: ArrayLike) -> Mask:
+        """Which points (N, 2) of the world [m] are inside, as booleans (N,)."""
+        local = (np.asarray(points, dtype=float) - self.T_world_map[:2, 3]) @ self.T_world_map[:2, :2]
+        return np.all((local >= 0.0) & (local <= self.size), axis=1)
+
+    def edges(self) -> list[Obstacle]:
+        """Four boxes around it: who leaves the map meets one of them."""
+        (x, y), z = self.size.tolist(), 0.5 * (self.low + self.high) - self.T_world_map[2, 3]
+        height, far = self.high - self.low, 0.5 * _EDGE
+        boxes = {
+            "left": ((_EDGE, y + 2.0 * _EDGE), (-far, 0.5 * y)),
+            "right": ((_EDGE, y + 2.0 * _EDGE), (x + far, 0.5 * y)),
+            "lower": ((x, _EDGE), (0.5 * x, -far)),
+            "upper": ((x, _EDGE), (0.5 * x, y + far)),
+        }
+        quat = quaternion_of(self.T_world_map[:3, :3])
+        made: list[Obstacle] = []
+        for name, (size, at) in boxes.items():
+            place = self.T_world_map @ (*at, z, 1.0)
+            made.append(Box((*size, height), at=place[:3], quat=quat, name=f"outside-of-map-{name}"))
+        return made
 
 
 def load_nav2_map(
-    path: str | os.PathLike[str], *, unknown: str = "free", height: float = 1.0, lethal: float = _FULL
-) -> Scene:
+    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL,
+    low: float = 0.0, outside: str = "blocked",
+) -> Scene:  # fmt: skip
     """A map in Nav2's format as a scene with one obstacle, ``map``: a box from the floor up for every occupied cell.
 
     A pixel of brightness b (of 255) has the occupancy p = (255 − b) / 255, or b / 255 where ``negate`` is set. A cell
@@ -39,22 +86,48 @@ def load_nav2_map(
     ``raw`` it is b itself up to 100, and unknown above. Nav2 before 2025 took opacity for one more colour in mode
     ``trinary``; what it had for occupied then is so, too.
 
-    Neighbouring boxes are merged. A map without an occupied cell gives a scene without obstacles. A warning in the log
-    says how many cells are left out that are unknown, or between free and occupied, and which keys are not known.
+    Neighbouring boxes are merged. A map without an occupied cell gives no obstacle ``map``. A warning in the log says
+    how many cells are left out that are unknown, or between free and occupied, and which keys are not known.
+
+    A map says nothing of what is outside of it: four boxes, ``outside-of-map-left``, ``-right``, ``-lower`` and
+    ``-upper``, surround it, so that nothing that leaves it is certified or planned.
 
     Args:
         path: The map's YAML file; it names the image, a PGM, PNG or BMP file. All but PGM need the extra ``ros``.
         unknown: What unknown cells are: ``"free"``, as Nav2's planners take them by default, or ``"occupied"``.
-        height: Of the boxes [m].
+        height: Up to which the boxes reach [m]: as high as the robot's arm can get, or it passes over them.
         lethal: Occupancy in (0, 100] from which on a cell of mode ``scale`` or ``raw`` is occupied; by default what
             Nav2's static layer takes.
+        low: From which on they reach up [m].
+        outside: ``"blocked"``, or ``"free"``: without the four boxes.
 
     Raises:
         MissingExtraError: The image is no PGM file, and Pillow is not installed.
         ScenarioError: A file is missing, cannot be read, or does not fit; the message names file, line and key.
     """
+    walls, area = read_map(path, unknown=unknown, height=height, lethal=lethal, low=low)
+    check_choice("outside", outside, ("blocked", "free"), ScenarioError)
+    return Scene([*walls, *(area.edges() if outside == "blocked" else ())])
+
+
+def read_map(
+    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL,
+    low: float = 0.0, at: Array | None = None, name: str = "map",
+) -> tuple[list[Obstacle], MapArea]:  # fmt: skip
+    """The walls of a map, and the area that it shows; see `load_nav2_map`.
+
+    Args:
+        path, unknown, height, lethal, low: see there; heights are the world's.
+        at: pose (4, 4) of the map's frame in the world, upright.
+        name: of the obstacle.
+
+    Raises:
+        MissingExtraError, ScenarioError: as there.
+    """
     check_choice("unknown", unknown, ("free", "occupied"), ScenarioError)
     check_number("lethal", lethal, above=0.0, high=_FULL, error=ScenarioError)
+    check_number("height", height, unit="m", error=ScenarioError)
+    check_number("low", low, unit="m", error=ScenarioError)
     root = load_yaml(path, error=ScenarioError)
     needed = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
     entries = root.mapping(needed=needed, what="a map")
@@ -64,11 +137,17 @@ def load_nav2_map(
     negate = "negate" in entries and _flag(entries["negate"])
     resolution = entries["resolution"].number(low=1e-4, high=100.0)
     x, y, yaw = entries["origin"].vector(3).tolist()
-    high, low = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
-    if low > high:
-        entries["free_thresh"].fail(f"is {low:g}; it must not exceed 'occupied_thresh', {high:g}")
+    if abs(yaw) > _TURN:
+        _log.warning(
+            "%s: the origin's yaw is %g rad, more than a turn: it is in radians; %g degrees would be %.6g",
+            root.source.path, yaw, yaw, math.radians(yaw),
+        )  # fmt: skip
+        yaw = math.remainder(yaw, _TURN)
+    high, free = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
+    if free > high:
+        entries["free_thresh"].fail(f"is {free:g}; it must not exceed 'occupied_thresh', {high:g}")
     image, opacity = _read_image(entries["image"])
-    occupancy = _occupancy(image, opacity, mode, negate, low, high)
+    occupancy = _occupancy(image, opacity, mode, negate, free, high)
     filled = occupancy >= lethal
     partly, nothing = np.count_nonzero((occupancy > 0.0) & ~filled), np.isnan(occupancy)
     if unknown == "occupied":
@@ -79,13 +158,30 @@ def load_nav2_map(
         _log.warning("%s: left out: %s", root.source.path, said)
     if np.count_nonzero(filled) > MAX_CENTERS:
         entries["image"].fail(f"{np.count_nonzero(filled)} cells are occupied; at most {MAX_CENTERS} are read")
+    pose = np.eye(4)
+    pose[:2, :2], pose[:2, 3] = ((math.cos(yaw), -math.sin(yaw)), (math.sin(yaw), math.cos(yaw))), (x, y)
+    pose = entries["origin"].checked(_upright, pose if at is None else at @ pose)
+    area = MapArea(pose, resolution * np.array(filled.shape[::-1], dtype=float), low, height)
     rows, columns = np.nonzero(filled[::-1])  # the first row of an image is its upper edge
-    if not len(rows):
-        return Scene([])
     centers = np.column_stack(((columns + 0.5) * resolution, (rows + 0.5) * resolution, np.zeros(len(rows))))
-    quat = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
-    size = (resolution, resolution, height)
-    return root.checked(lambda: Scene([Voxels(centers, size, at=(x, y, 0.5 * height), quat=quat, name="map")]))
+    middle = pose[:3, 3].copy()
+    middle[2] = 0.5 * (low + height)
+    size = (resolution, resolution, height - low)
+
+    def walls() -> list[Obstacle]:
+        some = centers if len(rows) else np.zeros((1, 3))  # also where none are occupied the sizes are checked
+        made = Voxels(some, size, at=middle, quat=quaternion_of(pose[:3, :3]), name=name)
+        return [made] if len(rows) else []
+
+    return root.checked(walls), area
+
+
+def _upright(pose: Array) -> Array:
+    """The pose of a map, checked."""
+    pose = check_pose(pose)
+    if abs(pose[2, 2] - 1.0) > 1e-9:
+        raise ScenarioError("a map cannot be tilted: its walls stand upright, and its pose may only have a yaw")
+    return pose
 
 
 def _flag(node: Node) -> bool:
@@ -144,8 +240,8 @@ def _read_pgm(node: Node, file: Path, data: bytes) -> Array:
         while data[at : at + 1].isspace():
             at += 1
         if data[at : at + 1] == b"#":
-            end = data.find(b"\n", at)
-            at = len(data) if end < 0 else end
+            found = _COMMENT.match(data, at)
+            at = len(data) if found is None else found.end()
             continue
         end = at
         while data[end : end + 1].isdigit():
@@ -159,12 +255,12 @@ def _read_pgm(node: Node, file: Path, data: bytes) -> Array:
         node.fail(f"{file}: {width} × {rows} pixels up to {top} are not read; at most {_MAX_CELLS} pixels up to 65535")
     if data[:2] == b"P2":
         try:
-            pixels = _numbers(data, at, width * rows)
+            pixels = _numbers(_COMMENT.sub(b"", data[at:]), 0, width * rows)
         except ValueError:
             node.fail(f"{file}: the image holds something that is no number")
     else:
         kind = np.dtype(np.uint8 if top < 256 else ">u2")
-        body = data[at + 1 :]
+        body = data[_raster(data, at, width * rows * kind.itemsize) :]
         pixels = np.frombuffer(body, dtype=kind, count=min(len(body) // kind.itemsize, width * rows)).astype(np.float64)
     if len(pixels) < width * rows:
         node.fail(f"{file}: the image has {len(pixels)} pixels; {width} × {rows} = {width * rows} are needed")
@@ -172,6 +268,21 @@ def _read_pgm(node: Node, file: Path, data: bytes) -> Array:
     if not (image.min() >= 0.0 and image.max() <= 1.0):
         node.fail(f"{file}: the image has pixels beyond its largest value, {top}")
     return image
+
+
+def _raster(data: bytes, at: int, size: int) -> int:
+    """Where the ``size`` bytes of a P5 file's pixels begin, whose header's last number ends at ``at``.
+
+    After one blank, says the format. Some write two, as ends of lines are on Windows, or a comment: that is believed
+    where all pixels fit behind it, and the header has such lines before, or the pixels end with the file.
+    """
+    blank, head, left = data[at : at + 2], data[:at], len(data) - at - 2
+    if blank == b"\r\n" and left >= size and (b"\r\n" in head or (left == size and b"\r" not in head)):
+        return at + 2
+    comment = re.compile(rb"[ \t]*#[^\r\n]*(\r\n|\n|\r)").match(data, at)
+    if comment is not None and (blank[:1] == b"#" or len(data) - comment.end() == size):
+        return comment.end()
+    return at + 1
 
 
 def _numbers(data: bytes, at: int, most: int) -> Array:

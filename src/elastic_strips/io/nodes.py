@@ -244,9 +244,18 @@ def load_json(
     source = Source(Path(path, name) if os.path.isdir(path) else Path(path), error)
     text = read_input_text(source.path, what, MAX_JSON_BYTES, error)
     try:
-        return Node(json.loads(text), "", source)
+        return Node(json.loads(text, object_pairs_hook=_unique), "", source)
     except (ValueError, RecursionError) as problem:
         source.fail(f"is not JSON: {problem}")
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """A mapping of JSON, whose keys have to differ."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise ValueError(f"the key {shown(next(key for key in keys if keys.count(key) > 1))} is given twice")
+    return found
 
 
 def parse_yaml(text: str, source: Source) -> Node:

@@ -71,7 +71,10 @@ class NpzArrays(Mapping[str, NDArray[np.generic]]):
             limit: most bytes [B] that the arrays may have together, uncompressed.
         """
         _check_directory(stream, size)
-        self._archive = zipfile.ZipFile(stream)
+        try:
+            self._archive = zipfile.ZipFile(stream)
+        except NotImplementedError as problem:  # a version of the format that zipfile does not know
+            raise NpyError(f"is no archive of numpy's: {problem}") from None
         self._limit = self._left = limit
         self._members = {
             info.filename.removesuffix(".npy"): info
@@ -89,7 +92,7 @@ class NpzArrays(Mapping[str, NDArray[np.generic]]):
             with self._archive.open(info) as stream:
                 array = read_npy(stream, info.file_size, self._left)
                 stream.read(1)  # its end, where zipfile compares the checksum
-        except NpyError as error:
+        except (NpyError, NotImplementedError) as error:
             raise NpyError(f"the array {name!r} {error}") from None
         self._left -= array.nbytes
         return array

@@ -32,7 +32,7 @@ from elastic_strips.scene.quantities import (
 )
 
 from .nodes import Node
-from .point_cloud import read_points
+from .point_cloud import LARGE_MESH, read_points, warn_of_units
 
 MAX_ROWS = 4_000_000
 """Most poses of moving pieces that a record's world is made of: their number times the control rows."""
@@ -92,7 +92,7 @@ def _placement(entries: dict[str, Node]) -> Document:
     if "quat" in entries:
         common["quat"] = entries["quat"].checked(check_quaternion, "the value", entries["quat"].vector(4))
     if "rpy" in entries:
-        common["quat"] = _quat_of_rpy(*entries["rpy"].vector(3).tolist())
+        common["quat"] = quaternion_of_rpy(*entries["rpy"].vector(3).tolist())
     if "motion" in entries:
         common["motion"] = _motion(entries["motion"])
     return common
@@ -187,7 +187,9 @@ def _mesh(node: Node, entries: dict[str, Node], common: Document) -> Obstacle:
         if "faces" in entries:
             entries["faces"].fail("belongs to 'vertices', not to a mesh 'file'")
         scale = entries["scale"].number(low=1e-9, high=1e9, unit="") if "scale" in entries else 1.0
-        return given.checked(Mesh.from_file, _file(given), scale=scale, **common)
+        mesh = given.checked(Mesh.from_file, _file(given), scale=scale, **common)
+        warn_of_units(f"{_file(given)}", np.asarray(mesh.spec["vertices"], dtype=float), LARGE_MESH)
+        return mesh
     if "scale" in entries:
         entries["scale"].fail("belongs to a mesh 'file', not to 'vertices'")
     faces = _needed(node, entries, "faces").rows(3)
@@ -204,7 +206,7 @@ def _file(node: Node) -> Path:
     return node.source.path.parent / node.text()
 
 
-def _quat_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+def quaternion_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Unit quaternion of Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)

@@ -18,26 +18,31 @@ from typing import NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import InputError, SceneError
 from elastic_strips.files import read_input
 from elastic_strips.scene import Obstacle, Scene, Voxels
+from elastic_strips.scene.parts import MAX_CENTERS
+from elastic_strips.scene.quantities import check_pose, quaternion_of
 from elastic_strips.validation import check_number
 
 _log = logging.getLogger(__name__)
 MAX_BYTES = 100_000_000
 _MAX_NODES = 20_000_000
 _LEVELS = 16
+_LEAST_EDGE, _MOST_EDGE = 1e-4, 100.0  # [m] of a cell
+_SLACK = 1e-9  # [m] by which a cell has to be between two heights
 _DEEPEST = 1 << 3 * _LEVELS  # codes from here on belong to the last level, which has no children
 _HEADS = {b"# Octomap OcTree binary file": True, b"# Octomap OcTree file": False}
 _COLOURS = {"OcTree": 0, "OcTreeStamped": 0, "ColorOcTree": 3}  # kinds of .ot files, and their bytes of colour
 _Codes = npt.NDArray[np.int64]
 """Of nodes: a leading 1, then three bits for each level, from the root on."""
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
 def read_octomap(
     path: str | os.PathLike[str], *, occupied: float = 0.5, low: float | None = None, high: float | None = None,
-    name: str = "octomap",
+    at: ArrayLike | None = None, name: str = "octomap",
 ) -> Scene:  # fmt: skip
     """Read the occupied space of an octree: one obstacle of voxels for each size of cells that it has.
 
@@ -46,7 +51,9 @@ def read_octomap(
     Args:
         path: of the file; its first line says which format it has.
         occupied: probability from which on a cell of an ``.ot`` file is occupied; a ``.bt`` file says only whether.
-        low, high: cells whose middle is below or above are left out [m]: the floor under the robot, the ceiling.
+        low, high: what is below or above is left out [m], in the world: the floor under the robot, the ceiling. A cell
+            that is partly there stays, or the smallest cells of it that are.
+        at: pose (4, 4) of the map's frame in the world.
         name: of the obstacle; where there are several, the edge of their cells follows.
 
     Raises:
@@ -56,37 +63,117 @@ def read_octomap(
     check_number("occupied", occupied, above=0.0, below=1.0)
     file = Path(path)
     data = read_input(file, "octree", MAX_BYTES, SceneError)
-    binary, kind, size, resolution, at = _header(file, data)
+    binary, kind, size, resolution, begin = _header(file, data)
+    log_odds = math.log(occupied / (1.0 - occupied))
     full, free, nodes = (
-        _read_bt(file, data, at, size) if binary
-        else _read_ot(file, data, at, size, _COLOURS[kind], math.log(occupied / (1.0 - occupied)))
+        _read_bt(file, data, begin, size) if binary
+        else _read_ot(file, data, begin, size, _COLOURS[kind], log_odds)
     )  # fmt: skip
     if nodes != size:
         _fail(file, f"the tree has {nodes} nodes; its header says {size}")
+    return Scene(_obstacles(str(file), full, free, resolution, low, high, at, name, not binary and _COLOURS[kind] > 0))
+
+
+def octree_obstacles(
+    data: bytes, where: str, *, binary: bool, kind: str, resolution: float, at: ArrayLike | None = None,
+    name: str = "octomap",
+) -> list[Obstacle]:  # fmt: skip
+    """The occupied space of an octree in a message (``octomap_msgs/Octomap``), whose data have no header.
+
+    Args:
+        data: the nodes.
+        where: what to call it in messages.
+        binary: whether they are as in a ``.bt`` file.
+        kind: of tree.
+        resolution: edge of the smallest cells [m].
+        at: pose (4, 4) of its frame in the world.
+        name: as of `read_octomap`.
+
+    Raises:
+        SceneError: damaged data, or another kind of tree.
+    """
+    file = Path(where)
+    if data[:10] == b"# Octomap ":  # as messages were before 2013
+        binary, kind, _, resolution, begin = _header(file, data)
+        data = data[begin:]
+    check_number(f"{where}: resolution", resolution, low=_LEAST_EDGE, high=_MOST_EDGE, unit="m", error=SceneError)
+    if kind not in _COLOURS and not binary:
+        _fail(file, f"trees of the kind {kind[:40]!r} are not read; valid: {', '.join(_COLOURS)}")
+    most = min(_MAX_NODES, len(data))  # a node has at least two bytes
+    full, free, _ = (
+        _read_bt(file, data, 0, most) if binary else _read_ot(file, data, 0, most, _COLOURS[kind], 0.0)
+    )  # fmt: skip
+    if not len(full):
+        return []
+    return _obstacles(where, full, free, resolution, None, None, at, name, False)
+
+
+def _obstacles(
+    where: str, full: _Codes, free: _Codes, resolution: float, low: float | None, high: float | None,
+    at: ArrayLike | None, name: str, colours: bool,
+) -> list[Obstacle]:  # fmt: skip
+    """Obstacles of the occupied leaves; a warning says what is left out."""
+    pose = np.eye(4) if at is None else check_pose(at)
+    cells, left_out = _cells(full, resolution), 0
+    known = cells + _cells(free, resolution)
+    if low is not None or high is not None:
+        bottom, top = -math.inf if low is None else low, math.inf if high is None else high
+        cells, left_out = _between(cells, resolution, pose[2], bottom, top)
     obstacles: list[Obstacle] = []
-    left_out, cells = 0, _cells(full, resolution)
+    quat, place = quaternion_of(pose[:3, :3]), pose[:3, 3]
     for edge, centers in cells:
-        keep = np.ones(len(centers), dtype=bool)
-        if low is not None:
-            keep &= centers[:, 2] >= low
-        if high is not None:
-            keep &= centers[:, 2] <= high
-        left_out += int((~keep).sum())
-        if keep.any():
-            called = name if len(cells) == 1 else f"{name}-{edge:g}"
-            try:
-                obstacles.append(Voxels(centers[keep], edge, name=called))
-            except InputError as error:
-                _fail(file, str(error))
+        called = name if len(cells) == 1 else f"{name}-{edge:g}"
+        try:
+            obstacles.append(Voxels(centers, edge, at=place, quat=quat, name=called))
+        except InputError as error:
+            raise SceneError(f"{where}: {error}") from None
     if not obstacles:
-        _fail(file, f"nothing in the map is occupied ({left_out} cells are outside of low={low} and high={high})")
-    unknown = _unknown(cells + _cells(free, resolution))
+        raise SceneError(
+            f"{where}: nothing in the map is occupied ({left_out} cells are outside of low={low} and high={high})"
+        )
+    unknown = _unknown(known)
     dropped = [f"{unknown:.3g} m³ of unknown space, which counts as free"] if unknown > 0.0 else []
     dropped += [f"{left_out} occupied cells outside of low={low} and high={high}"] if left_out else []
-    dropped += [f"{len(full) + len(free)} colours"] if not binary and _COLOURS[kind] else []
+    dropped += [f"{len(full) + len(free)} colours"] if colours else []
     if dropped:
-        _log.warning("%s: left out: %s", file, ", ".join(dropped))
-    return Scene(obstacles)
+        _log.warning("%s: left out: %s", where, ", ".join(dropped))
+    return obstacles
+
+
+def _between(
+    cells: list[tuple[float, Array]], resolution: float, height: Array, low: float, high: float
+) -> tuple[list[tuple[float, Array]], int]:
+    """The cells of which something is between two heights, and how many are left out.
+
+    Cells that are only partly between are divided, down to the smallest.
+
+    Args:
+        cells: edges and middles, the smallest first.
+        resolution: edge of the smallest [m].
+        height: (4,) row of the pose that gives a point's height in the world.
+        low, high: the two heights [m].
+    """
+    kept: dict[float, list[Array]] = {}
+    left_out = 0
+    for edge, todo in reversed(cells):
+        while True:
+            spread = 0.5 * edge * float(np.abs(height[:3]).sum())
+            middle = todo @ height[:3] + height[3]
+            inside = (middle + spread > low + _SLACK) & (middle - spread < high - _SLACK)
+            whole = inside & (middle - spread >= low) & (middle + spread <= high)
+            left_out += int((~inside).sum())
+            if edge < 1.5 * resolution:
+                whole = inside
+            kept.setdefault(edge, []).append(todo[whole])
+            divided = todo[inside & ~whole]
+            if not len(divided):
+                break
+            if 8 * len(divided) > MAX_CENTERS:
+                raise SceneError(f"more than {MAX_CENTERS} cells are partly between low={low} and high={high}")
+            edge *= 0.5
+            todo = (divided[:, None] + 0.5 * edge * _CORNERS).reshape(-1, 3)
+    found = [(edge, np.concatenate(parts)) for edge, parts in sorted(kept.items())]
+    return [(edge, centers) for edge, centers in found if len(centers)], left_out
 
 
 def _header(file: Path, data: bytes) -> tuple[bool, str, int, float, int]:
@@ -114,8 +201,10 @@ def _header(file: Path, data: bytes) -> tuple[bool, str, int, float, int]:
                 resolution = float(res)
             except ValueError:
                 resolution = math.nan
-            if not 1e-4 <= resolution <= 100.0:
-                _fail(file, f"the header's res is {res[:40]!r}; an edge of 0.0001 … 100 m is needed")
+            if not _LEAST_EDGE <= resolution <= _MOST_EDGE:
+                _fail(
+                    file, f"the header's res is {res[:40]!r}; an edge of {_LEAST_EDGE:g} … {_MOST_EDGE:g} m is needed"
+                )
             return _HEADS[first], kind, int(size), resolution, at
         if words and not words[0].startswith("#"):
             entries[words[0]] = " ".join(words[1:])

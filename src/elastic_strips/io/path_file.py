@@ -18,8 +18,7 @@ import os
 import re
 import zipfile
 import zlib
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,22 +26,32 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision.path_rows import PathLike, path_rows
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.files import atomic_write, check_writable, open_input, read_input_text, write_json
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 from elastic_strips.summary import Summary
+from elastic_strips.validation import check_choice, check_number
 
-from .nodes import MAX_JSON_BYTES, Node, Source, load_json, parse_yaml
+from .nodes import MAX_JSON_BYTES, Source, load_json
 from .npy_source import NpyError, NpzArrays, read_npy
+from .path_message import message_table, parse_documents
+from .path_table import TIMES, Angles, PathTable, check_times, is_unit, known_name, place_table
 
 _MAX_BYTES = 50_000_000
 _MAX_ROWS = 200_000
-_BASE = {"x": 0, "y": 1, "yaw": 2, "theta": 2, "heading": 2}
-_TIMES = ("time", "times", "t", "ts", "time_from_start", "seconds", "sec")
-_RATES, _RATE_ENDS = ("vx", "vy", "omega", "ax", "ay", "alpha"), ("_rate", "_acceleration")  # of trajectory files
+_MAX_LINE = 1_000_000  # characters
+_MAX_NUMBERS = 10_000_000
 _POSITIONS = ("positions", "path", "q", "qs", "waypoints", "samples", "states", "rows")
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_RATES = {
+    "velocities", "velocity", "v", "vs", "qd", "qds", "dq", "accelerations", "acceleration", "a", "qdd", "qdds",
+    "ddq", "efforts", "effort", "tau", "torques",
+}  # fmt: skip
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_NO_NUMBER = r"[-+]?(?:nan|inf|infinity)"
+_WITH_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
+_OMPL = re.compile(r"path with \d+ states|State\s*\[")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -53,64 +62,108 @@ class PathFile(Summary):
         q: (N, nq) configurations.
         times: (N,) when each is reached [s], or None.
         notes: what was assumed, and what was left out.
+        rows: (N, nv) values of the coordinates as the file has them, or None where it has (cos, sin) of angles.
+        doubts: why ``q`` may not be what the file's robot does; `certify` calls no such path certified.
+        time_doubts: the same of ``times``; they count among obstacles that move.
     """
 
     q: Array
     times: Array | None
     notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+    time_doubts: tuple[str, ...] = ()
+    rows: Array | None = None
 
     def _summary(self) -> dict[str, object]:
         timed = {} if self.times is None else {"seconds": float(self.times[-1] - self.times[0])}
-        return {"configurations": len(self.q), **timed, "notes": "; ".join(self.notes)}
+        said = {"notes": self.notes, "doubts": self.doubts, "time_doubts": self.time_doubts}
+        return {"configurations": len(self.q), **timed, **{key: "; ".join(value) for key, value in said.items()}}
 
 
-def load_path(path: str | os.PathLike[str], robot: RobotModel) -> PathFile:
+def load_path(
+    path: str | os.PathLike[str],
+    robot: RobotModel,
+    *,
+    base_at: Sequence[float] | None = None,
+    angles: Angles | None = None,
+    ignore: Collection[str] = (),
+    starts_at: float | None = None,
+) -> PathFile:
     """Read a robot's path.
 
-    Joints that the file does not name stay at home. Joints that the robot does not plan are left out, with a note.
+    Joints that the file does not name stay at home, with a note; joints that the robot does not plan are left out. What
+    moves in the file and not here, or is held elsewhere here, a base that can move and that the file does not place:
+    such things are doubts. ``docs/formats.md`` lists all of them.
 
     Args:
         path: the file; its name's ending says its format: ``.json``, ``.yaml``, ``.yml``, ``.csv``, ``.npz``,
             ``.npy``; anything else is text.
         robot: whose path it is.
+        base_at: where the base stands, x, y [m], yaw [rad], of what the file does not say.
+        angles: unit of angles where the file names none: ``"rad"`` or ``"deg"``; None: radians, with a doubt where
+            they turn by more than two turns.
+        ignore: names of columns that do not matter.
+        starts_at: when the first configuration is reached [s], in the scene's time; the others follow as in the file.
 
     Raises:
         ConfigurationError: the file is missing, too large, or not sound; or its columns or values do not fit the robot.
             The message names file and place.
+        ParameterError: unknown ``angles``, or a ``starts_at`` that is no number.
     """
     file = Path(path)
     suffix = file.suffix.lower()
     source = Source(file, ConfigurationError)
+    if angles is not None:
+        check_choice("angles", angles, ("rad", "deg"))
+    if starts_at is not None:
+        starts_at = check_number("starts_at", starts_at, low=-1e9, high=1e9, unit="s")
+    ignore = (ignore,) if isinstance(ignore, str) else tuple(ignore)
     if suffix == ".json":
-        return _trajectory(load_json(file, what="path file", error=ConfigurationError), robot, source)
-    if suffix in (".yaml", ".yml"):
+        table = message_table([load_json(file, what="path file", error=ConfigurationError)], source)
+    elif suffix in (".yaml", ".yml"):
         text = read_input_text(file, "path file", MAX_JSON_BYTES, ConfigurationError)
-        first = re.split(r"^---[ \t]*$", text, maxsplit=2, flags=re.MULTILINE)
-        return _trajectory(parse_yaml(next((t for t in first if t.strip()), ""), source), robot, source)
-    if suffix in (".npz", ".npy"):
-        return _arrays(file, robot, source)
-    text = read_input_text(file, "path file", _MAX_BYTES, ConfigurationError)
-    if "[" in text:
-        return _placed(robot, None, _ompl_states(text, source), None, source)
-    return _table(text, robot, source)
+        table = message_table(parse_documents(text, source), source)
+    elif suffix in (".npz", ".npy"):
+        table, ignore = _arrays(file, robot, source, ignore)
+    else:
+        text = read_input_text(file, "path file", _MAX_BYTES, ConfigurationError)
+        states = _OMPL.search(text) or (suffix != ".csv" and re.search(rf"\[\s*{_NUMBER}", text))
+        table = _ompl_states(text, source) if states else _table(text, robot, source)
+    if len(table.rows) < 2 or len(table.rows) > _MAX_ROWS:
+        source.fail(f"has {len(table.rows)} configurations; a path has 2 … {_MAX_ROWS}")
+    placed = place_table(table, robot, base_at=base_at, angles=angles, ignore=ignore)
+    check_times(table, placed, starts_at)
+    try:
+        q = robot.check_q(robot.space.from_coordinates(placed.coordinates), what="path")
+    except ConfigurationError as problem:
+        source.fail(str(problem))
+    return PathFile(
+        q=q,
+        times=placed.times,
+        notes=tuple(placed.notes),
+        doubts=tuple(placed.doubts),
+        time_doubts=tuple(placed.time_doubts),
+        rows=placed.coordinates if placed.valued else None,
+    )
 
 
 def write_path(
-    path: str | os.PathLike[str], robot: RobotModel, q: npt.ArrayLike, times: npt.ArrayLike | None = None
+    path: str | os.PathLike[str], robot: RobotModel, q: PathLike, times: npt.ArrayLike | None = None
 ) -> Path:
     """Write a path for :func:`load_path`: as CSV, or as a JointTrajectory where the name ends in ``.json``.
 
     Args:
         path: the file.
         robot: whose path it is.
-        q: (N, nq) configurations.
+        q: configurations (N, nq), or rows (N, nv), or what has either. Angles are written as values that run on, so
+            that they go the way that the path goes.
         times: (N,) when each is reached [s], or None.
 
     Raises:
         ConfigurationError: configurations that do not fit the robot.
         InputError: the file cannot be written.
     """
-    rows = robot.space.to_coordinates(robot.check_q(q, what="path"))
+    rows = path_rows(robot, q).within_limits(robot)
     names = [*(("x", "y", "yaw") if robot.space.planar else ()), *robot.joint_names]
     when = None if times is None else np.asarray(times, dtype=float)
     if Path(path).suffix.lower() == ".json":
@@ -123,73 +176,19 @@ def write_path(
     return atomic_write(check_writable(path), ("\n".join(lines) + "\n").encode())
 
 
-def _trajectory(root: Node, robot: RobotModel, source: Source) -> PathFile:
-    """The first JointTrajectory in a document."""
-    found, base = _find(root, "points", "joint_names"), None
-    if found is None:
-        source.fail("has no JointTrajectory: a mapping with joint_names and points is needed")
-    names = [entry.text() for entry in found["joint_names"].items()]
-    points = found["points"].items()
-    if not points:
-        found["points"].fail("is empty; a path has at least two points")
-    rows = np.array([p["positions"].vector(len(names)) for p in points])
-    times = np.array([_seconds(p["time_from_start"]) for p in points]) if _has(points[0], "time_from_start") else None
-    if robot.space.planar:
-        base = _find(root, "points", "joint_names", beyond=found)
-        if base is not None:
-            poses = np.array([_planar(p["transforms"].items()[0]) for p in base["points"].items()])
-            if len(poses) != len(rows):
-                base.fail(f"has {len(poses)} points, the joints' trajectory {len(rows)}")
-            names, rows = ["x", "y", "yaw", *names], np.hstack((poses, rows))
-    return _placed(robot, names, rows, times, source)
+def _row(k: int) -> tuple[str, int | None]:
+    return f"configuration {k}", None
 
 
-def _find(node: Node, *keys: str, beyond: Node | None = None) -> Node | None:
-    """The first mapping that has all keys; that of moving bases, whose points have transforms, where ``beyond``."""
-    todo = deque([node])
-    while todo:
-        at = todo.popleft()
-        if isinstance(at.value, list):
-            todo += (entry for entry in at.items() if isinstance(entry.value, (list, dict)))
-        elif isinstance(at.value, dict):
-            points = at.value.get("points")
-            poses = isinstance(points, list) and points and isinstance(points[0], dict) and "transforms" in points[0]
-            if all(k in at.value for k in keys) and bool(poses) == (beyond is not None) and points:
-                return at
-            todo += [at[key] for key in at.value]
-    return None
-
-
-def _has(node: Node, key: str) -> bool:
-    return isinstance(node.value, dict) and key in node.value
-
-
-def _seconds(node: Node) -> float:
-    """A duration as a number, or as ROS writes it."""
-    if not isinstance(node.value, dict):
-        return node.number(low=0.0, high=1e9, unit="s")
-    whole = next((k for k in ("sec", "secs") if k in node.value), None)
-    part = next((k for k in ("nanosec", "nsecs") if k in node.value), None)
-    if whole is None:
-        node.fail("has neither sec nor secs")
-    return node[whole].number(low=0.0, high=1e9, unit="s") + (
-        1e-9 * node[part].number(high=1e9, unit="ns") if part else 0.0
-    )
-
-
-def _planar(node: Node) -> list[float]:
-    """x, y and yaw of a transform."""
-    at, turn = node["translation"], node["rotation"]
-    x, y, z, w = (turn[k].finite() for k in "xyzw")
-    yaw = float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-    return [at["x"].number(), at["y"].number(), yaw]
-
-
-def _arrays(file: Path, robot: RobotModel, source: Source) -> PathFile:
+def _arrays(
+    file: Path, robot: RobotModel, source: Source, ignore: tuple[str, ...]
+) -> tuple[PathTable, tuple[str, ...]]:
+    """The table of a NumPy file; and what of ``ignore`` is none of its arrays."""
     with open_input(file, "path file", _MAX_BYTES, ConfigurationError) as (stream, size):
         try:
             if file.suffix.lower() == ".npy":
-                return _placed(robot, None, _numbers(read_npy(stream, size, _MAX_BYTES), source), None, source)
+                rows = _numbers(read_npy(stream, size, _MAX_BYTES), source)
+                return PathTable(source, None, _upright(rows, robot.nv, None), _row), ignore
             arrays = NpzArrays(stream, size, _MAX_BYTES)
             name = next((n for n in _POSITIONS if n in arrays), None)
             if name is None:
@@ -197,19 +196,37 @@ def _arrays(file: Path, robot: RobotModel, source: Source) -> PathFile:
                     f"has the arrays {', '.join(sorted(arrays)) or 'none'}; one of {', '.join(_POSITIONS)} is needed"
                 )
             rows = _numbers(arrays[name], source)
-            when = next((n for n in _TIMES if n in arrays), None)
-            times = None if when is None else np.asarray(arrays[when], dtype=float).reshape(-1)
-            names = [str(n) for n in arrays["joint_names"].reshape(-1)] if "joint_names" in arrays else None
+            when = next((n for n in TIMES if n in arrays), None)
+            times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
+            names = tuple(str(n) for n in arrays["joint_names"].reshape(-1)) if "joint_names" in arrays else None
+            rows = _upright(rows, len(names) if names is not None else robot.nv, times)
+            doubts: list[str] = []
+            for other in sorted(set(arrays) - {name, when, "joint_names", *ignore} - _RATES):
+                values = arrays[other]
+                if len(rows) in values.shape and values.dtype.kind in "fiu":
+                    along = np.moveaxis(values, values.shape.index(len(rows)), 0).astype(float)
+                    if not (np.abs(along - along[:1]) <= LIMIT_TOLERANCE).all():
+                        doubts.append(
+                            f"the array {other} changes and is left out, for the path is {name}. Say that it does not "
+                            "matter (--ignore NAME, ignore=), or make it columns of that with joint_names"
+                        )
         except (NpyError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as problem:
             if isinstance(problem, ConfigurationError):
                 raise
             source.fail(f"the path file {problem}")
-    columns = len(names) if names is not None else robot.nv
-    if rows.shape[0] == columns != rows.shape[1] or (
-        times is not None and len(times) == rows.shape[1] != rows.shape[0]
-    ):
-        rows = rows.T  # a column for each sample, as Drake has them
-    return _placed(robot, names, rows, times, source)
+    asked = [each for each in ignore if each in arrays]
+    notes = (f"not looked at, as was asked: {', '.join(asked)}",) if asked else ()
+    table = PathTable(
+        source, names, rows, _row, times, from_start=when == "time_from_start", notes=notes, doubts=tuple(doubts)
+    )
+    return table, tuple(each for each in ignore if each not in asked)
+
+
+def _upright(rows: Array, columns: int, times: Array | None) -> Array:
+    """A row for each sample, of what has a column for each, as Drake has them."""
+    across = rows.shape[0] == columns != rows.shape[1]
+    timed = times is not None and len(times) == rows.shape[1] != rows.shape[0]
+    return rows.T if across or timed else rows
 
 
 def _numbers(array: np.ndarray, source: Source) -> Array:
@@ -218,118 +235,100 @@ def _numbers(array: np.ndarray, source: Source) -> Array:
     return np.asarray(array, dtype=float)
 
 
-def _table(text: str, robot: RobotModel, source: Source) -> PathFile:
-    """Numbers separated by commas, semicolons or blanks, with or without a line of names before them."""
-    lines = [
-        (n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")
-    ]
+def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
+    """Numbers separated by commas, semicolons or blanks, with or without a line of names before them.
+
+    A comment in front of the numbers is a line of names where it has as many as there are columns, and one of them is
+    the robot's: NumPy writes them so.
+    """
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    comments = [(n, line.lstrip()[1:]) for n, line in lines if line.lstrip().startswith("#")]
+    lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
     if not lines:
         source.fail("is empty; a path has at least two configurations")
     first = lines[0][1]
-    delimiter = next((d for d in (",", ";", "\t") if d in first), None)
+    delimiter = next((d for d in (";", "\t", ",") if d in first), None)
 
-    def split(line: str) -> list[str]:
-        parts = next(csv.reader([line], delimiter=delimiter)) if delimiter else line.split()
+    def split(line: str, number: int) -> list[str]:
+        if len(line) > _MAX_LINE:
+            source.fail(f"a line of {len(line)} characters; at most {_MAX_LINE} are read", number)
+        try:
+            parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True)) if delimiter else line.split()
+        except (csv.Error, StopIteration) as problem:
+            source.fail(f"is no line of a table: {problem}", number)
         return [part.strip() for part in parts]
 
-    names = None if re.fullmatch(_NUMBER, split(first)[0]) else split(first)
-    rows = []
-    for number, line in lines[0 if names is None else 1 :]:
-        parts = split(line)
-        wanted = len(names) if names is not None else len(split(first))
-        if len(parts) != wanted:
-            source.fail(f"has {len(parts)} columns, not {wanted}", number)
+    head = split(first, lines[0][0])
+    if len(head) > 1 and head[-1] == "":  # a separator at the end of each line
+        head.pop()
+    names: list[str] | None = None
+    units: tuple[str, ...] = ()
+    if not _is_number(head[0], delimiter):
+        names, lines = head, lines[1:]
+        below = split(lines[0][1], lines[0][0])[: len(names)] if lines else []
+        if any(map(is_unit, below)) and all(is_unit(part) or part in ("", "-") for part in below):
+            units = tuple("" if part == "-" else part for part in below)
+            lines = lines[1:]
+    else:
+        above = [split(line, n) for n, line in comments if n < lines[0][0]][-1:]
+        if above and len(above[0]) == len(head) and any(known_name(name, robot) for name in above[0]):
+            names = above[0]
+    width = len(names) if names is not None else len(head)
+    rows, numbers, comma = [], [], False
+    if width * len(lines) > _MAX_NUMBERS:
+        source.fail(f"has {len(lines)} lines of {width} columns; at most {_MAX_NUMBERS} numbers are read")
+    for number, line in lines:
+        parts = split(line, number)
+        if len(parts) == width + 1 and parts[-1] == "":
+            parts = parts[:-1]
+        if len(parts) != width:
+            source.fail(f"has {len(parts)} columns, not {width}", number)
+        if delimiter != "," and "," in line:
+            comma = True
+            if "." in line:
+                source.fail("has numbers with points and with commas", number)
+            parts = [part.replace(",", ".") if _WITH_COMMA.fullmatch(part) else part for part in parts]
         try:
+            if "_" in (said := "".join(parts)) or not said.isascii():  # Python takes them for parts of numbers
+                raise ValueError
             rows.append([float(part) for part in parts])
         except ValueError:
-            wrong = next(part for part in parts if not re.fullmatch(_NUMBER, part))
-            source.fail(f"{wrong[:40]!r} is not a number", number)
+            wrong = next((k for k, p in enumerate(parts) if not re.fullmatch(_NUMBER, p)), 0)
+            called = f", {names[wrong][:40]}" if names is not None else ""
+            source.fail(f"{parts[wrong][:40]!r} is not a number (column {wrong + 1}{called})", number)
+        numbers.append(number)
     if not rows:
         source.fail("has no configurations")
-    table, times = np.array(rows), None
-    if names is not None:
-        clock = [k for k, name in enumerate(names) if name.lower() in _TIMES]
-        if clock:
-            times = table[:, clock[0]]
-            names = [n for k, n in enumerate(names) if k != clock[0]]
-            table = np.delete(table, clock[0], axis=1)
-    return _placed(robot, names, table, times, source)
+    table = np.array(rows, dtype=float).reshape(len(rows), width)
+    if names is None and width > 2 and head == [str(k) for k in range(width)]:
+        source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are no configuration", lines[0][0])
+    notes = ("commas are decimal points",) if comma else ()
+    if comma and any("." in line for _, line in lines):
+        source.fail("has numbers with points and with commas")
+    found = None if names is None else tuple(names)
+    return PathTable(
+        source, found, table, lambda k: (f"configuration {k}", numbers[k]), units=units, notes=notes
+    )  # fmt: skip
 
 
-def _ompl_states(text: str, source: Source) -> Array:
+def _is_number(text: str, delimiter: str | None) -> bool:
+    """Whether a cell is no name: a number, or what is written in its place."""
+    pattern = f"{_NUMBER}|{_NO_NUMBER}" + (f"|{_WITH_COMMA.pattern}" if delimiter != "," else "")
+    return re.fullmatch(pattern, text, re.IGNORECASE) is not None
+
+
+def _ompl_states(text: str, source: Source) -> PathTable:
     """The numbers in brackets of each state that OMPL printed."""
-    count = re.search(r"path with (\d+) states", text)
-    groups = [[float(x) for x in part.split()] for part in re.findall(rf"\[\s*({_NUMBER}(?:\s+{_NUMBER})*)\s*\]", text)]
-    numbers = [x for group in groups for x in group]
+    count = re.search(r"path with ([0-9]{1,9}) states", text)
+    groups: list[Array] = []
+    for found in re.finditer(r"\[([^\[\]]*)\]", text):
+        if found.end() - found.start() > _MAX_LINE:
+            source.fail(f"has a state of {found.end() - found.start()} characters; at most {_MAX_LINE} are read")
+        parts = found[1].split()
+        if parts and all(re.fullmatch(_NUMBER, part) for part in parts):
+            groups.append(np.array(parts, dtype=float))
     states = int(count.group(1)) if count else len(groups)
-    if not states or not numbers or len(numbers) % states:
-        source.fail(f"has {len(numbers)} numbers in brackets, which are no {states} states of one size")
-    return np.array(numbers).reshape(states, -1)
-
-
-def _held_otherwise(robot: RobotModel, names: Sequence[str], rows: Array) -> list[str]:
-    """A note of the joints that the robot holds still elsewhere than the path has them: it is proven as it is held."""
-    found = []
-    for k, name in enumerate(names):
-        low, high, held = rows[:, k].min(), rows[:, k].max(), robot.locked.get(name)
-        if held is not None and max(held - low, high - held) > LIMIT_TOLERANCE:
-            span = f"{low:.6g}" if high - low <= LIMIT_TOLERANCE else f"{low:.6g} to {high:.6g}"
-            found.append(f"{name} at {held:.6g}, in the file {span}")
-    return [f"held still (locked=, --lock) otherwise than in the file: {'; '.join(found)}"] if found else []
-
-
-def _placed(
-    robot: RobotModel, names: Sequence[str] | None, rows: Array, times: Array | None, source: Source
-) -> PathFile:
-    """Configurations of the robot from columns, by their names where there are any."""
-    notes: list[str] = []
-    if len(rows) < 2 or len(rows) > _MAX_ROWS:
-        source.fail(f"has {len(rows)} configurations; a path has 2 … {_MAX_ROWS}")
-    if not np.isfinite(rows).all():
-        source.fail(f"configuration {int(np.argmin(np.isfinite(rows).all(axis=1)))} has a value that is not finite")
-    if names is not None and rows.shape[1] != len(names):
-        source.fail(f"has {rows.shape[1]} columns for {len(names)} names")
-    b = robot.space.base_nv
-    if names is None:
-        if rows.shape[1] == robot.nq != robot.nv:
-            q = rows
-        elif rows.shape[1] == robot.nv:
-            q = robot.space.from_coordinates(rows)
-        else:
-            base = "x, y, yaw and " if b else ""
-            source.fail(
-                f"has {rows.shape[1]} columns without names; {robot.name!r} has {robot.nv}: {base}"
-                f"{', '.join(robot.joint_names)}"
-            )
-        notes.append("columns without names: taken in the robot's order")
-    else:
-        columns = {**({name: k for name, k in _BASE.items()} if b else {})}
-        columns.update({name: b + k for k, name in enumerate(robot.joint_names)})
-        taken = [(k, columns[name]) for k, name in enumerate(names) if name in columns]
-        rates = [name for name in names if name in _RATES or any(name.removesuffix(s) in columns for s in _RATE_ENDS)]
-        left_out = [name for name in names if name not in columns and name not in rates]
-        if not taken:
-            source.fail(
-                f"names {', '.join(map(str, names))[:120]}; {robot.name!r} plans {', '.join(robot.joint_names)}"
-            )
-        if len({column for _, column in taken}) < len(taken):
-            source.fail(f"names a joint twice: {', '.join(names)[:200]}")
-        coordinates = np.tile(robot.space.to_coordinates(robot.home_q), (len(rows), 1))
-        for k, column in taken:
-            coordinates[:, column] = rows[:, k]
-        missing = [name for name, column in columns.items() if column >= b and column not in {c for _, c in taken}]
-        if set(rates) - set(columns):
-            notes.append("velocities and accelerations are left out")
-        if left_out:
-            notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(left_out)}")
-            notes += _held_otherwise(robot, names, rows)
-        if missing:
-            notes.append(f"at home, as the file does not name them: {', '.join(missing)}")
-        q = robot.space.from_coordinates(coordinates)
-    if times is not None and (len(times) != len(rows) or not np.isfinite(times).all() or (np.diff(times) < 0.0).any()):
-        source.fail(f"has {len(times)} times for {len(rows)} configurations, or they decrease")
-    try:
-        q = robot.check_q(q, what="path")
-    except ConfigurationError as problem:
-        source.fail(str(problem))
-    return PathFile(q, times, tuple(notes))
+    numbers = np.concatenate(groups) if groups else np.empty(0)
+    if not states or not numbers.size or numbers.size % states:
+        source.fail(f"has {numbers.size} numbers in brackets, which are no {states} states of one size")
+    return PathTable(source, None, numbers.reshape(states, -1), _row)

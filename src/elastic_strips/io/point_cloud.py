@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+import coal
 import numpy as np
+import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.files import open_input, read_input
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
 from elastic_strips.scene.quantities import MIN_LENGTH, check_points
@@ -30,6 +33,12 @@ MAX_BYTES = 200_000_000
 _MAX_POINTS = 5_000_000
 _MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
+LARGE_CLOUD = 100.0
+"""Extent [m] from which on a cloud is suspected to be in millimetres."""
+LARGE_MESH = 10.0
+"""The same of a mesh, which is one thing."""
+_LEAST_MARGIN = 1e-6  # [m]
+_FACES = re.compile(rb"^element\s+face\s+(\d{1,9})\s*$", re.MULTILINE)
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -90,6 +99,8 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
             raw = reader(data)
     except ValueError as error:
         raise SceneError(f"{file}{str(error)[:500]}") from None
+    if suffix == ".ply" and (faces := _FACES.search(data[:10_000])) and int(faces[1]):
+        _log.warning("%s: left out: %d faces; only the vertices are points. A mesh is read as one", file, int(faces[1]))
     if suffix == ".pcd" and (viewpoint := _viewpoint(data)):
         _log.warning("%s: left out: VIEWPOINT %s; the points are taken as they stand", file, viewpoint)
     points = np.ascontiguousarray(raw, dtype=np.float64) * scale
@@ -98,14 +109,20 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     if not len(points):
         raise SceneError(f"{file}: the file holds no points ({len(raw)} are given, none of them finite)")
     points.flags.writeable = False
+    warn_of_units(str(file), points, LARGE_CLOUD)
     return PointCloud(points, int(len(raw) - len(points)))
 
 
-def read_points(path: str | os.PathLike[str]) -> Array:
+def read_points(path: str | os.PathLike[str], *, scale: float = 1.0) -> Array:
     """Points (n, 3) that a scene file refers to: all of a .npy, .csv, .txt or .xyz file, those of a .ply or .pcd file.
 
     Each line of text holds three numbers, between commas in a .csv file and else between blanks; what follows ``#`` is
-    a comment. Points of a .ply or .pcd file that are not finite are left out; another file must have none.
+    a comment. Points of a .ply or .pcd file that are not finite are left out, and counted in a warning; another file
+    must have none.
+
+    Args:
+        path: of the file.
+        scale: its numbers times that are metres.
 
     Raises:
         SceneError: no such file, another kind, damaged, or what it holds does not fit.
@@ -116,7 +133,9 @@ def read_points(path: str | os.PathLike[str]) -> Array:
     if suffix not in suffixes:
         raise SceneError(f"{file}: files of kind {file.suffix!r} are not read{nearest_name(file.suffix, suffixes)}")
     if suffix in (".ply", ".pcd"):
-        return read_point_cloud(file).points
+        cloud = read_point_cloud(file, scale=scale)
+        warn_of_dropped(str(file), cloud)
+        return cloud.points
     if suffix == ".npy":
         with open_input(file, "file of points", _MAX_LISTED_BYTES, SceneError) as (stream, size):
             try:
@@ -134,7 +153,70 @@ def read_points(path: str | os.PathLike[str]) -> Array:
             raise SceneError(f"{file}{str(error)[:500]}") from None
         if not len(points):
             raise SceneError(f"{file}: the file holds no points")
-    return check_points(str(file), points, (None, 3))
+    points = check_points(str(file), points, (None, 3))
+    if scale != 1.0:
+        points = check_points(str(file), points * scale, (None, 3))
+    warn_of_units(str(file), points, LARGE_CLOUD)
+    return points
+
+
+def warn_of_dropped(what: str, cloud: PointCloud) -> None:
+    """Say in the log how many points of a cloud were left out."""
+    if cloud.dropped:
+        _log.warning("%s: left out: %d points of %d", what, cloud.dropped, cloud.dropped + len(cloud.points))
+
+
+def warn_of_units(what: str, points: Array, most: float) -> None:
+    """Say in the log that points (n, 3) [m] reach further than ``most`` [m]: they may well be millimetres."""
+    extent = float(np.ptp(points, axis=0).max())
+    if extent > most:
+        _log.warning(
+            "%s: is %.4g m large: lengths are in metres; are these millimetres? scale: 0.001 makes %.4g m of it",
+            what, extent, 0.001 * extent,
+        )  # fmt: skip
+
+
+def without_robot(points: ArrayLike | PointCloud, robot: RobotModel, q: ArrayLike, margin: float = 0.05) -> PointCloud:
+    """A cloud without the points that a sensor saw on the robot itself; the log says how many there were.
+
+    Args:
+        points: (n, 3) in the world [m], or a `PointCloud`.
+        robot: the robot.
+        q: (nq,) its configuration when they were seen.
+        margin: points within so far [m] of one of its shapes are its own.
+
+    Returns:
+        The others; those that are left out are counted in ``dropped``.
+
+    Raises:
+        SceneError: points of another shape or not finite, a negative margin.
+        ConfigurationError: the configuration is not sound.
+    """
+    cloud = np.asarray(points.points if isinstance(points, PointCloud) else points)
+    cloud = check_points("points", cloud, (None, 3)) if len(cloud) else np.empty((0, 3))
+    check_number("margin", margin, low=0.0, unit="m", error=SceneError)
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.check_q(q))
+    own = np.zeros(len(cloud), dtype=bool)
+    ball = coal.Sphere(max(margin, _LEAST_MARGIN))
+    here, request = coal.Transform3s(), coal.CollisionRequest()
+    for piece in robot.geometries:
+        T = data.oMi[piece.joint].homogeneous @ piece.placement
+        box, center = piece.geometry.aabb_local, T[:3, 3]
+        low, high = np.ravel(box.min_) - margin, np.ravel(box.max_) + margin
+        rest = np.flatnonzero(~own)
+        local = (cloud[rest] - center) @ T[:3, :3]
+        near = ((local >= low) & (local <= high)).all(axis=1)
+        for k, point in zip(rest[near].tolist(), local[near], strict=True):
+            result = coal.CollisionResult()
+            place = coal.Transform3s(np.eye(3), point)
+            own[k] = coal.collide(piece.geometry, here, ball, place, request, result) > 0
+    kept = np.ascontiguousarray(cloud[~own])
+    kept.flags.writeable = False
+    count = int(own.sum())
+    if count:
+        _log.warning("left out: %d of %d points, which are the robot's own (within %g m)", count, len(cloud), margin)
+    return PointCloud(kept, count + (points.dropped if isinstance(points, PointCloud) else 0))
 
 
 def cloud_scene(

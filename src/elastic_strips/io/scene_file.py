@@ -3,86 +3,164 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, ScenarioError, SceneError
 from elastic_strips.files import atomic_write, check_writable
-from elastic_strips.robot import LoadOptions
+from elastic_strips.robot import LoadOptions, RobotModel
 from elastic_strips.scene import Obstacle, Scene, World
+from elastic_strips.scene.quantities import pose_of
 from elastic_strips.validation import check_type
 
-from .moveit_scene import read_moveit_scene
-from .nav2_map import load_nav2_map
 from .nodes import Node, Source, load_yaml
-from .obstacle_document import obstacle_entries, obstacle_from_node
-from .octomap import read_octomap
+from .obstacle_document import obstacle_entries, obstacle_from_node, quaternion_of_rpy
+from .scene_source import (
+    OF_KIND,
+    OWN,
+    Reading,
+    SceneFile,
+    SceneOptions,
+    bounded,
+    check_options,
+    joined,
+    kind_of,
+    placed,
+    pose_from,
+    read_foreign,
+)
 
+_log = logging.getLogger(__name__)
 VERSION = 1
+_MOST_FILES = 100  # of a scene
+_DEEPEST = 8  # scene files that name each other
 _BASES = ("diff_drive", "omni", "fixed")
-_FOREIGN = {".scene": read_moveit_scene, ".bt": read_octomap, ".ot": read_octomap}
-_CLOUDS = (".pcd", ".ply", ".xyz")
+_FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
 _ROBOTS = (".urdf", ".xacro")
 _PRESETS = ("default", "paper")
-_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs")
+_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs", "visual_as_collision")
 _SCENARIO_KEYS = (
     "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "seed",
 )  # fmt: skip
 
 
-def read_scene(path: str | os.PathLike[str]) -> Scene:
+def read_scene(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
+    q: Array | None = None, options: SceneOptions | None = None,
+) -> Scene:  # fmt: skip
     """Read a scene file: the obstacles that exist at the file's time.
 
-    MoveIt's ``.scene`` files, OctoMap's ``.bt`` and ``.ot`` files, and the YAML files of Nav2's maps are read, too: as
-    `read_moveit_scene`, `read_octomap` and `load_nav2_map` do.
+    Files of other programs are read, too: MoveIt's ``.scene`` and planning scenes (YAML, JSON), OctoMap's ``.bt`` and
+    ``.ot``, the YAML files of Nav2's maps, and point clouds, where ``options`` has ``voxel``.
+
+    Args:
+        path: The file, or several, whose obstacles are one scene.
+        robot: For whom: walls of maps become as high as it reaches; without it they are `WALL_HEIGHT` high.
+        q: (nq,) Where it stood when clouds were seen.
+        options: How files of other programs are read: see `SceneOptions`.
 
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
-    world = read_world(path)
+    world = read_world(path, robot=robot, q=q, options=options)
     return world.at(world.scene.time)
 
 
-def read_world(path: str | os.PathLike[str]) -> World:
+def read_world(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
+    q: Array | None = None, options: SceneOptions | None = None,
+) -> World:  # fmt: skip
     """Read a scene file: all obstacles, and when they appear and vanish; or one of others, as `read_scene` does.
+
+    What a robot holds in a planning scene is no obstacle, and left out with a warning: `read_scene_file` has it.
+
+    Args:
+        path, robot, q, options: See `read_scene`.
 
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
-    ending = Path(path).suffix.lower() if isinstance(path, (str, os.PathLike)) else ""
-    if ending in _FOREIGN:
-        return World(_FOREIGN[ending](path))
-    if ending in _CLOUDS:
-        shape = f"{{shape: points, file: {Path(path).name}, radius: …}}"
-        raise SceneError(f"{path}: is a point cloud; a scene file takes it in, by a line 'obstacles: [{shape}]'")
-    root = load_yaml(path)
-    if not _is_map(root):
-        return _world_from_node(root)
-    try:
-        return World(load_nav2_map(path))
-    except ScenarioError as error:
-        raise SceneError(str(error)) from None
+    found = read_scene_file(path, robot=robot, q=q, options=options)
+    if found.held:
+        names = ", ".join(found.held_names[:6])
+        _log.warning("%s: left out: what the robot holds, %s; read_scene_file(…).held_by(robot) has it", path, names)
+    return found.world
 
 
-def _is_map(root: Node) -> bool:
-    """Whether a YAML file is one of Nav2's maps."""
-    return isinstance(root.value, dict) and "image" in root.value
+def read_scene_file(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
+    q: Array | None = None, options: SceneOptions | None = None,
+) -> SceneFile:  # fmt: skip
+    """All that a scene's files say: the obstacles over time, what the robot holds, and the area that maps show.
+
+    Args:
+        path, robot, q, options: See `read_scene`.
+
+    Raises:
+        SceneError: As there.
+    """
+    paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
+    if not paths:
+        raise SceneError("no scene file is given")
+    said = options or SceneOptions()
+    reading = Reading(robot, q)
+    kinds = [kind_of(Path(each)) for each in paths]
+    for key in said:
+        if len(paths) > 1 and (key == "at" or not any(key in OF_KIND[kind] for kind, _ in kinds)):
+            check_options(kinds[0][0], cast("SceneOptions", {key: said[key]}), str(paths[0]))
+            raise SceneError(
+                f"{key!r} is of one file, and {len(paths)} are given: name them under 'sources' of a scene file"
+            )
+    parts = []
+    for each, (kind, root) in zip(paths, kinds, strict=True):
+        own = said if len(paths) == 1 else {key: value for key, value in said.items() if key in OF_KIND[kind]}
+        parts.append(_part(Path(each), kind, root, cast("SceneOptions", own), reading))
+    if len(parts) == 1:
+        return bounded(parts[0])
+    return bounded(joined(parts, World(Scene([], time=parts[0].world.scene.time))))
 
 
-def _world_from_node(node: Node) -> World:
-    """World of a mapping node, as a scene file or a scenario's ``scene`` holds it."""
-    entries = node.mapping(("version", "time", "obstacles"), needed=("obstacles",), what="a scene")
+def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, reading: Reading) -> SceneFile:
+    """One file of a scene."""
+    here = os.path.realpath(path)
+    if here in reading.within or len(reading.within) >= _DEEPEST:
+        chain = " → ".join(Path(name).name for name in (*reading.within, here))
+        raise SceneError(f"{path}: scene files name each other: {chain}")
+    reading.read.append(here)
+    if len(reading.read) > _MOST_FILES:
+        raise SceneError(f"{path}: the scene has more than {_MOST_FILES} files, which is the most that are read")
+    inner = replace(reading, within=(*reading.within, here))
+    if kind != OWN:
+        return read_foreign(path, kind, root, options, inner)
+    assert root is not None
+    check_options(kind, options, str(path))
+    found = _scene_from_node(root, inner)
+    if "at" in options:
+        if found.held or found.areas:
+            raise SceneError(f"{path}: 'at' has to be said of its sources: maps and what a robot holds are among them")
+        found = replace(found, world=placed(found.world, pose_from(options["at"])))
+    return found
+
+
+def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
+    """What a mapping node says, as a scene file or a scenario's ``scene`` holds it; no boxes around maps yet."""
+    entries = node.mapping(("version", "time", "obstacles", "sources"), what="a scene")
+    if not any(key in entries and entries[key].value is not None for key in ("obstacles", "sources")):
+        node.fail("the key 'obstacles' is missing of a scene; or 'sources', files that hold some")
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
     time = entries["time"].number(low=-1e9, high=1e9, unit="s") if "time" in entries else 0.0
     obstacles: list[Obstacle] = []
     named: dict[str, int | None] = {}
-    items = entries["obstacles"].items()
+    items = entries["obstacles"].items() if "obstacles" in entries else []
     for item in items:
         obstacle = obstacle_from_node(item)
         if obstacle.name is not None:
@@ -95,7 +173,53 @@ def _world_from_node(node: Node) -> World:
     spans = dict(zip(scene.names, (_span(item) for item in items), strict=True))
     appears = {name: span[0] for name, span in spans.items() if span[0] is not None}
     vanishes = {name: span[1] for name, span in spans.items() if span[1] is not None}
-    return node.checked(World, scene, appears, vanishes)
+    world = node.checked(World, scene, appears, vanishes)
+    if "sources" not in entries:
+        return SceneFile(world)
+    parts = [_source(item, reading) for item in entries["sources"].items()]
+    return entries["sources"].checked(joined, parts, world)
+
+
+def _source(node: Node, reading: Reading) -> SceneFile:
+    """What one of a scene's sources says: the name of a file, or a mapping with it and how it is read."""
+    options = SceneOptions()
+    file = node
+    if isinstance(node.value, dict):
+        entries = node.mapping(
+            ("file", "quat", "rpy", *SceneOptions.__annotations__), needed=("file",), what="a source"
+        )
+        file = entries.pop("file")
+        options = _options(entries)
+    path = node.source.path.parent / file.text()
+
+    def read() -> SceneFile:
+        kind, root = kind_of(path)
+        return _part(path, kind, root, options, reading)
+
+    return node.checked(read)
+
+
+def _options(entries: dict[str, Node]) -> SceneOptions:
+    """How a source is read."""
+    options = SceneOptions()
+    if "rpy" in entries and "quat" in entries:
+        entries["rpy"].fail("the orientation is given twice: by 'rpy' and by 'quat'")
+    turn = next((entries[key] for key in ("rpy", "quat") if key in entries), None)
+    if turn is not None:
+        place = entries["at"].vector(3) if "at" in entries else (0.0, 0.0, 0.0)
+        quat = turn.vector(4) if turn.key.endswith("quat") else quaternion_of_rpy(*turn.vector(3).tolist())
+        options["at"] = turn.checked(pose_of, place, quat)
+    elif "at" in entries:
+        options["at"] = entries["at"].checked(pose_from, entries["at"].vector())
+    for key in ("low", "high", "lethal", "occupied", "voxel", "scale", "own_points"):
+        if key in entries:
+            options[key] = entries[key].number(unit="")
+    for key in ("unknown", "outside", "planes"):
+        if key in entries:
+            options[key] = entries[key].text()
+    if "min_points" in entries:
+        options["min_points"] = entries["min_points"].integer(low=1)
+    return options
 
 
 def _span(node: Node) -> tuple[float | None, float | None]:
@@ -205,6 +329,7 @@ class ScenarioSpec:
         goal: Goal of the strip.
         seed: Seed of everything random.
         path: The file.
+        source: All that the scene's files say.
     """
 
     name: str
@@ -220,6 +345,7 @@ class ScenarioSpec:
     seed: int
     path: Path
     robot_options: LoadOptions = field(default_factory=LoadOptions)
+    source: SceneFile | None = None
 
 
 def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
@@ -234,7 +360,7 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
     file = root.source.path
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
-    world = _world(entries["scene"])
+    found = _scene(entries["scene"])
     robot, options = _described(entries["robot"])
     return ScenarioSpec(
         name=entries["name"].text() if "name" in entries else file.stem,
@@ -244,13 +370,24 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
         base=entries["base"].text(valid=_BASES) if "base" in entries else None,
         preset=entries["preset"].text(valid=_PRESETS) if "preset" in entries else None,
         params=_numbers(entries["params"], high=1e12) if "params" in entries else {},
-        scene=world.at(world.scene.time),
-        world=world,
-        start=_pose(entries["start"]),
-        goal=_pose(entries["goal"]),
+        scene=found.world.at(found.world.scene.time),
+        world=found.world,
+        start=_pose_on(entries["start"], found),
+        goal=_pose_on(entries["goal"], found),
         seed=entries["seed"].integer(low=0, high=2**32 - 1) if "seed" in entries else 0,
         path=file,
+        source=found,
     )
+
+
+def _pose_on(node: Node, found: SceneFile) -> PoseSpec:
+    """A pose, which has to be on the map where there is one."""
+    pose = _pose(node)
+    if len(found.outside([(pose.x, pose.y)])):
+        node.fail(
+            f"({pose.x:g}, {pose.y:g}) is outside of the map, of which nothing is known; 'outside: free' takes it"
+        )
+    return pose
 
 
 def _described(node: Node) -> tuple[str, LoadOptions]:
@@ -270,6 +407,13 @@ def _described(node: Node) -> tuple[str, LoadOptions]:
     if "package_dirs" in entries:
         names = (item.text() for item in entries["package_dirs"].items())
         options["package_dirs"] = tuple(str((folder / name).absolute()) for name in names)
+    if "visual_as_collision" in entries:
+        given = entries["visual_as_collision"]
+        if isinstance(given.value, str):
+            given.text(valid=("missing",))
+            options["visual_as_collision"] = "missing"
+        else:
+            options["visual_as_collision"] = tuple(item.text() for item in given.items())
     return _robot(entries["name"]), options
 
 
@@ -304,11 +448,16 @@ def _robot(node: Node) -> str:
     return str(path)
 
 
-def _world(node: Node) -> World:
-    if not isinstance(node.value, str):
-        return _world_from_node(node)
+def _scene(node: Node) -> SceneFile:
+    """What a scenario's ``scene`` says: a scene, a file, a file with how it is read, or a list of these."""
+    reading = Reading()
+    if isinstance(node.value, list):
+        parts = [_source(item, reading) for item in node.items()]
+        return bounded(node.checked(joined, parts, World(Scene([]))))
+    if not isinstance(node.value, str) and not (isinstance(node.value, dict) and "file" in node.value):
+        return bounded(_scene_from_node(node, reading))
     try:
-        return read_world(node.source.path.parent / node.text())
+        return bounded(_source(node, reading))
     except SceneError as error:
         raise ScenarioError(str(error)) from None
 

@@ -118,7 +118,7 @@ def _hand_motion(valid: Checker, coordinates: Array) -> Array:
     kin.update(coordinates[None])
     hand = np.array([int(np.argmax(bounds.radius.sum(axis=0)))])
     at = bounds.bodies.ends_at(kin, np.zeros(1, dtype=np.intp), hand)[0].mean(axis=0)
-    return (kin.J[0, :, :3] + np.cross(kin.J[0, :, 3:], at)).T
+    return bounds.bodies.tree.summed((kin.J[0, :, :3] + np.cross(kin.J[0, :, 3:], at)).T)
 
 
 def shortened(

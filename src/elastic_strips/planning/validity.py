@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, by_rows
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.collision.candidates import CandidateParts
 from elastic_strips.collision.narrowphase import native_part
@@ -59,7 +59,7 @@ class ValidityChecker:
             candidates = CandidateParts.build(scene, least, most, 0.0)
             solids = [native_part(part) for part in candidates.parts]
             self.native = module.Validity(
-                bodies, solids, robot.self_pairs, candidates.native(), self.bounds.radius, margin
+                bodies, solids, robot.pairs_within(0.0), candidates.native(), self.bounds.of_motion, margin
             )
             return
         table = scene.table
@@ -123,7 +123,7 @@ class ValidityChecker:
         """Whether the configuration with these coordinates (nv,) is valid."""
         if self.native is None:
             return self(self.robot.space.from_coordinates(coordinates))
-        return self.native.valid(coordinates)
+        return self.native.valid(*by_rows(coordinates))
 
     def motion(self, a: Array, b: Array, step: float) -> bool:
         """Whether the motion between coordinates (nv,) is valid, but for its start: its end and places between.
@@ -132,6 +132,7 @@ class ValidityChecker:
         ``step`` [m], the middle first. It is no proof: the certificate is.
         """
         if self.native is not None:
+            a, b = by_rows(a, b)
             return self.native.motion(a, b, step)
         space = self.robot.space
         v = space.difference(a, b)
@@ -154,7 +155,7 @@ class ValidityChecker:
             unit: (K,) how much of the last K coordinates one unit of a state is.
         """
         if self.native is not None:
-            self.native.chart(row, unit)
+            self.native.chart(*by_rows(row, unit))
             return self.native.motion_in_chart
         return _in_chart(self.motion, row, unit)
 

@@ -219,22 +219,33 @@ def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
     )
 
 
+def outside(geometry: coal.CollisionGeometry, points: Array) -> Array:
+    """How far (V,) [m] points (V, 3) in a convex shape's frame are out of it, at least; negative within."""
+    kind, size = shape_of(geometry)
+    around, up = np.hypot(points[:, 0], points[:, 1]), np.abs(points[:, 2])
+    if kind is ShapeKind.BOX:
+        return (np.abs(points) - np.array(size)).max(axis=1)
+    if kind is ShapeKind.SPHERE:
+        return np.linalg.norm(points, axis=1) - size[0]
+    if kind is ShapeKind.CAPSULE:
+        return np.hypot(around, np.maximum(up - size[1], 0.0)) - size[0]
+    if kind is ShapeKind.CYLINDER:
+        return np.maximum(around - size[0], up - size[1])
+    if kind is ShapeKind.CONE:
+        radius, half = size
+        side = (2.0 * half * around - radius * (half - points[:, 2])) / hypot(2.0 * half, radius)
+        return np.maximum(side, -half - points[:, 2])
+    if kind is ShapeKind.CONVEX:
+        planes = convex_hull(vertices(geometry)).equations
+        chunks = np.array_split(points, max(1, len(points) // 500))
+        return np.concatenate([(planes[:, :3] @ p.T + planes[:, 3:]).max(axis=0) for p in chunks])
+    return np.full(len(points), np.inf)
+
+
 def contains(geometry: coal.CollisionGeometry, points: Array) -> bool:
     """Whether points (V, 3) in a shape's frame surely all lie inside it; False for more than 400 points."""
-    kind, size = shape_of(geometry)
-    if len(points) > 400:
-        return False
-    if kind is ShapeKind.BOX:
-        return bool(np.all(np.abs(points) <= np.array(size) + 1e-9))
-    if kind is ShapeKind.SPHERE:
-        return bool(np.all(np.linalg.norm(points, axis=1) <= size[0] + 1e-9))
-    if kind is ShapeKind.CYLINDER:
-        around = np.linalg.norm(points[:, :2], axis=1)
-        return bool(np.all(around <= size[0] + 1e-9) and np.all(np.abs(points[:, 2]) <= size[1] + 1e-9))
-    if kind is ShapeKind.CONVEX:
-        hull = convex_hull(vertices(geometry))
-        return bool(np.all(hull.equations[:, :3] @ points.T + hull.equations[:, 3:] <= 1e-9))
-    return False
+    sure = (ShapeKind.BOX, ShapeKind.SPHERE, ShapeKind.CYLINDER, ShapeKind.CONVEX)
+    return len(points) <= 400 and shape_of(geometry)[0] in sure and bool(np.all(outside(geometry, points) <= 1e-9))
 
 
 def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:

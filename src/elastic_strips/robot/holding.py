@@ -17,6 +17,7 @@ from elastic_strips.validation import check_number
 from .geometry import LinkGeometry, piece_of
 from .kinematics import find_frame
 from .model import RobotModel
+from .self_pairs import UncheckedPair, WhyUnchecked
 
 _COLOR = np.array([0.85, 0.65, 0.25, 1.0])
 
@@ -100,6 +101,9 @@ def attached(
         for i, own in enumerate(robot.geometries)
         if own.joint != joint and not allowed & set(own.links)
     ]
+    others = [own for own in robot.geometries if own.joint != joint and allowed & set(own.links)]
+    may_touch = {link for own in others for link in own.links}
+    unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
     model = robot.model.copy()
     if weight > 0.0:
         model.appendBodyToJoint(joint, pin.Inertia(weight, np.zeros(3), np.zeros((3, 3))), pin.SE3(T_joint_shape))
@@ -123,6 +127,8 @@ def attached(
         collision_model=collision,
         geometries=(*robot.geometries, *pieces),
         self_pairs=np.concatenate((robot.self_pairs, np.array(pairs, dtype=np.intp).reshape(-1, 2))),
+        self_apart=np.concatenate((robot.self_apart, np.zeros(len(pairs)))),
+        unchecked_pairs=(*robot.unchecked_pairs, *unchecked),
         visual=visual,
     )
     if q is None or robot.self_collision(q) is not None:

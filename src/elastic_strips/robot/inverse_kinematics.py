@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array
 
@@ -54,7 +55,7 @@ class ReachResult(Summary):
         return {"reached": self.q is not None, "solutions": len(self.solutions), "reason": self.reason}
 
 
-class PoseSolver:
+class PoseSolver(OneThread):
     """Workspace: brings a frame of a robot to poses.
 
     Args:
@@ -73,7 +74,7 @@ class PoseSolver:
         self.robot: RobotModel = robot
         self.frame: str = frame
         self.joint: int = int(robot.model.frames[index].parentJoint)
-        if not robot.tree.support[self.joint].any():
+        if not robot.tree.moving(self.joint).any():
             raise RobotError(f"frame {frame!r} of {robot.name!r} does not move")
         placement = robot.tree.to_aligned(self.joint, robot.model.frames[index].placement.homogeneous)
         self._rotation, self._translation = placement[:3, :3], placement[:3, 3]
@@ -81,7 +82,7 @@ class PoseSolver:
         space = robot.space
         self.lower: Array = np.maximum(space.lower, -np.pi)
         self.upper: Array = np.minimum(space.upper, np.pi)
-        self._weight = np.where(robot.tree.support[self.joint], 1.0, 0.0)
+        self._weight = np.where(robot.tree.moving(self.joint), 1.0, 0.0)
         self._weight[: space.base_nv] *= _BASE_WEIGHT
 
     def place(self, rows: Array) -> tuple[Array, Array]:
@@ -109,6 +110,7 @@ class PoseSolver:
             rows[:, :2] = around[:2] - self.place(rows)[0][:, :2]  # below the target, wherever the arm holds the hand
         return rows
 
+    @exclusive
     def solve(
         self,
         rows: Array,
@@ -156,7 +158,7 @@ class PoseSolver:
         kin = self._kin
         T = kin.T[self.joint, :n]
         at = T[:, :, :3] @ self._translation + T[:, :, 3]
-        columns = kin.J[:n] * self.robot.tree.support[self.joint][None, :, None]
+        columns = kin.columns(self.joint)
         linear = columns[:, :, :3] + np.cross(columns[:, :, 3:], at[:, None, :])
         if not turned:
             return linear.transpose(0, 2, 1)

@@ -16,9 +16,11 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.summary import Summary
 from elastic_strips.work import count_work
 
+from .mimic import carrier_name, followers_of
 from .space import ConfigurationSpace
 
 if TYPE_CHECKING:
@@ -38,6 +40,9 @@ def _rotation_to_axis(axis: Array) -> Array:
 class KinematicTree(Summary):
     """A Pinocchio model's joints as plain arrays, each joint's frame turned so that it moves about or along its z.
 
+    A *motion* is what one joint does (three of a planar root), a coordinate what can be planned. A joint that follows
+    another one has a motion of its own and the coordinate of its leader; without such joints motions are coordinates.
+
     Attributes:
         space: the configuration space.
         parents: (njoints,) parent joint index; 0 is the universe.
@@ -45,7 +50,11 @@ class KinematicTree(Summary):
         align: (njoints, 3, 3) rotation from the aligned frame to Pinocchio's joint frame axes.
         prismatic: (njoints,) True for joints that slide.
         coordinate_index: (njoints,) coordinate column of each single-dof joint (−1 for universe and planar root).
-        support: (njoints, nv) True where a degree of freedom moves the joint's body.
+        motion: (njoints,) motion of each single-dof joint (−1 likewise); those of joints further out are larger.
+        support: (njoints, M) True where a motion moves the joint's body.
+        coordinate: (M,) coordinate column of each motion.
+        rate: (M,) how fast the motion is for each unit of its coordinate; 1 but for followers.
+        shift: (M,) [rad or m] the motion at coordinate 0; 0 but for followers.
     """
 
     space: ConfigurationSpace
@@ -54,7 +63,11 @@ class KinematicTree(Summary):
     align: Array
     prismatic: Mask
     coordinate_index: Indices
+    motion: Indices
     support: Mask
+    coordinate: Indices
+    rate: Array
+    shift: Array
 
     @staticmethod
     def from_model(model: pin.Model, space: ConfigurationSpace) -> KinematicTree:
@@ -63,24 +76,32 @@ class KinematicTree(Summary):
         Raises:
             RobotError: the batched kinematics differ from Pinocchio's.
         """
-        n = model.njoints
+        n, motions = model.njoints, model.nvExtended
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
+        columns = np.asarray(data.J).reshape(6, motions)  # one-dimensional for nv = 1
         align = np.tile(np.eye(3), (n, 1, 1))
         prismatic = np.zeros(n, dtype=bool)
-        coordinate_index = np.full(n, -1, dtype=np.intp)
-        support = np.zeros((n, model.nv), dtype=bool)
+        coordinate_index, motion = np.full(n, -1, dtype=np.intp), np.full(n, -1, dtype=np.intp)
+        support = np.zeros((n, motions), dtype=bool)
+        coordinate, rate, shift = np.arange(motions), np.ones(motions), np.zeros(motions)
+        following = followers_of(model)
         for i in range(1, n):
             joint = model.joints[i]
+            m = joint.idx_vExtended
             support[i] = support[model.parents[i]]
-            support[i, joint.idx_v : joint.idx_v + joint.nv] = True
+            support[i, m : m + joint.nvExtended] = True
             if space.planar and i == 1:
                 continue
-            columns = np.asarray(data.J).reshape(6, -1)  # one-dimensional for nv = 1
-            column = data.oMi[i].actInv(pin.Motion(columns[:, joint.idx_v])).vector
+            coordinate_index[i] = coordinate[m] = joint.idx_v
+            motion[i] = m
+            if model.names[i] in following:
+                _, rate[m], shift[m] = following[model.names[i]]
+                if rate[m] == 0.0:
+                    raise RobotError(f"joint {model.names[i]!r} follows with a multiplier of 0: hold it still instead")
+            column = data.oMi[i].actInv(pin.Motion(columns[:, m] / rate[m])).vector
             prismatic[i] = bool(np.linalg.norm(column[3:]) < 0.5)
             align[i] = _rotation_to_axis(column[:3] if prismatic[i] else column[3:])
-            coordinate_index[i] = joint.idx_v
         offset = np.tile(np.eye(4), (n, 1, 1))
         parents = np.asarray([model.parents[i] for i in range(n)], dtype=np.intp)
         for i in range(1, n):
@@ -88,7 +109,9 @@ class KinematicTree(Summary):
             to_parent = align[parents[i]].T
             offset[i, :3, :3] = to_parent @ placement.rotation @ align[i]
             offset[i, :3, 3] = to_parent @ placement.translation
-        tree = KinematicTree(space, parents, offset, align, prismatic, coordinate_index, support)
+        tree = KinematicTree(
+            space, parents, offset, align, prismatic, coordinate_index, motion, support, coordinate, rate, shift
+        )
         tree._compare(model, data)
         return tree
 
@@ -112,7 +135,7 @@ class KinematicTree(Summary):
             ]
             off = max(
                 float(np.abs(kin.T[1:, n] - np.reshape(placed, (-1, 3, 4))).max(initial=0.0)),
-                float(np.abs(kin.J[n].T - np.reshape(data.J, (6, space.nv))).max(initial=0.0)),
+                float(np.abs(kin.J[n].T - np.reshape(data.J, (6, len(self.coordinate)))).max(initial=0.0)),
             )
             size = 1.0 + float(np.abs(kin.T[:, n]).max())
             if not off <= 1e-9 * size:
@@ -128,8 +151,48 @@ class KinematicTree(Summary):
             return None
         space = self.space
         return module.Tree(
-            space.planar, self.parents, self.coordinate_index, self.prismatic, space.circular, self.support, self.offset
-        )
+            space.planar, self.parents, self.motion, self.prismatic, space.circular, self.support, self.offset,
+            self.coordinate, self.rate, self.shift,
+        )  # fmt: skip
+
+    @property
+    def follows(self) -> bool:
+        """Whether a joint follows another one."""
+        return len(self.coordinate) > self.space.nv
+
+    @property
+    def multiplier(self) -> Array:
+        """(njoints,) how fast each joint moves for each unit of its coordinate."""
+        return np.append(self.rate, 1.0)[self.motion]
+
+    @property
+    def constant(self) -> Array:
+        """(njoints,) [rad or m] value of each joint where its coordinate is 0."""
+        return np.append(self.shift, 0.0)[self.motion]
+
+    @property
+    def sliding(self) -> Mask:
+        """(J,) which planned joints slide, so that their coordinate is a length [m]."""
+        single = self.coordinate_index >= 0
+        _, leaders = np.unique(self.coordinate_index[single], return_index=True)  # before their followers
+        return self.prismatic[single][leaders]
+
+    def moving(self, joint: int) -> Mask:
+        """(nv,) which coordinates move a joint's body."""
+        return self.summed(self.support[joint].astype(float)) > 0.0
+
+    def summed(self, motions: Array) -> Array:
+        """What motions do (…, M), each for a unit of its coordinate, by coordinates (…, nv)."""
+        if not self.follows:
+            return motions
+        out = np.zeros((*motions.shape[:-1], self.space.nv))
+        for m, k in enumerate(self.coordinate.tolist()):
+            out[..., k] += motions[..., m]
+        return out
+
+    def to_motions(self, coordinates: Array) -> Array:
+        """Motions (…, M) at coordinate rows (…, nv)."""
+        return coordinates[..., self.coordinate] * self.rate + self.shift if self.follows else coordinates
 
     def to_aligned(self, joint: int, T_joint: Array) -> Array:
         """A placement (4, 4) given in Pinocchio's joint frame, expressed in the aligned frame."""
@@ -138,7 +201,7 @@ class KinematicTree(Summary):
         return out
 
 
-class Kinematics:
+class Kinematics(OneThread):
     """Workspace: aligned joint placements and world Jacobian columns of many nodes.
 
     Args:
@@ -147,8 +210,8 @@ class Kinematics:
 
     Attributes (valid for the first ``n`` nodes after :meth:`update`):
         T: (njoints, capacity, 3, 4) world placements of the aligned joint frames; T[0] is the identity.
-        J: (capacity, nv, 6) world spatial Jacobian columns as rows, [linear, angular] at the world origin:
-            ``data.J.T``.
+        J: (capacity, M, 6) world spatial Jacobian columns of all motions as rows, [linear, angular] at the world
+            origin, each for a unit of its coordinate: ``data.J.T``.
         coordinates: (capacity, nv) the configurations.
     """
 
@@ -161,15 +224,16 @@ class Kinematics:
         self._allocate(capacity)
 
     def _allocate(self, capacity: int) -> None:
-        n, nv = len(self.tree.parents), self.tree.space.nv
+        n, nv, motions = len(self.tree.parents), self.tree.space.nv, len(self.tree.coordinate)
         self.capacity = capacity
         self.T = np.zeros((n, capacity, 3, 4))
         self.T[:, :, 0, 0] = self.T[:, :, 1, 1] = self.T[:, :, 2, 2] = 1.0
-        self.J = np.zeros((capacity, nv, 6))
+        self.J = np.zeros((capacity, motions, 6))
         self.coordinates = np.zeros((capacity, nv))
         if self.tree.space.planar:
             self.J[:, 2, 5] = 1.0
 
+    @exclusive
     def update(self, coordinates: Array, *, jacobians: bool = True) -> None:
         """Compute placements (and Jacobian columns) of the coordinate rows (N, nv)."""
         n = len(coordinates)
@@ -183,9 +247,10 @@ class Kinematics:
         if self.native is not None:
             self.native.place(self.coordinates[:n], T, self.J, jacobians)
             return
-        cos, sin = np.cos(coordinates), np.sin(coordinates)
+        motions = tree.to_motions(coordinates)
+        cos, sin = np.cos(motions), np.sin(motions)
         for i in range(1, len(tree.parents)):
-            k = tree.coordinate_index[i]
+            k = tree.motion[i]
             parent = T[tree.parents[i], :n]
             if k < 0:
                 base = T[i, :n]
@@ -200,7 +265,7 @@ class Kinematics:
             out = T[i, :n]
             if tree.prismatic[i]:
                 out[:] = frame
-                out[:, :, 3] += frame[:, :, 2] * coordinates[:, k, None]
+                out[:, :, 3] += frame[:, :, 2] * motions[:, k, None]
             else:
                 c, s = cos[:, k, None], sin[:, k, None]
                 x, y = frame[:, :, 0], frame[:, :, 1]
@@ -227,7 +292,7 @@ class Kinematics:
         moment[..., 0] = origin[..., 1] * axis[..., 2] - origin[..., 2] * axis[..., 1]
         moment[..., 1] = origin[..., 2] * axis[..., 0] - origin[..., 0] * axis[..., 2]
         moment[..., 2] = origin[..., 0] * axis[..., 1] - origin[..., 1] * axis[..., 0]
-        columns = tree.coordinate_index[single]
+        columns = tree.motion[single]
         sliding = tree.prismatic[single]
         if sliding.any():
             linear = np.where(sliding[:, None, None], axis, moment)
@@ -236,6 +301,13 @@ class Kinematics:
             linear, angular = moment, axis
         J[:n, columns, :3] = linear.transpose(1, 0, 2)
         J[:n, columns, 3:] = angular.transpose(1, 0, 2)
+        if tree.follows:
+            J[:n] *= tree.rate[:, None]
+
+    def columns(self, joint: int) -> Array:
+        """(n, nv, 6) what each coordinate does to a joint's body: its Jacobian columns as rows, at the world origin."""
+        J = self.J[: self.n] * self.tree.support[joint][None, :, None]
+        return self.tree.summed(J.transpose(0, 2, 1)).transpose(0, 2, 1) if self.tree.follows else J
 
     def points(self, joints: Indices, local: Array) -> Array:
         """World positions (N, P, 3) of points fixed to aligned joint frames: ``joints`` (P,), ``local`` (P, 3)."""
@@ -252,16 +324,12 @@ class Kinematics:
             point: (K, 3) world positions [m].
             direction: (K, 3) directions n, world frame.
         """
-        if self.native is not None:
-            rows = np.zeros((len(node), self.tree.space.nv))
-            self.native.directional(self.J, node, joint, point, direction, rows)
-            return rows
         wrench = np.empty((len(node), 6, 1))
         wrench[:, :3, 0] = direction
         wrench[:, 3, 0] = point[:, 1] * direction[:, 2] - point[:, 2] * direction[:, 1]
         wrench[:, 4, 0] = point[:, 2] * direction[:, 0] - point[:, 0] * direction[:, 2]
         wrench[:, 5, 0] = point[:, 0] * direction[:, 1] - point[:, 1] * direction[:, 0]
-        return np.matmul(self.J[node], wrench)[..., 0] * self.tree.support[joint]
+        return self.tree.summed(np.matmul(self.J[node], wrench)[..., 0] * self.tree.support[joint])
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +358,9 @@ def default_control_points(model: pin.Model, planar: bool, hand_frame: str | Non
     """P_m at the base, one point at every joint's origin, and the hand; points that coincide always are one point."""
     first = 2 if planar else 1
     points = [("P_m", 1, np.zeros(3))] if planar else []
-    points += [(f"P_{i - first + 1}", i, np.zeros(3)) for i in range(first, model.njoints)]
+    names = list(model.names)
+    moved = [i for i in range(first, model.njoints) if carrier_name(names[i]) not in names]
+    points += [(f"P_{k}", i, np.zeros(3)) for k, i in enumerate(moved, 1)]
     hand = None if hand_frame is None else find_frame(model, hand_frame)
     if hand is not None:
         frame = model.frames[hand]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -15,16 +16,22 @@ from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
 from elastic_strips.summary import Summary
 
-from .geometry import LinkGeometry, link_geometries, self_pairs
+from .cover import uncovered
+from .geometry import LinkGeometry
 from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
-from .space import LIMIT_TOLERANCE, BaseKind, ConfigurationSpace
+from .mimic import Following, carrier_name, followers_of, repaired
+from .self_pairs import PairRules, UncheckedPair, pieces_and_pairs
+from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace
 
 if TYPE_CHECKING:
+    from .card import RobotCard
     from .holding import HeldShape
     from .inverse_kinematics import ReachResult
+    from .urdf import UrdfSource
 
 _log = logging.getLogger(__name__)
 
+_NAMED = 8  # names in a sentence
 _LONGEST_SLIDE = 1e3
 """[m] to either side, for a sliding joint without limits."""
 
@@ -44,12 +51,21 @@ class RobotModel(Summary):
         tree: the model's joints as arrays.
         geometries: the convex pieces, in the order of ``collision_model.geometryObjects``.
         self_pairs: (S, 2) index pairs of ``geometries`` that must not touch.
+        self_apart: (S,) distances [m] that they are proven to keep in every posture within the limits; 0 where
+            nothing is; see :meth:`pairs_within`.
+        unchecked_pairs: pairs of links whose collisions with each other are not looked at, and why.
         control_point_set: the control points.
         home_q: (nq,) posture at the origin.
         visual: makes the visual geometry; read ``visual_model``.
         locked: values of the joints that planning holds still [rad or m].
         states: named postures, joint → value [rad or m]; see :meth:`state`.
         urdf_path, srdf_path: files, where there are any.
+        bare_links: links that are drawn and that no collision shape covers: nothing is proven of them.
+        held: why each of ``locked`` is held still.
+        groups: the SRDF's groups of joints.
+        shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``.
+        description: the URDF file as it was read, where there is one. A copy from another process has neither.
+        round_wheels: wheels among the locked joints that look the same however far they have turned.
     """
 
     name: str
@@ -60,6 +76,8 @@ class RobotModel(Summary):
     tree: KinematicTree
     geometries: tuple[LinkGeometry, ...]
     self_pairs: Indices
+    self_apart: Array
+    unchecked_pairs: tuple[UncheckedPair, ...]
     control_point_set: ControlPoints
     home_q: Array
     visual: Callable[[], pin.GeometryModel]
@@ -67,22 +85,33 @@ class RobotModel(Summary):
     states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     urdf_path: str | None = None
     srdf_path: str | None = None
+    bare_links: tuple[str, ...] = ()
+    held: Mapping[str, str] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    shapes: pin.GeometryModel | None = None
+    description: UrdfSource | None = None
+    round_wheels: frozenset[str] = frozenset()
 
-    def __getstate__(self) -> dict[str, object]:
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "visual"}  # that is a closure
+    def __getstate__(self) -> dict[str, object]:  # without a closure, and meshes that are not planned with
+        left = ("visual", "shapes", "description")
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left}
 
     def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state, visual=lambda: self.collision_model)
-        for array in (self.home_q, self.space.lower, self.space.upper):
+        self.__dict__.update(state, visual=lambda: self.collision_model, shapes=None, description=None)
+        repaired(self.model, self.tree.prismatic, self.tree.align[:, :, 2])
+        for array in (self.home_q, self.self_pairs, self.self_apart, self.space.lower, self.space.upper):
             array.setflags(write=False)
         shapes = [piece.geometry for piece in self.geometries]
         for shape in (*shapes, *(obj.geometry for obj in self.collision_model.geometryObjects)):
             shape.computeLocalAABB()
 
     def _summary(self) -> dict[str, object]:
+        following = {"following": _counted(tuple(self.followers))} if self.followers else {}
         return {
-            "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names),
+            "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names), **following,
             "locked": _counted(tuple(self.locked)), "pieces": len(self.geometries), "self_pairs": len(self.self_pairs),
+            **({"links_without_shape": _counted(self.bare_links)} if self.bare_links else {}),
+            "unchecked_pairs": _counted_reasons(self.unchecked_pairs),
         }  # fmt: skip
 
     @property
@@ -97,8 +126,14 @@ class RobotModel(Summary):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Planned joints without the root."""
-        return tuple(self.model.names[i] for i in range(2 if self.space.planar else 1, self.model.njoints))
+        """Planned joints without the root, and without those that follow one of them."""
+        names, counts = self.model.names, self.model.nvs
+        return tuple(names[i] for i in range(2 if self.space.planar else 1, self.model.njoints) if counts[i])
+
+    @cached_property
+    def followers(self) -> Mapping[str, Following]:
+        """The joints that follow a planned one (``<mimic>``): name → (leader, multiplier, constant [rad or m])."""
+        return {name: f for name, f in followers_of(self.model).items() if name != carrier_name(f.leader)}
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
@@ -108,12 +143,23 @@ class RobotModel(Summary):
         """
         return self.visual()
 
+    @property
+    def unproven(self) -> str:
+        """What no proof of this robot speaks of, in words that follow a verdict; empty where that is nothing."""
+        bare = self.bare_links
+        if not bare:
+            return ""
+        names = ", ".join(bare[:_NAMED]) + (f" and {len(bare) - _NAMED} more" if len(bare) > _NAMED else "")
+        return f"nothing is proven of {len(bare)} link{'s' * (len(bare) > 1)} without a collision shape: {names}"
+
     def same_as(self, other: RobotModel) -> bool:
         """Whether the other moves alike and has the same shape, so that a proof for one holds for the other."""
         if self is other:
             return True
         return (
             self.model == other.model
+            and np.array_equal(self.tree.rate, other.tree.rate)  # Pinocchio does not compare them
+            and np.array_equal(self.tree.shift, other.tree.shift)
             and self.base_kind is other.base_kind
             and np.array_equal(self.self_pairs, other.self_pairs)
             and len(self.geometries) == len(other.geometries)
@@ -158,6 +204,12 @@ class RobotModel(Summary):
         elif (x, y, yaw) != (0.0, 0.0, 0.0):
             raise ConfigurationError(f"the base of {self.name!r} is fixed; x={x}, y={y}, yaw={yaw} must be 0")
         for name, value in named.items():
+            if name in self.followers:
+                leader, multiplier, constant = self.followers[name]
+                raise ConfigurationError(
+                    f"joint {name!r} of {self.name!r} follows {leader!r} ({multiplier:g} times its value plus "
+                    f"{constant:g}); give that one's value"
+                )
             if name not in self.joint_names:
                 raise ConfigurationError(f"{self.name!r} plans no joint {name!r}{nearest_name(name, self.joint_names)}")
             coordinates[self.space.base_nv + self.joint_names.index(name)] = value
@@ -192,7 +244,8 @@ class RobotModel(Summary):
             limits: whether joints have to be within their limits.
 
         Raises:
-            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, or outside the joint limits.
+            ConfigurationError: wrong size, not finite, (cos, sin) not of unit length, outside the joint limits, or a
+                stack whose base goes farther than 10 km from the origin.
         """
         try:
             array = np.array(q, dtype=float)
@@ -205,6 +258,11 @@ class RobotModel(Summary):
         if len(bad):
             at = tuple(int(i) for i in bad[0])
             raise ConfigurationError(f"{what}{list(at)} = {array[at]} is not finite")
+        if self.space.planar and array.ndim == 2 and not (np.abs(array[:, :2]) <= MAX_TRAVEL).all():
+            at = tuple(int(i) for i in np.argwhere(np.abs(array[:, :2]) > MAX_TRAVEL)[0])
+            raise ConfigurationError(
+                f"{what}: the base's {'xy'[at[-1]]} = {array[at]:.6g} m; it stays within {MAX_TRAVEL:g} m of the origin"
+            )
         pairs = [2] if self.space.planar else []
         pairs += [int(i) for i in self.space.idx_q[self.space.circular]]
         for i in pairs:
@@ -230,6 +288,10 @@ class RobotModel(Summary):
                 i = int(self.space.idx_q[k - self.space.base_nv])
                 array[..., i] = np.clip(array[..., i], self.space.lower[k], self.space.upper[k])
         return array
+
+    def pairs_within(self, distance: float) -> Indices:
+        """The self pairs (S', 2) that are not proven to stay further apart than this [m] in every posture."""
+        return self.self_pairs[self.self_apart <= distance]
 
     def self_collision(self, q: ArrayLike) -> tuple[str, str] | None:
         """Names of two pieces of the robot that touch at a configuration (nq,), or None.
@@ -279,6 +341,15 @@ class RobotModel(Summary):
 
         return attached(self, shape, frame, q=q, touch=touch, mass=mass, name=name)
 
+    def card(self) -> RobotCard:
+        """What is known of the robot, what is assumed and what is not looked at; see :class:`.card.RobotCard`.
+
+        It reads the meshes and the URDF a second time, which may take seconds.
+        """
+        from .card import robot_card  # it needs this class
+
+        return robot_card(self)
+
     def frame_pose(self, q: ArrayLike, frame: str) -> Array:
         """Pose (4, 4) in the world of one of the robot's frames at a configuration (nq,).
 
@@ -311,33 +382,51 @@ class RobotModel(Summary):
         name: str | None = None,
         locked: Mapping[str, float] | None = None,
         home: Mapping[str, float] | None = None,
-        disabled_pairs: Iterable[Iterable[str]] | None = None,
+        disabled_pairs: Mapping[frozenset[str], str] | Iterable[Iterable[str]] | None = None,
+        enabled_pairs: Iterable[Iterable[str]] = (),
+        followers: Mapping[str, tuple[str, float, float]] | None = None,
         control_points: Mapping[str, str | tuple[str, ArrayLike]] | None = None,
         hand_frame: str | None = None,
         states: Mapping[str, Mapping[str, float]] | None = None,
         urdf_path: str | None = None,
         srdf_path: str | None = None,
+        held: Mapping[str, str] | None = None,
+        groups: Mapping[str, tuple[str, ...]] | None = None,
+        drawn: pin.GeometryModel | None = None,
+        description: UrdfSource | None = None,
+        round_wheels: Collection[str] = (),
     ) -> RobotModel:
         """Make a robot of Pinocchio models that already exist; they are not changed.
 
         Args:
             model: a model whose joint 1 is ``JointModelPlanar``, or one with a fixed base. Sliding joints without
-                limits get ±1 km.
+                limits get ±1 km. Joints that follow another (``JointModelMimic``) move with it; they have no limits of
+                their own, so those of their leaders have to be as narrow as theirs.
             collision_model: its collision geometry.
             visual_model: its visual geometry, or what makes it; the collision geometry where None.
             base: base kind; None means omni for a planar root and fixed otherwise.
             name: the robot's name; the model's where None.
-            locked: joint → value of joints to hold still.
+            locked: joint → value of joints to hold still; joints that follow one of them are held where that puts them.
             home: joint → value of the home posture; the rest is neutral, within limits.
-            disabled_pairs: pairs of link names whose collisions are ignored; None derives them by sampling.
+            disabled_pairs: pairs of link names whose collisions are not looked at, besides those that one joint joins
+                and those that touch in every sampled posture; with the reason of each, where it is a mapping.
+            enabled_pairs: pairs that are looked at, though a joint joins them.
+            followers: joint → (joint that it mimics, multiplier, offset [rad or m]), for the sampled postures.
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
             urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
+            held: joint → why it is locked.
+            groups: the SRDF's groups of joints.
+            drawn: visual geometry of the links without a collision shape; where None, that of ``visual_model`` if it
+                is no function.
+            description: the URDF file as it was read.
+            round_wheels: joints that change nothing of the robot's shape; those that are not locked are passed over.
 
         Raises:
-            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, or geometry that is fixed
-                to the world beside a base that moves.
+            RobotError: an unknown joint or frame, a base kind that the root joint cannot be, joints or geometry that
+                hang on the world beside a base that moves, or a joint that follows another one and is locked, is
+                elsewhere at home, or cannot go around with it.
         """
         planar = model.njoints > 1 and model.joints[1].shortname() == "JointModelPlanar"
         kind = BaseKind.parse(base) if base is not None else (BaseKind.OMNI if planar else BaseKind.FIXED)
@@ -349,19 +438,31 @@ class RobotModel(Summary):
         values = dict(locked or {})
         check_joint_names(model, values, "locked")
         check_joint_names(model, home or {}, "home")
-        reference = _reference_configuration(model, {**(home or {}), **values})
+        reference = reference_configuration(model, {**(home or {}), **values})
+        held_too = _followers_held(model, values, home or {})
+        values |= held_too
         ids = [model.getJointId(n) for n in values]
         reduced = _reduced(model, ids, reference)
         _bound_sliders(reduced)
         collision = _carried_over(model, reduced, collision_model)
         space = ConfigurationSpace.from_model(reduced)
-        pieces = tuple(link_geometries(reduced, collision))
-        if not pieces:
+        if not collision.ngeoms:
             raise RobotError(f"robot {name or model.name!r} has no collision geometry, so nothing could be certified")
+        told = disabled_pairs is not None
+        reasons = disabled_pairs if isinstance(disabled_pairs, Mapping) else dict.fromkeys(disabled_pairs or (), "")
+        rules = PairRules(
+            {frozenset(pair): str(reason) for pair, reason in reasons.items()},
+            frozenset(map(frozenset, enabled_pairs)), told, dict(followers or {}),
+        )  # fmt: skip
+        made = pieces_and_pairs(model, collision_model, reduced, collision, rules)
+        pieces, pairs = made.pieces, made.pairs
         if planar:
-            _refuse_world_geometry(pieces)
-        q_home = _reference_configuration(reduced, dict(home or {}))
-        pairs = self_pairs(reduced, pieces, q_home, disabled_pairs)
+            _refuse_other_roots(reduced, pieces)
+        _check_wrapping(reduced)
+        q_home = reference_configuration(reduced, dict(home or {}))
+        if drawn is None and visual_model is not None and not callable(visual_model):
+            drawn = _without_shapes(visual_model, collision_model)
+        bare = () if drawn is None else uncovered(reduced, _carried_over(model, reduced, drawn), pieces)
         convex = pin.GeometryModel()
         for piece in pieces:
             pose = pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
@@ -383,7 +484,8 @@ class RobotModel(Summary):
             points = default_control_points(reduced, planar, hand_frame)
         else:
             points = parse_control_points(reduced, control_points)
-        q_home.setflags(write=False)
+        for array in (q_home, pairs, made.apart):
+            array.setflags(write=False)
         return RobotModel(
             name=name or model.name or "robot",
             base_kind=kind,
@@ -393,6 +495,8 @@ class RobotModel(Summary):
             tree=KinematicTree.from_model(reduced, space),
             geometries=pieces,
             self_pairs=pairs,
+            self_apart=made.apart,
+            unchecked_pairs=made.unchecked,
             control_point_set=points,
             home_q=q_home,
             visual=visual,
@@ -400,12 +504,61 @@ class RobotModel(Summary):
             states={k: dict(v) for k, v in (states or {}).items()},
             urdf_path=urdf_path,
             srdf_path=srdf_path,
+            bare_links=bare,
+            held=dict(held or {}),
+            groups=dict(groups or {}),
+            shapes=collision,
+            description=description,
+            round_wheels=frozenset(round_wheels) & frozenset(values),
         )
+
+
+def _without_shapes(visual: pin.GeometryModel, collision: pin.GeometryModel) -> pin.GeometryModel:
+    """The visual geometry of frames that have no collision geometry."""
+    shaped = {obj.parentFrame for obj in collision.geometryObjects}
+    out = pin.GeometryModel()
+    for obj in visual.geometryObjects:
+        if obj.parentFrame not in shaped:
+            out.addGeometryObject(obj)
+    return out
 
 
 def _counted(names: tuple[str, ...]) -> str:
     """How many, and which."""
     return f"{len(names)}" + (f": {', '.join(names)}" if names else "")
+
+
+def _followers_held(model: pin.Model, locked: Mapping[str, float], home: Mapping[str, float]) -> dict[str, float]:
+    """Followers of joints that are locked, where those put them.
+
+    Raises:
+        RobotError: a follower that is to be locked, or to be elsewhere than its leader puts it at home.
+    """
+    held = {}
+    for name, (leader, multiplier, constant) in followers_of(model).items():
+        if name in locked:
+            raise RobotError(f"locked: {name!r} follows {leader!r}: lock that one, or neither")
+        if leader in locked:
+            held[name] = multiplier * locked[leader] + constant
+        elif name in home and not abs(home[name] - multiplier * home.get(leader, np.nan) - constant) <= LIMIT_TOLERANCE:
+            raise RobotError(f"home: {name!r} = {home[name]:.6g} is not where {leader!r}, which it follows, puts it")
+    return held
+
+
+def _check_wrapping(model: pin.Model) -> None:
+    """A turn of a continuous joint must leave its followers where they were."""
+    for name, (leader, multiplier, _) in followers_of(model).items():
+        if model.joints[model.getJointId(leader)].nq == 2 and multiplier != round(multiplier):
+            raise RobotError(
+                f"joint {name!r} follows {leader!r}, which is continuous, {multiplier:g} times: it would be elsewhere "
+                f"after a whole turn. Give {leader!r} limits, or lock it"
+            )
+
+
+def _counted_reasons(pairs: tuple[UncheckedPair, ...]) -> str:
+    """How many pairs are not looked at, by reason."""
+    count = Counter(pair.why.value for pair in pairs)
+    return f"{len(pairs)}" + (f": {'; '.join(f'{n} as {why}' for why, n in count.items())}" if pairs else "")
 
 
 def _bound_sliders(model: pin.Model) -> None:
@@ -417,14 +570,21 @@ def _bound_sliders(model: pin.Model) -> None:
             model.upperPositionLimit[k] = min(model.upperPositionLimit[k], _LONGEST_SLIDE)
 
 
-def _refuse_world_geometry(pieces: tuple[LinkGeometry, ...]) -> None:
-    """What does not move with a moving base is no link of the robot: the base's motion would not count against it."""
+def _refuse_other_roots(model: pin.Model, pieces: tuple[LinkGeometry, ...]) -> None:
+    """What does not move with a moving base is no part of the robot: the base's motion would not count against it."""
     fixed = [p.name for p in pieces if p.joint == 0]
     if fixed:
         raise RobotError(
             f"collision geometry fixed to the world (joint 0): {', '.join(map(repr, fixed[:10]))}"
             f"{', …' if len(fixed) > 10 else ''}. The base moves, so this is no part of the robot: take it out of "
             "collision_model and give it to the Scene as an obstacle"
+        )
+    roots = [model.names[i] for i in range(2, model.njoints) if model.parents[i] == 0]
+    if roots:
+        raise RobotError(
+            f"joints that hang on the world beside the planar root: {', '.join(map(repr, roots[:10]))}"
+            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: make "
+            "it of a model of its own, or hang them on the base"
         )
 
 
@@ -484,7 +644,7 @@ def check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) 
             raise RobotError(f"{what}: joint {joint!r} has value {value!r}; it must be a finite number [rad or m]")
 
 
-def _reference_configuration(model: pin.Model, values: Mapping[str, float]) -> Array:
+def reference_configuration(model: pin.Model, values: Mapping[str, float]) -> Array:
     """The neutral configuration moved inside the limits, with some joints set."""
     q = pin.neutral(model)
     for i in range(1, model.njoints):

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.arrays import Array, Indices, Mask, by_rows
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.native import kernel
 from elastic_strips.summary import Summary
@@ -52,6 +52,15 @@ class BaseKind(str, Enum):
 
 LIMIT_TOLERANCE = 1e-4
 """A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
+
+MAX_TRAVEL = 1e4
+"""Farthest [m] that a path may take a base from the origin, along x and along y."""
+
+
+def is_follower(joint: pin.JointModel) -> bool:
+    """Whether a joint of a Pinocchio model follows another one, and has no coordinate of its own."""
+    return joint.shortname() == "JointModelMimic"
+
 
 _SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
@@ -122,6 +131,8 @@ class ConfigurationSpace(Summary):
         lower, upper = [-np.inf] * (3 if planar else 0), [np.inf] * (3 if planar else 0)
         for i in range(first, model.njoints):
             joint = model.joints[i]
+            if is_follower(joint):
+                continue
             if joint.nv != 1 or joint.nq not in (1, 2):
                 raise RobotError(
                     f"joint {model.names[i]!r} is a {joint.shortname()} with {joint.nv} degrees of freedom; planned "
@@ -141,6 +152,12 @@ class ConfigurationSpace(Summary):
     def base_nv(self) -> int:
         """Number of the base's degrees of freedom: 3 for a planar root, else 0."""
         return 3 if self.planar else 0
+
+    @property
+    def turning(self) -> Mask:
+        """(nv,) whether a coordinate is an angle that turns without end: the base's yaw, and circular joints."""
+        base = np.array([False, False, True]) if self.planar else np.zeros(0, dtype=bool)
+        return np.concatenate((base, self.circular))
 
     def to_coordinates(self, q: Array) -> Array:
         """Configurations (…, nq) to coordinate rows (…, nv)."""
@@ -181,7 +198,7 @@ class ConfigurationSpace(Summary):
         module = kernel()
         if module is not None and a.ndim == 2 and a.shape == b.shape:
             v = np.empty(a.shape)
-            module.difference(self.planar, self.circular, a, b, v)
+            module.difference(self.planar, self.circular, *by_rows(a, b), v)
             return v
         v = np.subtract(b, a)
         n = self.base_nv
@@ -203,7 +220,7 @@ class ConfigurationSpace(Summary):
         module = kernel()
         if module is not None and a.ndim == 2 and a.shape == v.shape:
             out = np.empty(a.shape)
-            module.integrate(self.planar, self.circular, a, v, out)
+            module.integrate(self.planar, self.circular, *by_rows(a, v), out)
             return out
         out = np.add(a, v)
         if self.planar:

@@ -13,6 +13,12 @@ from elastic_strips.errors import RobotError
 from .space import LIMIT_TOLERANCE
 from .urdf import Mends, UrdfSource, fault, read_xml
 
+_KNOWN = {
+    "robot", "group", "joint", "link", "chain", "group_state", "end_effector", "virtual_joint", "passive_joint",
+    "disable_collisions", "enable_collisions", "disable_default_collisions", "link_sphere_approximation", "sphere",
+    "joint_property", "group_property",
+}  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class Srdf:
@@ -20,13 +26,15 @@ class Srdf:
 
     Attributes:
         path: the file.
-        disabled: unordered link pairs whose collisions are ignored.
+        disabled: unordered link pairs whose collisions are not looked at, and the reason that the file gives.
+        enabled: pairs that it asks for, of links that it leaves out otherwise.
         states: posture name → joint → value [rad or m].
         groups: group name → its joints that can be planned.
     """
 
     path: Path
-    disabled: frozenset[frozenset[str]] = frozenset()
+    disabled: dict[frozenset[str], str] = field(default_factory=dict)
+    enabled: frozenset[frozenset[str]] = frozenset()
     states: dict[str, dict[str, float]] = field(default_factory=dict)
     groups: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
@@ -43,7 +51,10 @@ def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
     source = Path(path)
     root = read_xml(source, root="robot", kind="SRDF")
     mends = Mends(source)
-    disabled = _disabled(root, source, robot, mends)
+    for element in root.iter():
+        if element.tag not in _KNOWN:
+            mends.add("elements that are not known", element.tag)
+    disabled, enabled = _collisions(root, source, robot, mends)
     states = _states(root, source, robot, mends)
     passive = {element.get("name") for element in root.findall("passive_joint")}
     elements = {element.get("name"): element for element in root.findall("group")}
@@ -54,20 +65,39 @@ def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
         found = _group(elements, name, robot, mends, virtual)
         groups[name] = tuple(joint for joint in dict.fromkeys(found) if joint in single)
     mends.say()
-    return Srdf(source, disabled, states, groups)
+    return Srdf(source, disabled, enabled, states, groups)
 
 
-def _disabled(root: etree._Element, source: Path, robot: UrdfSource, mends: Mends) -> frozenset[frozenset[str]]:
-    disabled: set[frozenset[str]] = set()
-    for element in root.iter("disable_collisions"):
-        pair = [element.get("link1"), element.get("link2")]
-        for key, name in zip(("link1", "link2"), pair, strict=True):
+def _collisions(
+    root: etree._Element, source: Path, robot: UrdfSource, mends: Mends
+) -> tuple[dict[frozenset[str], str], frozenset[frozenset[str]]]:
+    """The pairs that are left out, with reasons, and those that are asked for.
+
+    As MoveIt reads it: a link of ``disable_default_collisions`` is left out of all pairs, but those that
+    ``enable_collisions`` asks for; ``disable_collisions`` has the last word.
+    """
+
+    def named(element: etree._Element, *keys: str) -> list[str]:
+        names = []
+        for key in keys:
+            name = element.get(key)
             if name is None:
-                raise fault(source, element, f"<disable_collisions> has no attribute {key!r}")
+                raise fault(source, element, f"<{element.tag}> has no attribute {key!r}")
             if name not in robot.links:
-                mends.add("links in <disable_collisions> that the robot has not", name)
-        disabled.add(frozenset(pair))
-    return frozenset(disabled)
+                mends.add(f"links in <{element.tag}> that the robot has not", name)
+            names.append(name)
+        return names
+
+    disabled: dict[frozenset[str], str] = {}
+    enabled = {frozenset(named(element, "link1", "link2")) for element in root.iter("enable_collisions")}
+    for element in root.iter("disable_default_collisions"):
+        (link,) = named(element, "link")
+        disabled.update({frozenset((link, other)): "by default" for other in robot.links if other != link})
+    for pair in enabled:
+        disabled.pop(pair, None)
+    for element in root.iter("disable_collisions"):
+        disabled[frozenset(named(element, "link1", "link2"))] = element.get("reason", "")
+    return disabled, frozenset(enabled - set(disabled))
 
 
 def _states(root: etree._Element, source: Path, robot: UrdfSource, mends: Mends) -> dict[str, dict[str, float]]:

@@ -10,7 +10,9 @@ import logging
 import math
 import os
 import re
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import coal
@@ -18,8 +20,11 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.errors import RobotError, nearest_name
-from elastic_strips.files import check_input, read_input
+from elastic_strips.files import check_input, note_input, read_input
+from elastic_strips.packages import package_of
 from elastic_strips.summary import shortened
+
+from .mimic import Following
 
 _log = logging.getLogger(__name__)
 _SHOWN = 12
@@ -65,7 +70,9 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
         raise RobotError(f"{path}: the {kind} file is empty")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise RobotError(f"{path}: the {kind} file has a document type or entities, which are not accepted")
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True)
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True, remove_pis=True
+    )
     try:
         element = etree.fromstring(text, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -74,12 +81,7 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
     docinfo = element.getroottree().docinfo
     if docinfo.doctype or docinfo.internalDTD is not None:  # another encoding hides it from the search above
         raise RobotError(f"{path}: the {kind} file has a document type, which is not accepted")
-    try:
-        readable = "\0" not in text.decode("utf-8")
-    except UnicodeDecodeError:
-        readable = False
-    if not readable:  # Pinocchio reads nothing else
-        raise RobotError(f"{path}: the {kind} file is not UTF-8 text")
+    _check_encoding(text, path, kind)
     if element.tag != root:
         raise RobotError(f"{path}:{element.sourceline}: root element is <{element.tag}>; a {kind} file has <{root}>")
     for each in element.iter():  # so that every message that quotes a name stays readable
@@ -88,6 +90,34 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
                 where = f"{path}:{each.sourceline}: <{each.tag!s:.60}>"
                 raise RobotError(f"{where}: attribute {key!s:.60} has {len(value)} characters; at most {_MAX_TEXT}")
     return element
+
+
+_DECLARED = re.compile(rb"""<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+_MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+
+
+def _check_encoding(text: bytes, path: Path, kind: str) -> None:
+    """That a file is written as its mark or its first line says, and in UTF-8 where neither says anything.
+
+    The parser is less strict: it guesses, and what it guesses may be other names than those that were meant.
+
+    Raises:
+        RobotError: it is not.
+    """
+    mark = next((name for start, name in _MARKS.items() if text.startswith(start)), None)
+    found = _DECLARED.search(text[:1000].replace(b"\0", b""))
+    declared = None if found is None else found[1].decode("ascii").lower()
+    encoding = mark or declared or "utf-8"
+    agree = mark is None or declared is None or declared.replace("_", "-").startswith(mark)
+    try:
+        readable = agree and "\0" not in text.decode(encoding)
+    except (LookupError, UnicodeDecodeError):
+        readable = False
+    if not agree:
+        raise RobotError(f"{path}: the {kind} file is {mark} by its mark, and its first line declares {declared}")
+    if not readable:
+        said = f"{declared} text, which its first line declares" if declared else "UTF-8 text"
+        raise RobotError(f"{path}: the {kind} file is not {said}")
 
 
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
@@ -140,6 +170,7 @@ def _check_origins(element: etree._Element, source: Path, what: str) -> None:
 
 
 _MIN_SIZE, MAX_LENGTH = 1e-6, 1e6  # [m]; as in scenes
+_PLATE = 1e-4  # [m]: a plate or a rod of no thickness gets this one
 _MAX_MESH_BYTES = 100_000_000
 _MAX_SHAPES = 500
 _MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
@@ -162,23 +193,99 @@ def search_folders(source: Path, extra: tuple[str | Path, ...]) -> list[Path]:
     return list(dict.fromkeys(f for f in folders if os.path.isdir(f)))
 
 
-def resolve_mesh(name: str, source: Path, folders: list[Path]) -> Path | None:
-    """The file that a URDF mesh name means, or None."""
+def resolve_mesh(
+    name: str, source: Path, folders: list[Path], packages: dict[str, Path | None] | None = None
+) -> Path | None:
+    """The file that a URDF mesh name means, or None.
+
+    Args:
+        name: as the file has it.
+        source: the file.
+        folders: what `search_folders` found.
+        packages: packages that were found by their ``package.xml``, to be asked for once; filled here.
+    """
     # os.path.isfile is false where Path.is_file raises: a name that is too long, a folder that may not be entered
     if name.startswith("file://"):
         candidate = Path(name[len("file://") :])
         return candidate if os.path.isfile(candidate) else None
     if name.startswith("package://"):
         rest = name[len("package://") :].lstrip("/")  # some name no package
-        return next((f / rest for f in folders if os.path.isfile(f / rest)), None)
+        found = next((f / rest for f in folders if os.path.isfile(f / rest)), None)
+        if found is not None:
+            return found
+        package, _, inside = rest.partition("/")
+        known = {} if packages is None else packages
+        if package not in known:
+            known[package] = package_of(package, folders)
+        folder = known[package]
+        return folder / inside if folder is not None and os.path.isfile(folder / inside) else None
     candidate = Path(name)
     if candidate.is_absolute():
         return candidate if os.path.isfile(candidate) else None
     return next((f / name for f in [source.parent, *folders] if os.path.isfile(f / name)), None)
 
 
-def _check_geometry(root: etree._Element, source: Path, folders: list[Path], mends: Mends) -> None:
+def mesh_unit(path: Path) -> float:
+    """The unit of length [m] of a mesh file: what a Collada file states, which Coal passes over; else a metre.
+
+    Its ``<up_axis>`` is passed over, as RViz does: URDF files are written for that.
+    """
+    if path.suffix.lower() != ".dae":
+        return 1.0
+    try:
+        events = etree.iterparse(str(path), events=("end",), resolve_entities=False, no_network=True, huge_tree=False)
+        for _, element in events:
+            parent = element.getparent()
+            outermost = parent is not None and parent.getparent() is None
+            if outermost and etree.QName(element).localname == "asset":
+                unit = element.find("{*}unit")
+                value = 1.0 if unit is None else float(unit.get("meter", "1"))
+                return value if math.isfinite(value) and value > 0.0 else 1.0
+            if outermost:  # the asset comes first, or not at all
+                return 1.0
+    except (etree.XMLSyntaxError, OSError, ValueError):  # who reads the mesh will say so
+        pass
+    return 1.0
+
+
+def _as_collision(root: etree._Element, source: Path, wanted: Collection[str] | str) -> tuple[str, ...]:
+    """Give links the shapes that are drawn as collision shapes, instead of their own; returns which have got some.
+
+    Raises:
+        RobotError: a link that is not there, or has nothing to draw.
+    """
+    links = {link.get("name"): link for link in root.findall("link")}
+    if wanted == "missing":
+        names = [name for name, link in links.items() if link.find("collision") is None]
+    elif isinstance(wanted, str):
+        raise RobotError(f'visual_as_collision={wanted!r}: give a list of links, or "missing" for those without shapes')
+    else:
+        names = list(dict.fromkeys(wanted))
+    for name in names:
+        if name not in links:
+            raise RobotError(f"{source}: visual_as_collision: unknown link {name!r}{nearest_name(name, links)}")
+        visuals = links[name].findall("visual")
+        if not visuals and wanted != "missing":
+            raise RobotError(f"{source}: visual_as_collision: link {name!r} has no <visual>")
+        for own in links[name].findall("collision") if visuals else []:
+            links[name].remove(own)
+        for visual in visuals:
+            shape = deepcopy(visual)
+            shape.tag, shape.tail = "collision", None
+            for material in shape.findall("material"):
+                shape.remove(material)
+            links[name].append(shape)
+    return tuple(name for name in names if links[name].find("visual") is not None)
+
+
+def _check_geometry(
+    root: etree._Element, source: Path, folders: list[Path], mends: Mends
+) -> tuple[dict[str, _Capsule], frozenset[str]]:
     """Check all shapes; mesh names become paths, and a visual shape with a fault is left out.
+
+    Returns:
+        The capsules, which stand in the document as cylinders: ``"collision"`` or ``"visual"``, and the shape's name.
+        And the links of which something was left out that should have been drawn.
 
     Raises:
         RobotError: a collision shape with a fault, or too many of them.
@@ -186,21 +293,35 @@ def _check_geometry(root: etree._Element, source: Path, folders: list[Path], men
     count = len(root.findall("link/collision"))
     if count > _MAX_SHAPES:
         raise RobotError(f"{source}: the robot has {count} collision shapes; at most {_MAX_SHAPES} are accepted")
+    packages: dict[str, Path | None] = {}
+    capsules: dict[str, _Capsule] = {}
+    undrawn: set[str] = set()
     for link in root.findall("link"):
+        name = link.get("name")
         for tag in ("collision", "visual"):
             for element in link.findall(tag):
-                what = f"link {link.get('name')!r} <{tag}>"
+                what = f"link {name!r} <{tag}>"
                 try:
-                    _check_element(element, source, folders, what)
+                    extended = _check_element(element, source, folders, packages, what, mends, name)
                 except RobotError:
                     if tag == "collision":
                         raise
-                    mends.add("links with a visual shape or mesh that cannot be read, not drawn", link.get("name"))
+                    mends.add("links with a visual shape or mesh that cannot be read, not drawn", name)
+                    undrawn.add(name)
+                    extended = False
+                if not extended:
                     link.remove(element)
+            for number, element in enumerate(link.findall(tag)):
+                shape = element.find("geometry")[0]
+                if shape.tag == "capsule":
+                    radius, length = (float(shape.get(key)) for key in ("radius", "length"))
+                    capsules[f"{tag} {name}_{number}"] = radius, length
+                    shape.tag = "cylinder"
         for number, material in enumerate(link.iter("material")):
             if not material.get("name"):
-                mends.add("links with a <material> without a name, given one", link.get("name"))
-                material.set("name", f"{link.get('name')} {number}")
+                mends.add("links with a <material> without a name, given one", name)
+                material.set("name", f"{name} {number}")
+    return capsules, frozenset(undrawn)
 
 
 def _check_materials(root: etree._Element, mends: Mends) -> None:
@@ -222,47 +343,73 @@ def _check_materials(root: etree._Element, mends: Mends) -> None:
         names.add(name)
 
 
-def _check_element(element: etree._Element, source: Path, folders: list[Path], what: str) -> None:
+def _check_element(
+    element: etree._Element, source: Path, folders: list[Path], packages: dict[str, Path | None], what: str,
+    mends: Mends, link: str,
+) -> bool:  # fmt: skip
+    """Check a <collision> or <visual>; False where it has no size at all.
+
+    Raises:
+        RobotError: a fault of it.
+    """
     _check_origins(element, source, what)
     geometry = element.find("geometry")
     if geometry is None or len(geometry) == 0:
         raise fault(source, element, f"{what} has no <geometry>")
     shapes = [shape for each in element.findall("geometry") for shape in each]
     if len(shapes) > 1:  # all but the first would be ignored in silence
-        raise fault(source, shapes[1], f"{what} has a second shape <{shapes[1].tag}>; give it its own <{element.tag}>")
+        raise fault(
+            source, shapes[1], f"{what} has a second shape <{shapes[1].tag!s:.60}>; give it its own <{element.tag}>"
+        )
     shape = geometry[0]
     if shape.tag == "mesh":
-        _check_mesh(shape, source, folders, what)
-    elif shape.tag in _SHAPES:
-        keys, count = _SHAPES[shape.tag]
-        for key in keys.split():
-            values = floats(shape, key, count, source, what, bound=MAX_LENGTH)
-            if min(values) < _MIN_SIZE:
-                least = "> 0" if min(values) <= 0 else f"at least {_MIN_SIZE:g} m"
-                raise fault(source, shape, f"{what} has {key} {values}; it must be {least}")
-        if shape.tag == "capsule":
-            instead = "give a <cylinder> and two <sphere>s"
-            raise fault(source, shape, f"{what}: Pinocchio reads no <capsule> from a URDF; {instead}")
-    else:
+        _check_mesh(shape, source, folders, packages, what, mends)
+        return True
+    if shape.tag not in _SHAPES:
         hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
-        raise fault(source, shape, f"{what} has unknown shape <{shape.tag}>{hint}")
+        raise fault(source, shape, f"{what} has unknown shape <{shape.tag!s:.60}>{hint}")
+    keys, count = _SHAPES[shape.tag]
+    sizes = {key: floats(shape, key, count, source, what, bound=MAX_LENGTH) for key in keys.split()}
+    for key, values in sizes.items():
+        if any(value != 0.0 and value < _MIN_SIZE for value in values):
+            least = "≥ 0" if min(values) < 0 else f"0 or at least {_MIN_SIZE:g} m"
+            raise fault(source, shape, f"{what} has {key} {values}; it must be {least}")
+    if not any(any(values) for values in sizes.values()):
+        mends.add("links with a shape of size 0, left out", link)
+        return False
+    if shape.tag == "capsule" and sizes["length"] == [0.0]:
+        shape.tag = "sphere"
+        del shape.attrib["length"], sizes["length"]
+    for key, values in sizes.items():
+        if not all(values):  # a plate or a rod, which one can run into
+            mends.add(f"links with a shape of no thickness, taken as {1e3 * _PLATE:g} mm thick", link)
+            shape.set(key, " ".join(str(value or _PLATE) for value in values))
+    return True
 
 
-def _check_mesh(shape: etree._Element, source: Path, folders: list[Path], what: str) -> None:
+def _check_mesh(
+    shape: etree._Element, source: Path, folders: list[Path], packages: dict[str, Path | None], what: str, mends: Mends
+) -> None:
     name = shape.get("filename")
     if not name:
         raise fault(source, shape, f"{what} has a <mesh> without filename")
-    if 0.0 in floats(shape, "scale", 3, source, what, "1 1 1"):
+    scale = floats(shape, "scale", 3, source, what, "1 1 1")
+    if 0.0 in scale:
         raise fault(source, shape, f"{what} has a mesh scale of 0")
-    found = resolve_mesh(name, source, folders)
+    found = resolve_mesh(name, source, folders, packages)
     if found is None:
         raise fault(source, shape, f"{what}: mesh {name!r} not found{_remedy(name, folders)}")
     if found.suffix.lower() not in _MESH_SUFFIXES:
         hint = nearest_name(found.suffix.lower(), _MESH_SUFFIXES)
         raise fault(source, shape, f"{what}: mesh files of kind {found.suffix!r} are not read ({found}){hint}")
+    note_input(found.with_suffix(".mtl"))  # the colours of an .obj
     if not check_input(found, "mesh file", _MAX_MESH_BYTES, RobotError):
         raise fault(source, shape, f"{what}: mesh file {found} is empty")
     shape.set("filename", f"file://{found}")
+    unit = mesh_unit(found)
+    if unit != 1.0:
+        mends.add(f"meshes in another unit than a metre, scaled by the {unit:g} m that their <unit> states", found.name)
+        shape.set("scale", " ".join(repr(unit * value) for value in scale))
 
 
 def _remedy(name: str, folders: list[Path]) -> str:
@@ -282,6 +429,9 @@ _ROUNDING = 1e-12  # a moment of inertia [kg m²] below 0 by at most this was 0 
 _RESERVED = ("root_joint", "universe")  # names that Pinocchio's models give themselves
 
 
+_Capsule = tuple[float, float]  # radius, length between the caps [m]
+
+
 @dataclass(frozen=True, slots=True)
 class UrdfSource:
     """A checked URDF file.
@@ -296,6 +446,11 @@ class UrdfSource:
         followers: joint that mimics one that is there → (that one, multiplier, offset [rad or m]).
         continuous, prismatic: names of such joints.
         collisions: link → number of its collision shapes.
+        bare: links that are drawn and have no collision shape, in the order of the file.
+        undrawn: links of which a visual shape has a fault.
+        from_visual: links whose collision shapes are those that are drawn.
+        capsules: the capsules, which stand in the document as cylinders: ``"collision"`` or ``"visual"``, a blank and
+            the shape's name → radius, length between the caps [m].
     """
 
     path: Path
@@ -309,20 +464,39 @@ class UrdfSource:
     continuous: frozenset[str]
     prismatic: frozenset[str]
     collisions: dict[str, int]
+    bare: tuple[str, ...] = ()
+    undrawn: frozenset[str] = frozenset()
+    from_visual: tuple[str, ...] = ()
+    capsules: Mapping[str, _Capsule] = field(default_factory=dict)
 
-    def followers_of(self, joint: str) -> tuple[str, ...]:
-        """The joints that mimic a joint, sorted."""
-        return tuple(sorted(name for name, (leader, _, _) in self.followers.items() if leader == joint))
+    def following(self) -> dict[str, Following]:
+        """What each joint of ``followers`` does, by the first leader of its chain, which follows none itself."""
+        found = {}
+        for name in self.followers:
+            leader, multiplier, constant = self.followers[name]
+            while leader in self.followers:
+                leader, more, offset = self.followers[leader]
+                multiplier, constant = multiplier * more, multiplier * offset + constant
+            found[name] = Following(leader, multiplier, constant)
+        return found
 
 
-def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) -> UrdfSource:
+def read_urdf(
+    path: str | Path,
+    *,
+    package_dirs: tuple[str | Path, ...] = (),
+    visual_as_collision: Collection[str] | str = (),
+) -> UrdfSource:
     """Check a URDF file and everything that it refers to.
 
     Mended, with a warning: what ``docs/robots.md`` lists.
 
     Args:
         path: the file.
-        package_dirs: further folders to search for ``package://name/…`` (each holds the folder ``name``).
+        package_dirs: further folders to search for ``package://name/…`` (each holds the folder ``name``, or one whose
+            ``package.xml`` gives that name).
+        visual_as_collision: links whose visual shapes are taken as their collision shapes, or ``"missing"``: those
+            that have none.
 
     Raises:
         RobotError: a fault; the message names the file, the element and what would be valid.
@@ -335,7 +509,11 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
     parents = _check_tree(root, links, source)
     limits, mimic, followers, continuous = _check_joints(root, joints, source, mends)
     _check_inertials(root, source, mends)
-    _check_geometry(root, source, search_folders(source, package_dirs), mends)
+    from_visual = _as_collision(root, source, visual_as_collision)
+    folders = search_folders(source, package_dirs)
+    capsules, undrawn = _check_geometry(root, source, folders, mends)
+    for texture in root.iter("texture"):
+        note_input(resolve_mesh(texture.get("filename", ""), source, folders) or source)
     _check_materials(root, mends)
     if not re.fullmatch(r"1\.[0-2]", root.get("version", "1.0")):
         mends.add("version of URDF that is not known (1.0 to 1.2 are), passed over", root.attrib.pop("version"))
@@ -355,6 +533,14 @@ def read_urdf(path: str | Path, *, package_dirs: tuple[str | Path, ...] = ()) ->
         continuous=frozenset(continuous),
         prismatic=frozenset(j.get("name") for j in root.findall("joint") if j.get("type") == "prismatic"),
         collisions={link.get("name"): len(link.findall("collision")) for link in root.findall("link")},
+        bare=tuple(
+            link.get("name")
+            for link in root.findall("link")
+            if link.find("collision") is None and (link.find("visual") is not None or link.get("name") in undrawn)
+        ),
+        undrawn=undrawn,
+        from_visual=from_visual,
+        capsules=capsules,
     )
 
 
@@ -373,17 +559,35 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
         ) from None
 
 
-def pinocchio_geometry(source: UrdfSource, model: pin.Model, kind: pin.GeometryType) -> pin.GeometryModel:
-    """Collision or visual geometry of a checked URDF file.
+def pinocchio_geometry(
+    source: UrdfSource, model: pin.Model, kind: pin.GeometryType, *, only: Collection[str] | None = None
+) -> pin.GeometryModel:
+    """Collision or visual geometry of a checked URDF file; of some links ``only``, where not all of it is of interest.
 
     Raises:
         RobotError: Pinocchio or Coal refuse it, in their words.
     """
-    loader = coal.CachedMeshLoader(coal.BV_OBB)  # half the memory of the default; nobody asks the mesh itself
+    loader = coal.CachedMeshLoader(coal.BV_OBB)  # half the memory of the default, and all that contacts need
+    document = source.document if only is None else _shapes_of(source.document, only)
     try:
-        return pin.buildGeomFromUrdfString(model, source.document, kind, mesh_loader=loader)
+        geometry = pin.buildGeomFromUrdfString(model, document, kind, mesh_loader=loader)
     except Exception as error:
         raise RobotError(f"{source.path}: Pinocchio cannot read the geometry: {_words(error)}") from None
+    tag = "collision" if kind == pin.COLLISION else "visual"
+    for shape in geometry.geometryObjects:
+        if (capsule := source.capsules.get(f"{tag} {shape.name}")) is not None:
+            shape.geometry, shape.meshPath = coal.Capsule(*capsule), "CAPSULE"
+    return geometry
+
+
+def _shapes_of(document: str, links: Collection[str]) -> str:
+    """A description in which only these links have shapes."""
+    root = etree.fromstring(document)
+    for link in root.findall("link"):
+        if link.get("name") not in links:
+            for shape in [*link.findall("collision"), *link.findall("visual")]:
+                link.remove(shape)
+    return etree.tostring(root, encoding="unicode")
 
 
 def _words(error: Exception) -> str:

@@ -22,6 +22,7 @@ from elastic_strips.collision import (
 from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
@@ -104,14 +105,15 @@ class Workspace:
         self.bounds: MotionBounds = MotionBounds(self.bodies)
         self.kin: Kinematics = Kinematics(robot.tree, 64)
         self.obstacles: ObstacleProximity = ObstacleProximity(self.bodies, influence=reach)
-        home = SelfProximity(self.bodies, robot.self_pairs, self.bounds, influence=self_reach)
+        pairs = robot.pairs_within(params.self_clearance)  # the others keep more of themselves
+        home = SelfProximity(self.bodies, pairs, self.bounds, influence=self_reach)
         kin = Kinematics(robot.tree, 1)
         kin.update(robot.space.to_coordinates(robot.home_q)[None])
         home.update(kin)
         self.self_home: Array = home.bound[0].copy()
         repulsion = np.clip(0.8 * np.minimum(home.exact[0], self_reach), 0.0, self_influence)
         self.self_pairs: SelfProximity = SelfProximity(
-            self.bodies, robot.self_pairs, self.bounds, influence=self_reach, repulsion=repulsion
+            self.bodies, pairs, self.bounds, influence=self_reach, repulsion=repulsion
         )
         depth = params.certificate_depth
         self.certifier: Certifier = Certifier(
@@ -218,7 +220,7 @@ class Workspace:
         return self._strip
 
 
-class BaseDeformer(ABC, Generic[R]):
+class BaseDeformer(OneThread, ABC, Generic[R]):
     """Deforms strips of one robot; owns mutable buffers, so one per thread.
 
     Args:
@@ -236,6 +238,7 @@ class BaseDeformer(ABC, Generic[R]):
         self._rolling = False  # whether wheels have to follow the strip
         self._descends = False  # whether an iteration must not raise the energy
 
+    @exclusive
     def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> R:
         """One control tick: deform the strip away from the obstacles and certify it.
 
@@ -263,6 +266,7 @@ class BaseDeformer(ABC, Generic[R]):
     def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> R:
         """The report of a tick that made so many exact distance queries."""
 
+    @exclusive
     def settle(
         self,
         strip: Strip,
@@ -329,6 +333,7 @@ class BaseDeformer(ABC, Generic[R]):
         """A tick's report in ``settle``, with what it is to have of all ticks before."""
         return report
 
+    @exclusive
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it.
 
@@ -338,6 +343,7 @@ class BaseDeformer(ABC, Generic[R]):
         self._load(strip, scene)
         return self.workspace.certify(scene)
 
+    @exclusive
     def assess(self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None) -> R:
         """Report on a strip as it is: certificate, clearance, hulls; nothing moves.
 
@@ -350,6 +356,7 @@ class BaseDeformer(ABC, Generic[R]):
         result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
         return self._report(scene, result, 0, detail)
 
+    @exclusive
     def reset(self) -> None:
         """Forget all that is kept from tick to tick; for after an exception."""
         self.workspace.reset()

@@ -104,12 +104,12 @@ class ConstraintForce:
         self._axis = robot.tree.align[self._joint].T @ (frame.placement.rotation @ (axis / np.linalg.norm(axis)))
         direction = np.asarray(constraint.direction, dtype=float)
         self._target = direction / np.linalg.norm(direction)
-        self._support = robot.tree.support[self._joint].astype(bool)
-        self._turns = self._support.astype(float)
-        self._turns[robot.tree.coordinate_index[robot.tree.prismatic]] = 0.0
+        turns = robot.tree.support[self._joint] * np.abs(robot.tree.rate)
+        turns[robot.tree.motion[robot.tree.prismatic]] = 0.0
         if robot.space.planar:
-            self._turns[:2] = 0.0
-            self._turns[2] = np.hypot(*self._target[:2]) > 0.0  # turns about the target do not count
+            turns[:2] = 0.0
+            turns[2] = np.hypot(*self._target[:2]) > 0.0  # turns about the target do not count
+        self._turns = robot.tree.summed(turns)
 
     def push(self, system: System, kin: Kinematics) -> None:
         """Add force and matrix of V = Σ ½ k ‖a − t‖², a the axis and t its target, if the constraint is active."""
@@ -198,7 +198,7 @@ class ConstraintForce:
     def _off(self, kin: Kinematics) -> tuple[Array, Array]:
         """By how much the axis misses its target, (N, 3), and the derivatives of that, (N, 3, nv)."""
         a = self._in_world(kin)
-        turning = kin.J[: kin.n, :, 3:] * self._support[:, None]  # (N, nv, 3)
+        turning = kin.columns(self._joint)[..., 3:]  # (N, nv, 3)
         return a - self._target, np.cross(turning, a[:, None, :]).transpose(0, 2, 1)
 
     def _in_world(self, kin: Kinematics) -> Array:

@@ -10,6 +10,7 @@ from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.collision import Certificate, ProtectiveHulls
 from elastic_strips.collision.strip_certificate import coordinate_clearance, protective_hulls
 from elastic_strips.errors import ParameterError
+from elastic_strips.ownership import exclusive
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.validation import check_type
@@ -83,8 +84,7 @@ class Deformer(BaseDeformer[DeformReport]):
         b = space.base_nv
         lever = np.ones(space.nv)
         lever[b:] = params.joint_lever
-        sliding = robot.tree.prismatic[robot.tree.coordinate_index >= 0]
-        lever[b:][sliding] = 1.0
+        lever[b:][robot.tree.sliding] = 1.0
         if b:
             lever[2] = params.yaw_lever
         self.spacing_weight: Array = lever**2
@@ -111,15 +111,22 @@ class Deformer(BaseDeformer[DeformReport]):
         self._detail = False  # whether forces are wanted for the report
         self._retries = True  # whether half a step is tried
 
+    @exclusive
     def keep_clearance(self, clearance: float, self_clearance: float | None = None) -> None:
         """Keep another clearance [m] to obstacles from now on, and another one of the robot's own links if given.
 
         Raises:
-            ParameterError: it is negative, or not below the influence distance.
+            ParameterError: it is negative, or not below the influence distance; or that of the own links is larger.
         """
         own = self.params.self_clearance if self_clearance is None else self_clearance
+        if own > self.params.self_clearance:  # pairs were left out that are proven to keep the present one
+            raise ParameterError(
+                f"self_clearance={own:g} m is more than the {self.params.self_clearance:g} m that this deformer was "
+                "made for; make another one"
+            )
         self.params = self.workspace.params = self.params.replaced(clearance=clearance, self_clearance=own)
 
+    @exclusive
     def step(
         self,
         strip: Strip,
@@ -158,16 +165,19 @@ class Deformer(BaseDeformer[DeformReport]):
             result = self._resample(scene, result)
         return self._report(scene, result, work.queries - already, detail)
 
+    @exclusive
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
         """Certify a strip as it is, without moving it."""
         self._proven, self._scene = False, None
         return super().certify(strip, scene)
 
+    @exclusive
     def reset(self) -> None:
         """Forget all that is known from tick to tick; for after an exception."""
         self._proven, self._scene, self._trust, self._needed = False, None, 1.0, 0
         super().reset()
 
+    @exclusive
     def carry(self, strip: Strip, coordinates: Array, source: Indices) -> Strip:
         """A strip made of the last one's nodes and new ones; what is known of the old nodes is carried over.
 

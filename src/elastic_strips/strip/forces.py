@@ -214,6 +214,7 @@ def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, t
     """
     b, target = space.base_nv, np.broadcast_to(target, coordinates.shape)
     if system.native is not None:
+        target = np.ascontiguousarray(target)
         system.energies["posture"] = system.native.add_posture(coordinates, target, k_p, space.circular)
         return
     off = np.zeros_like(coordinates)

@@ -8,6 +8,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import ConfigurationSpace
 from elastic_strips.work import count_work
 
@@ -75,13 +76,14 @@ class System:
         )
 
 
-class BandedSolver:
+class BandedSolver(OneThread):
     """Workspace: packs block tridiagonal systems of the inner nodes into LAPACK's band storage and solves them."""
 
     def __init__(self) -> None:
         self._band = np.zeros((0, 0))
         self._shape = (0, 0)
 
+    @exclusive
     def solve(self, system: System, damping: Array) -> Array:
         """Displacements (N, nv) of all nodes; those of the two ends are zero.
 

@@ -20,7 +20,7 @@ from lxml import etree
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError, RobotError, SceneError, nearest_name
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.urdf import floats, read_xml, resolve_mesh, search_folders
+from elastic_strips.robot.urdf import floats, mesh_unit, read_xml, resolve_mesh, search_folders
 from elastic_strips.scene.decompose import load_mesh
 from elastic_strips.summary import Summary
 from elastic_strips.validation import NonNegative, check_fields, check_number, check_type
@@ -49,7 +49,8 @@ class _Wheels:
 def _read_wheels(robot: RobotModel) -> _Wheels:
     """The driven wheels of a robot's URDF: two continuous joints named ``*wheel*``, about ±y, mirror images in y.
 
-    Where none is named so, two of those that are not planned.
+    Where none is named so, two of those that are not planned. Casters, which may be named so too, are left out: what is
+    called a caster, or is carried by a joint that moves, where the others are not.
 
     Raises:
         ParameterError: no URDF, no such pair, pairs that differ, or a wheel without a round shape.
@@ -66,7 +67,7 @@ def _read_wheels(robot: RobotModel) -> _Wheels:
     pin.forwardKinematics(model, data, pin.neutral(model))
     wheels, others = [], []
     turning = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
-    named = [joint for joint in turning if "wheel" in joint.get("name").lower()]
+    named = _driven([joint for joint in turning if "wheel" in joint.get("name").lower()], model)
     for joint in named or [joint for joint in turning if joint.get("name") in robot.locked]:
         name = joint.get("name")
         pose = data.oMi[model.getJointId(name)]
@@ -99,6 +100,13 @@ def _read_wheels(robot: RobotModel) -> _Wheels:
         names = "; ".join(f"{a[0]}, {b[0]}" for a, b in pairs)
         raise ParameterError(f"{path} has several different pairs of wheels ({names}): {_ASK}")
     return found[0]
+
+
+def _driven(wheels: list[etree._Element], model: pin.Model) -> list[etree._Element]:
+    """The wheels that are no casters; all of them where none is left."""
+    for caster in (lambda name: "cast" in name.lower(), lambda name: model.parents[model.getJointId(name)] != 0):
+        wheels = [joint for joint in wheels if not caster(joint.get("name"))] or wheels
+    return wheels
 
 
 def _skeleton(root: etree._Element) -> str:
@@ -143,7 +151,7 @@ def _radius(root: etree._Element, link_name: str, path: Path) -> float | None:
             vertices, _ = load_mesh(file)
         except SceneError as error:
             raise ParameterError(f"{path}: a wheel's mesh cannot be read ({error}): {_ASK}") from None
-        extents = np.sort(np.ptp(vertices, axis=0) * np.abs(scale))
+        extents = np.sort(np.ptp(vertices, axis=0) * np.abs(scale)) * mesh_unit(file)
         sizes.append(0.5 * float(extents[-1]))  # a wheel is a disc: its two larger extents are its diameter
     return max(sizes, default=None)
 
@@ -362,7 +370,7 @@ def _ask_speeds(robot: RobotModel, joints: Sequence[str], wheels: Sequence[str])
 
 def sliding_joints(robot: RobotModel) -> Mask:
     """(n,) which planned joints slide, so that their coordinate is a length [m]."""
-    return robot.tree.prismatic[robot.tree.coordinate_index >= 0]
+    return robot.tree.sliding
 
 
 def _named(values: float | Mapping[str, float] | None, names: Sequence[str], what: str) -> dict[str, float]:

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, Indices, by_rows
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.native import kernel
 from elastic_strips.robot import RobotModel
@@ -197,7 +197,9 @@ class Curve:
         """y, y′ and y″ (G, m) at ``s`` (G,)."""
         if (native := kernel()) is not None:
             out = np.empty((3, len(s), self.coefficients.shape[2]))
-            native.travel_at(self.knots, self.coefficients, self.edges, self.weights, s, out)
+            weights = None if self.weights is None else by_rows(self.weights)[0]
+            knots, coefficients, edges, at = by_rows(self.knots, self.coefficients, self.edges, s)
+            native.travel_at(knots, coefficients, edges, weights, at, out)
             return out[0], out[1], out[2]
         i = np.searchsorted(self.knots[1:-1], s, side="right")
         x = (s - self.knots[i])[:, None]
@@ -256,8 +258,8 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
     best = np.zeros((count, SHAPES, 3))  # of travel in the body's x and y, and of lever × yaw [m]
     if (native := kernel()) is not None:
         native.lead_base(
-            yaw, twist, value, rate, target - start[:2], width, lever, k == 2, _LARGEST, _NEAR, _STALLED, _ITERATIONS,
-            best,
+            *by_rows(yaw, twist, value, rate, target - start[:2]), width, lever, k == 2, _LARGEST, _NEAR, _STALLED,
+            _ITERATIONS, best,
         )  # fmt: skip
     else:
         best = _lead_base(yaw, twist, target - start[:2], width, lever, _ROLLING if k == 2 else _SLIDING)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, by_rows
 from elastic_strips.native import kernel
 from elastic_strips.work import count_work
 
@@ -74,7 +74,8 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
     count_work(batches=1)
     if (native := kernel()) is not None:
         x = np.empty(len(grid))
-        return Profile.of(grid, x) if native.fastest(grid, y1, y2, bound, acceleration, start, x) else None
+        found = native.fastest(*by_rows(grid, y1, y2, bound, acceleration), start, x)
+        return Profile.of(grid, x) if found else None
     # a path of unit length, in a unit of time in which y′ stays as it is: tolerances mean the same for every path
     scale = float(grid[-1])
     step = (grid[1:] - grid[:-1]) / scale
@@ -130,7 +131,7 @@ def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float,
     """(G,) squared path speeds that fall from ``start`` with a part of the hardest braking there is; from 0 on, 0."""
     if (native := kernel()) is not None:
         x = np.empty(len(grid))
-        native.braked(grid, y1, y2, acceleration, start, part, x)
+        native.braked(*by_rows(grid, y1, y2, acceleration), start, part, x)
         return x
     h = grid[1:] - grid[:-1]
     room, slope = rate_bounds(*_rows(h, y1 / acceleration, y2 / acceleration))

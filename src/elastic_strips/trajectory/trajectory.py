@@ -10,6 +10,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.collision import BodySet, Certificate, Forecast, MotionBounds, MotionCertifier
 from elastic_strips.errors import ParameterError
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
@@ -50,7 +51,8 @@ class Trajectory(Summary):
         robot: whose motion this is.
         limits: the limits that it keeps.
         time: (M,) [s], M ≥ 2, strictly ascending; may start anywhere. Evenly spaced but for the first step of a tail.
-        coordinates: (M, nv) coordinate rows x, y, yaw, joints. Angles run on: they are not wrapped.
+        coordinates: (M, nv) coordinate rows x, y, yaw, joints. Angles run on, so that who interpolates the values goes
+            the way that :meth:`at` goes; those that are given wrapped are taken the shorter way.
         v: (M, nv) velocity at the samples: body twist (v_x, v_y, ω) [m/s, rad/s], joint rates [rad/s or m/s].
         a: (M, nv) its rate of change [m/s², rad/s²].
     """
@@ -78,6 +80,13 @@ class Trajectory(Summary):
         for name in ("coordinates", "v", "a"):
             what, shape = f"{name} of {self.robot.name!r}", (len(time), self.robot.nv)
             object.__setattr__(self, name, check_array(what, getattr(self, name), shape))
+        turning = self.robot.space.turning
+        angles = self.coordinates[:, turning]
+        if (np.abs(np.diff(angles, axis=0)) > np.pi).any():
+            coordinates = self.coordinates.copy()
+            coordinates[:, turning] = np.unwrap(angles, axis=0)
+            coordinates.setflags(write=False)
+            object.__setattr__(self, "coordinates", coordinates)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -180,7 +189,7 @@ def joined(pieces: list[Trajectory]) -> Trajectory:
     return replace(last, time=rows("time"), coordinates=rows("coordinates"), v=rows("v"), a=rows("a"))
 
 
-class TrajectoryCertifier:
+class TrajectoryCertifier(OneThread):
     """Workspace: certifies trajectories of one robot against snapshots and their forecasts.
 
     Args:
@@ -198,12 +207,14 @@ class TrajectoryCertifier:
         self.self_clearance: float = self_clearance
         self.settle_time = settle_time
         bodies = BodySet.links(robot)
-        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.self_pairs)
+        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.pairs_within(self_clearance))
 
+    @exclusive
     def reset(self) -> None:
         """Forget the obstacles; for after an exception."""
         self._certifier.reset()
 
+    @exclusive
     def certify(self, trajectory: Trajectory, scene: Scene, forecast: Forecast) -> Certificate:
         """Certify a trajectory, from its first sample until it has come to rest.
 

@@ -30,6 +30,7 @@ from .drawing import (
     UNCHECKED,
     Drawing,
     Snapshot,
+    bare_legend,
     segment_colors,
 )
 from .geometry import Floats, RobotPoses, linear
@@ -388,6 +389,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
         legend.append(THREADS)
     if play.robot.space.planar:
         legend.append(["goal", HAND_THREAD])
+    legend += bare_legend(play.robot)
     legend += drawing.obstacles.legend()
     if drawing.obstacles.moving(record.world.scene.at(play.begin)):
         legend.append(["where it was just now", f"color-mix(in srgb, {MOVING_COLOR} 40%, white)"])

@@ -22,6 +22,7 @@ from .geometry import Body, Floats, MeshData, RobotPoses, linear
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
 THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
+_HATCHED = f"repeating-linear-gradient(135deg, {geometry.BARE} 0 3px, #a9b0b8 3px 6px)"
 STATIC = ("/ghosts", "/strip", "/forces", "/trouble", "/predictions")
 """Parts of a still picture that an animation may hide."""
 _TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
@@ -208,9 +209,10 @@ class Drawing:
         report = snapshot.report
         card: Document = {"title": self.title, "chip": None}
         rows: list[list[str]] = []
+        moves = report is not None or len(snapshot.nodes) > 1
         if report is None:
-            rows.append(["nodes", str(len(snapshot.nodes))])
-            legend = [["base, not checked", UNCHECKED]]
+            rows += [["nodes", str(len(snapshot.nodes))]] if moves else []
+            legend = [["base, not checked", UNCHECKED]] if moves else []
         else:
             status, segments = report.status.value, report.certificate.segments
             bad = report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED)
@@ -237,13 +239,14 @@ class Drawing:
         rows += [list(note) for note in snapshot.notes]
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
-        legend += [THREADS, *self._things(snapshot)]
+        legend += [*([THREADS] if moves else []), *self._things(snapshot)]
         return commands.hud({**card, "rows": rows, "legend": legend})
 
     def _things(self, snapshot: Snapshot) -> list[list[str]]:
         """The legend of what is in a picture besides the strip."""
-        things = [["robot along the strip", _GHOST]]
-        if snapshot.robot.space.planar:
+        things = [["robot along the strip", _GHOST]] if len(snapshot.nodes) > 1 else []
+        things += bare_legend(snapshot.robot)
+        if snapshot.robot.space.planar and len(snapshot.nodes) > 1:
             things += [["start", BASE_THREAD], ["goal", HAND_THREAD]]
         return things + self.obstacles.legend()
 
@@ -339,6 +342,11 @@ def _outermost(points: Array) -> Array:
         return points[convex_hull(points).vertices]
     except QhullError:
         return points
+
+
+def bare_legend(robot: RobotModel) -> list[list[str]]:
+    """The legend of what is hatched: links of which nothing is proven."""
+    return [["no collision shape: nothing is proven", _HATCHED]] if robot.bare_links else []
 
 
 def segment_colors(report: DeformReport | None, count: int) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.errors import InputError, missing_extra
-from elastic_strips.files import atomic_write, check_writable
+from elastic_strips.files import atomic_write, check_writable, scratch_folder
 from elastic_strips.validation import check_number
 
 from .browser import Browser
@@ -22,6 +21,7 @@ from .browser import Browser
 ENDINGS = (".gif", ".mp4", ".webm")
 _BARE = "for (const e of document.querySelectorAll('.dg, #es-play, #es-bar')) e.style.visibility = 'hidden'; void 0"
 _AT = "animator.pause(); animator.seek({0}); animator.display_progress({0}); viewer.render(); void 0"
+_CODECS = {".mp4": "libx264", ".webm": "libvpx-vp9"}  # a WebM holds no H.264
 _LONGEST = 5000  # pictures of a film
 
 
@@ -41,7 +41,7 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
     path = check_writable(path)
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: a picture ends in .png")
-    with _opened(html, size) as browser:
+    with _opened(html, path, size) as browser:
         browser.evaluate(_AT.format(0.0 if time is None else float(time)))
         return atomic_write(path, browser.picture())
 
@@ -60,8 +60,8 @@ def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int],
         MissingExtraError: the extra ``film`` is not installed.
         InputError: nothing plays, another ending, or the file cannot be written.
     """
-    _check_film(path, fps)
-    with _opened(html, size) as browser:
+    target, _ = _check_film(path, fps)
+    with _opened(html, target, size) as browser:
         duration = browser.evaluate("animator.duration")
         seconds = float(duration) if isinstance(duration, (int, float)) else 0.0
         if not seconds > 0.0:
@@ -93,18 +93,32 @@ def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
     path, ending = _check_film(path, fps)
     import imageio.v2 as imageio
 
-    with tempfile.TemporaryDirectory() as folder:
-        there = Path(folder) / ("film" + ending)
+    with scratch_folder(path) as folder:
+        there = folder / ("film" + ending)
         # A GIF's times are whole hundredths of a second.
         gif = ending == ".gif"
         writer = (
             imageio.get_writer(there, duration=10 * round(100 / fps), loop=0)
             if gif
-            else imageio.get_writer(there, fps=fps, quality=8, macro_block_size=2)
+            else imageio.get_writer(there, fps=fps, quality=8, macro_block_size=2, codec=_CODECS[ending])
         )
         with writer:
-            yield _Frames(path, lambda frame: writer.append_data(frame))  # its own type says less than it takes
-        atomic_write(path, there.read_bytes())
+            film = _Frames(path, lambda frame: writer.append_data(frame))  # its own type says less than it takes
+            yield film
+        if not gif and _pictures(there) < film.count:  # ffmpeg ends without a word where the disk is full
+            raise InputError(f"{path}: cannot write: ffmpeg's film lacks pictures; is the disk full?")
+        data = there.read_bytes()
+    atomic_write(path, data)
+
+
+def _pictures(film: Path) -> int:
+    """How many pictures a film has; none where it cannot be read."""
+    import imageio_ffmpeg
+
+    try:
+        return imageio_ffmpeg.count_frames_and_secs(str(film))[0] or 0
+    except (OSError, RuntimeError):
+        return 0
 
 
 def _check_film(path: str | os.PathLike[str], fps: float) -> tuple[Path, str]:
@@ -127,18 +141,21 @@ def _check_film(path: str | os.PathLike[str], fps: float) -> tuple[Path, str]:
 class _Frames:
     def __init__(self, path: Path, append: Callable[[NDArray[np.uint8]], object]) -> None:
         self.path = path
+        self.count = 0
         self._append = append
 
     def add(self, picture: bytes) -> None:
         from PIL import Image
 
+        self.count += 1
         self._append(np.asarray(Image.open(BytesIO(picture)).convert("RGB")))
 
 
 @contextmanager
-def _opened(html: str, size: tuple[int, int]) -> Iterator[Browser]:
-    with tempfile.TemporaryDirectory() as folder, Browser(size=size) as browser:
-        page = Path(folder) / "page.html"
+def _opened(html: str, target: Path, size: tuple[int, int]) -> Iterator[Browser]:
+    """A page in a browser, for a picture that becomes a file."""
+    with scratch_folder(target) as folder, Browser(size=size) as browser:
+        page = folder / "page.html"
         page.write_text(html, encoding="utf-8")
         browser.open(page)
         browser.evaluate(_BARE)

@@ -21,6 +21,10 @@ from elastic_strips.scene import Obstacle
 
 Floats = NDArray[np.float32]
 _GREY = "#a9b0b8"
+BARE = "#f0b400"
+"""The colour of the stripes of links that no collision shape covers."""
+_SLANT = np.array([0.48, 0.36, 0.8])
+_STRIPES, _MOST_STRIPES = (0.006, 0.06), 40  # [m] how wide; of a link
 _CREASE = float(np.radians(35.0))
 
 
@@ -238,7 +242,7 @@ def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
     """Merge a robot's visual geometry per joint; each distinct mesh is read once.
 
     Where there is no visual geometry the collision geometry is drawn instead. What has no colour is grey: Pinocchio's
-    geometry objects are black until somebody gives them one.
+    geometry objects are black until somebody gives them one. Links of which nothing is proven are hatched.
     """
     model = robot.visual_model if robot.visual_model.ngeoms else robot.collision_model
     read: dict[object, MeshData | None] = {}
@@ -253,8 +257,29 @@ def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
             uncoloured = not item.overrideMaterial and not np.any(item.meshColor[:3])
             color = linear(_GREY if uncoloured else [float(c) for c in item.meshColor[:3]])
             placement = robot.tree.to_aligned(item.parentJoint, item.placement.homogeneous)
-            parts[item.parentJoint].append(mesh.transformed(placement).colored(color))
+            mesh = mesh.transformed(placement)
+            bare = str(robot.model.frames[item.parentFrame].name) in robot.bare_links
+            parts[item.parentJoint].append(_hatched(mesh, color) if bare else mesh.colored(color))
     return tuple(Body(joint, merged(found)) for joint, found in sorted(parts.items()))
+
+
+def _hatched(mesh: MeshData, color: Sequence[float]) -> MeshData:
+    """The mesh in its colour with slanting stripes."""
+    along = mesh.vertices @ _SLANT
+    low, high = float(along.min()), float(along.max())
+    width = float(np.clip((high - low) / 9, *_STRIPES))
+    count = min(int(np.ceil((high - low) / width)), _MOST_STRIPES)
+    edges = np.linspace(low, high, count + 1)
+    whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    bands: list[MeshData] = []
+    for k in range(count):
+        band = whole
+        for sign, edge, needed in ((1.0, edges[k], k > 0), (-1.0, edges[k + 1], k < count - 1)):
+            if needed and len(band.faces):
+                band = band.slice_plane(edge * _SLANT, sign * _SLANT)
+        if len(band.faces):
+            bands.append(_shaded(band.vertices, band.faces).colored(linear(BARE) if k % 2 else color))
+    return merged(bands) if bands else mesh.colored(linear(BARE))
 
 
 def plain_bodies(bodies: tuple[Body, ...]) -> tuple[Body, ...]:

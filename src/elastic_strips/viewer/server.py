@@ -8,7 +8,9 @@ A frame on standard input is a header (length of the key, length of the payload)
 carries the HTML; an empty key ends a batch; any other one is a command (see ``commands``).
 
 What is dragged in a page comes back as lines of JSON on standard output (see ``drag``). One page holds something at a
-time: others that grab meanwhile are told so. A page of another origin is refused.
+time: others that grab meanwhile are told so. A page of another origin is refused. No page of others' may show this one
+in a frame, under which somebody would drag what he does not see; a notebook of this machine may, by the address that
+only this program knows.
 """
 
 from __future__ import annotations
@@ -38,6 +40,8 @@ _HOST = "127.0.0.1"
 _FIRST_PORT, _PORTS = 7000, 100
 _START, _SEND = 20.0, 10  # longest waits [s]
 _LONGEST = 4096  # bytes of what a page says
+_NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
+"""Who may frame the page: what a notebook of this machine is shown by."""
 
 
 class CommandLog:
@@ -224,11 +228,20 @@ async def _serve(port: int, own: str) -> None:
         return request.host.rsplit(":", 1)[0] in (_HOST, "localhost")
 
     class Page(tornado.web.RequestHandler):
+        def set_default_headers(self) -> None:
+            self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
+            self.set_header("X-Frame-Options", "DENY")
+            self.set_header("X-Content-Type-Options", "nosniff")
+
         async def get(self) -> None:
             if not local(self.request):
                 raise tornado.web.HTTPError(403)
             self.set_header("Cache-Control", "no-store")
-            if self.get_query_argument("id", own) != own:  # a notebook's, of a program before this one
+            named = self.get_query_argument("id", "")
+            if named:
+                self.set_header("Content-Security-Policy", f"frame-ancestors {_NOTEBOOKS}")
+                self.clear_header("X-Frame-Options")  # it knows no ports
+            if named not in ("", own):  # a notebook's, of a program before this one
                 self.set_status(404)
                 self.finish("This live picture has ended: run its cell again.")
                 return

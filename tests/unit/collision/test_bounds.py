@@ -80,7 +80,7 @@ def test_single_freedoms_are_bounded_closely(robot, rng):
     """One freedom at a time: a zero where it does not move the body, and nowhere absurdly loose."""
     bodies = BodySet.links(robot)
     bounds = MotionBounds(bodies)
-    support = robot.tree.support[bodies.joint]
+    support = np.array([robot.tree.moving(joint) for joint in bodies.joint])
     loose = []
     for k in range(robot.nv):
         a = random_coordinates(robot, rng, 1)[0]

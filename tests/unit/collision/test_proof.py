@@ -144,7 +144,7 @@ def _skewed_frame(header, parts):
 
 
 def _other_version(header, parts):
-    header["version"] = 2
+    header["version"] = 1
 
 
 TAMPERED = (

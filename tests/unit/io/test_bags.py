@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from pathlib import Path
 
@@ -310,6 +311,29 @@ def test_what_is_not_known_is_counted(tmp_path):
     assert bag.dropped["scans of a sensor whose mount is not known"] == 3
     assert bag.dropped["scans without a pose"] == 3
     assert bag.dropped["scans that are none (a scan has 1 ranges; at least 2 are needed)"] == 1
+
+
+@pytest.mark.parametrize("tf, scan", [("robot1/base_scan", "base_scan"), ("base_scan", "robot1/base_scan")])
+def test_frames_with_a_prefix_are_offered_and_a_mount_can_be_said(tmp_path, caplog, tf, scan):
+    made = Made(tmp_path / "b", ".mcap")
+    with made.writer:
+        made.tf(0.0, "/tf_static", "robot1/base_link", tf, 0.2, 0.0, 0.3, 0.0)
+        made.scan(1.0, "/scan", [1.0, 2.0], frame=scan)
+        made.scan(2.0, "/scan", [1.0, 2.0], frame=scan)
+    path = next((tmp_path / "b").glob("*.mcap"))
+    with caplog.at_level(logging.WARNING):
+        assert len(list(BagReader(path).scans())) == 2
+    assert caplog.text.count("no transforms lead") == 1
+    assert repr(tf) in caplog.text
+    assert repr("robot1/base_link") in caplog.text
+    bag = BagReader(path, base_frame="robot1/base_link")
+    for found, _ in bag.scans(frame=tf):
+        np.testing.assert_allclose(found.T_base_sensor[:3, 3], [0.2, 0.0, 0.3])
+    assert "scans of a sensor whose mount is not known" not in bag.dropped
+    mount = np.eye(4)
+    mount[:3, 3] = (0.1, 0.2, 0.3)
+    for found, _ in BagReader(path).scans(mount=mount):
+        np.testing.assert_allclose(found.T_base_sensor, mount)
 
 
 def test_the_topic_is_found_or_named(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 
 import numpy as np
@@ -162,3 +163,19 @@ def test_missing_and_binary_files_and_wrong_arguments(tmp_path):
         read_laser_log(path, carmen_pose="truth")
     with pytest.raises(InputError, match="carmen_range_max"):
         read_laser_log(path, carmen_range_max=0.0)
+
+
+@pytest.mark.parametrize("mount", [None, (0.2, -0.1, 0.4, 0.5)])
+def test_a_mount_that_is_not_stated_is_said_or_given(tmp_path, caplog, mount):
+    lines = "".join(
+        json.dumps(
+            {"stamp": k, "angle_min": 0, "angle_increment": 0.1, "range_min": 0, "range_max": 8, "ranges": [1, 2], **m}
+        )
+        + "\n"
+        for k, m in enumerate(({}, {"mount": [1, 2, 3, 0]}))
+    )
+    with caplog.at_level(logging.WARNING):
+        (first, _), (second, _) = read_laser_log(write(tmp_path, lines), mount=mount)
+    np.testing.assert_allclose(first.T_base_sensor[:3, 3], (0, 0, 0) if mount is None else mount[:3])
+    np.testing.assert_allclose(second.T_base_sensor[:3, 3], [1, 2, 3])
+    assert ("1 scans" in caplog.text) == (mount is None)

@@ -74,9 +74,10 @@ def test_what_is_left_out_is_said(tmp_path, caplog, scene):
     )
     file.write_text(text(scene, colour="1 0 0 1").removesuffix(".\n") + plane + ".\n")
     with caplog.at_level(logging.WARNING):
-        back = read_moveit_scene(file)
+        back = read_moveit_scene(file, planes="free")
     assert back.names == (*scene.names, "floor")
     assert "5 colours, 5 subframes, 1 planes" in caplog.text
+    assert read_moveit_scene(file).names == (*scene.names, "floor-1", "floor-2")
     caplog.clear()
     file.write_text(text(scene, posed=False))
     read_moveit_scene(file)

@@ -11,6 +11,7 @@ from shared_data import shared_data
 
 from elastic_strips.errors import ScenarioError
 from elastic_strips.io import load_nav2_map
+from elastic_strips.io.nav2_map import WALL_HEIGHT
 from elastic_strips.scene import Scene
 
 image = pytest.importorskip("PIL.Image")
@@ -41,6 +42,8 @@ def covered(scene: Scene, point) -> bool:
     """Whether a world point lies in one of the scene's boxes."""
     for part, R, t in zip(scene.table.parts, scene.table.rotation, scene.table.translation, strict=True):
         local = R.T @ (np.asarray(point) - t)
+        if part.geometry is not None and (np.abs(local) <= np.asarray(part.geometry.halfSide) + 1e-12).all():
+            return True
         if any((np.abs(local - at) <= np.asarray(box.halfSide) + 1e-12).all() for box, at in part.boxes):
             return True
     return False
@@ -63,13 +66,67 @@ def cells(scene: Scene, yaw=0.0) -> set[tuple[int, int]]:
 def test_occupied_cells_are_boxes_where_the_map_says(tmp_path, kind, comment):
     """The image's last row is the lowest, the origin is the lower left corner, boxes stand on the floor."""
     scene = load_nav2_map(write(tmp_path, kind=kind, comment=comment))
-    assert scene.names == ("map",)
+    assert scene.names[0] == "map"
     assert cells(scene) == {(0, 3), (2, 0)}
-    assert not covered(scene, (1.25, -0.25, 1.01))
     assert not covered(scene, (1.25, -0.25, -0.01))
+    scene = Scene([scene.obstacle("map")])
     low = (scene.table.center - scene.table.half_extents).min(axis=0)
     high = (scene.table.center + scene.table.half_extents).max(axis=0)
-    np.testing.assert_allclose([low, high], [[1.0, -2.0, 0.0], [2.5, 0.0, 1.0]], atol=1e-12)
+    np.testing.assert_allclose([low, high], [[1.0, -2.0, 0.0], [2.5, 0.0, WALL_HEIGHT]], atol=1e-12)
+
+
+def test_the_outside_of_a_map_is_not_free(tmp_path):
+    """Whatever leaves the rectangle at any side, at any height of the walls, meets something; unless it is said."""
+    for yaw in (0.0, 0.7, -2.0):
+        path = write(tmp_path, text=YAML.replace("-2.0, 0]", f"-2.0, {yaw}]"))
+        scene = load_nav2_map(path, height=2.0, low=-0.5)
+        c, s = math.cos(yaw), math.sin(yaw)
+        for x, y in [(-0.01, 1.0), (1.51, 1.0), (0.7, -0.01), (0.7, 2.01), (-0.5, -0.5), (2.0, 2.5), (-1, 3), (3, -1)]:
+            for z in (-0.49, 0.3, 1.99):
+                assert covered(scene, (1.0 + c * x - s * y, -2.0 + s * x + c * y, z)), (yaw, x, y, z)
+        inside = [(x, y) for x in (0.01, 0.7, 1.49) for y in (0.01, 1.0, 1.99)]
+        edges = Scene([o for o in scene if o.name != "map"])
+        assert not any(covered(edges, (1.0 + c * x - s * y, -2.0 + s * x + c * y, 0.3)) for x, y in inside)
+        assert load_nav2_map(path, outside="free").names == ("map",)
+    with pytest.raises(ScenarioError, match="outside='open'"):
+        load_nav2_map(path, outside="open")
+
+
+def test_walls_are_between_two_heights(tmp_path):
+    scene = load_nav2_map(write(tmp_path), low=0.4, height=1.2, outside="free")
+    assert [covered(scene, (1.25, -0.25, z)) for z in (0.39, 0.41, 1.19, 1.21)] == [False, True, True, False]
+    with pytest.raises(ScenarioError, match="Voxels size"):
+        load_nav2_map(write(tmp_path), low=1.0, height=1.0)
+
+
+@pytest.mark.parametrize("turns", [1, -2, 40])
+def test_a_yaw_of_more_than_a_turn_is_taken_and_said(tmp_path, caplog, turns):
+    yaw = 0.7 + 2.0 * math.pi * turns
+    with caplog.at_level(logging.WARNING):
+        scene = load_nav2_map(write(tmp_path, text=YAML.replace("-2.0, 0]", f"-2.0, {yaw!r}]")))
+    assert cells(scene, 0.7) == {(0, 3), (2, 0)}
+    assert "degrees" in caplog.text
+
+
+HEADERS = [
+    b"P5\r\n# made\r\n3 4\r\n255\r\n", b"P5\r3 4\r255\r", b"P5 3 4 255\r\n", b"P5\n3 4\n255# made\n",
+    b"P5\n#a\r#b\n3 4\n255\n", b"P5\n3 4\n255 # made\n", b"P5 3 # three\n4\t255 ",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("head", HEADERS)
+@pytest.mark.parametrize("after", [b"", b"\n"])
+def test_headers_with_other_ends_of_lines_do_not_shift_the_pixels(tmp_path, head, after):
+    if after and head in (b"P5 3 4 255\r\n", b"P5\n3 4\n255 # made\n"):
+        pytest.skip("it cannot be told what the bytes are")
+    path = write(tmp_path)
+    for first in (0, 10, 13, 35):  # pixels that are ends of lines, or begin a comment
+        pixels = PIXELS.copy()
+        pixels[0, 0] = first
+        (tmp_path / "map.pgm").write_bytes(head + pixels.tobytes() + after)
+        assert cells(load_nav2_map(path)) == {(0, 3), (2, 0)}
+        (tmp_path / "map.pgm").write_bytes(head.replace(b"P5", b"P2") + " ".join(map(str, pixels.ravel())).encode())
+        assert cells(load_nav2_map(path)) == {(0, 3), (2, 0)}
 
 
 def test_unknown_cells_and_height(tmp_path):
@@ -84,7 +141,9 @@ def test_a_turned_and_negated_map(tmp_path):
 
 
 def test_a_map_of_free_cells_is_an_empty_scene(tmp_path):
-    assert len(load_nav2_map(write(tmp_path, np.full((4, 3), 254, dtype=np.uint8)))) == 0
+    path = write(tmp_path, np.full((4, 3), 254, dtype=np.uint8))
+    assert len(load_nav2_map(path, outside="free")) == 0
+    assert "map" not in load_nav2_map(path).names
 
 
 BAD_YAML = [
@@ -231,9 +290,9 @@ def test_wrong_arguments_and_missing_files(tmp_path):
 def test_the_true_maps_load(name):
     """Few boxes for many cells, and every occupied cell is covered."""
     scene = load_nav2_map(shared_data("nav2_maps", f"{name}.yaml"))
-    (obstacle,) = scene
+    obstacle = scene.obstacle("map")
     centers = obstacle.spec["centers"]
-    boxes = sum(len(part.boxes) for part in scene.table.parts)
+    boxes = sum(len(part.boxes) for part in obstacle.parts)
     assert boxes < 0.4 * len(centers)
     rng = np.random.default_rng(0)
     for at in centers[rng.choice(len(centers), 20, replace=False)]:

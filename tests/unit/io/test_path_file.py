@@ -148,10 +148,13 @@ def test_a_gripper_that_is_held_otherwise_is_said(rows, tmp_path):
     """The proof is of the gripper as it is held, with both fingers."""
     fingers = ("panda_finger_joint1", "panda_finger_joint2")
     file = tmp_path / "path.json"
-    file.write_text(json.dumps(_document(np.column_stack((rows, np.full((4, 2), 0.03))), (*NAMES, *fingers))))
-    notes = load_path(file, load_robot("panda")).notes
-    assert "panda_finger_joint1 at 0.001, in the file 0.03; panda_finger_joint2 at 0.001, in the file 0.03" in notes[1]
-    assert len(load_path(file, load_robot("panda", locked={"panda_finger_joint1": 0.03})).notes) == 1
+    held = np.column_stack((rows, np.full((4, 2), 0.03)))
+    file.write_text(json.dumps(_document(held, (*NAMES, *fingers), stamp=float)))
+    (doubt,) = load_path(file, load_robot("panda")).doubts
+    assert "panda_finger_joint1 at 0.001, in the file 0.03; panda_finger_joint2 at 0.001, in the file 0.03" in doubt
+    as_there = load_path(file, load_robot("panda", locked={"panda_finger_joint1": 0.03}))
+    assert as_there.doubts == ()
+    assert len(as_there.notes) == 1
 
 
 def test_a_moving_base_has_names_too(tmp_path):

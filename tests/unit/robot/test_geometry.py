@@ -19,7 +19,7 @@ from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.coal_shapes import convex_from_vertices, support_points
-from elastic_strips.robot.geometry import bounding_capsule, link_geometries
+from elastic_strips.robot.geometry import bounding_capsule, convex_shapes, joined_pieces
 
 SHAPES = [
     coal.Box(0.2, 0.4, 0.6),
@@ -210,7 +210,8 @@ def body(*shapes: tuple[coal.CollisionGeometry, tuple[float, float, float]]) -> 
     for k, (shape, at) in enumerate(shapes):
         pose = pin.SE3(np.eye(3), np.array(at))
         geometry.addGeometryObject(pin.GeometryObject(f"s{k}", joint, frame, pose, shape))
-    return link_geometries(model, geometry)
+    shapes = convex_shapes(model, geometry)
+    return joined_pieces(shapes, np.ones((len(shapes), len(shapes)), dtype=bool))[0]
 
 
 def test_a_mesh_inside_another_is_dropped_and_neighbours_are_joined(rng):

@@ -34,7 +34,7 @@ def test_a_pickled_robot_is_the_same(robot: RobotModel):
     np.testing.assert_array_equal(placed[0].J[:3], placed[1].J[:3])
     for q in robot.space.from_coordinates(rows):
         assert copy.self_collision(q) == robot.self_collision(q)
-        np.testing.assert_array_equal(copy.control_points(q), robot.control_points(q))
+        np.testing.assert_allclose(copy.control_points(q), robot.control_points(q), rtol=0.0, atol=1e-14)
 
 
 def test_a_pickled_robot_is_read_only_and_can_be_drawn(silvermate: RobotModel):

@@ -1,81 +1,334 @@
-"""Self-collision pairs: what is left out touches by design, nearly always, or never."""
+"""Self pairs: every pair of links is looked at but those that a joint joins, an SRDF leaves out, or that always touch.
+
+What is looked at is judged by the URDF's own shapes in Pinocchio and Coal, posture by posture.
+"""
 
 from __future__ import annotations
 
+import itertools
+import logging
+from pathlib import Path
+
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from brute_force import configuration, distance, link_poses, random_coordinates, self_distances
+from brute_force import configuration, random_coordinates, self_distances
 
+import elastic_strips as es
+from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.robot.geometry import never_touch
+from elastic_strips.robot.self_pairs import WhyUnchecked, joints_of_links, least_distance
+
+BASE = "0.8 0.5 0.3"
 
 
-def candidates(robot: RobotModel) -> set[tuple[int, int]]:
-    """Pairs of pieces whose joints are neither the same nor neighbours."""
-    pairs, parents = set(), robot.model.parents
-    for i, one in enumerate(robot.geometries):
-        for k in range(i + 1, len(robot.geometries)):
-            two = robot.geometries[k]
-            related = one.joint == two.joint or parents[one.joint] == two.joint or parents[two.joint] == one.joint
-            if not related:
-                pairs.add((i, k))
-    return pairs
+def box(size: str) -> str:
+    return f'<box size="{size}"/>'
+
+
+def link(name: str, shape: str = "", at: str = "0 0 0") -> str:
+    body = f'<collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>' if shape else ""
+    return f'<link name="{name}">{body}</link>'
+
+
+def fixed(name: str, at: str, parent: str, child: str) -> str:
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="fixed"><origin xyz="{at}"/>{ends}</joint>'
+
+
+def joint(
+    name: str, at: str, parent: str, child: str, axis: str = "0 0 1", kind: str = "revolute", span=(-3, 3)
+) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{at}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{span[0]}" upper="{span[1]}" effort="1" velocity="1"/></joint>'
+    )
+
+
+def write(folder: Path, *parts: str, name: str = "r.urdf") -> Path:
+    path = folder / name
+    path.write_text(f'<robot name="r">{"".join(parts)}</robot>')
+    return path
+
+
+def mast(folder: Path, *more: str) -> Path:
+    """A base with a mast, and an arm that turns into it."""
+    return write(
+        folder, link("base", box(BASE), "0 0 0.15"), link("mast", box("0.08 0.08 1.2")),
+        fixed("m", "-0.2 0.3 0.9", "base", "mast"), link("arm", box("0.5 0.06 0.06"), "0.3 0 0"),
+        joint("pan", "0.2 0 0.6", "base", "arm"), *more,
+    )  # fmt: skip
+
+
+INTO = float(np.arctan2(0.3, -0.4))
+
+
+def reasons(robot: RobotModel) -> dict[tuple[str, str], WhyUnchecked]:
+    return {pair.links: pair.why for pair in robot.unchecked_pairs}
+
+
+def certified(robot: RobotModel, *rows: np.ndarray) -> bool:
+    return es.certify(robot, es.Scene([]), list(rows)).certified
+
+
+@pytest.mark.parametrize("base", ["omni", "diff_drive", "fixed"])
+def test_what_is_fixed_to_a_joints_parent_is_looked_at(tmp_path, base):
+    robot = load_robot(mast(tmp_path), base=base)
+    found = es.certify(robot, es.Scene([]), [robot.home(), robot.home(pan=INTO)])
+    assert found.verdict.value == "refuted"
+    assert found.broken is not None
+    assert {found.broken.link, found.broken.obstacle} == {"mast_0", "arm_0"}
+    assert reasons(robot) == {("base", "mast"): WhyUnchecked.JOINED, ("arm", "base"): WhyUnchecked.JOINED}
+
+
+def test_a_camera_on_a_mast_on_a_plate_is_looked_at_too(tmp_path):
+    """Two fixed joints away, and a battery beside: the kind, not the case."""
+    more = (
+        link("camera", box("0.1 0.2 0.1")), fixed("c", "0 -0.1 -0.3", "mast", "camera"),
+        link("battery", box("0.2 0.2 0.2")), fixed("b", "-0.25 -0.1 0.55", "base", "battery"),
+    )  # fmt: skip
+    robot = load_robot(mast(tmp_path, *more), base="omni")
+    kept = {frozenset((robot.geometries[i].links[0], robot.geometries[k].links[0])) for i, k in robot.self_pairs}
+    assert {frozenset(("arm", "camera")), frozenset(("arm", "battery")), frozenset(("arm", "mast"))} <= kept
+
+
+def three_links(folder: Path) -> Path:
+    """A boom on a column on a turntable: it meets the base where the middle joint is half turned."""
+    return write(
+        folder, link("base", box("0.4 0.4 0.4")), link("table", box("0.1 0.1 0.3")),
+        joint("turn", "0 0 0.36", "base", "table"), link("boom", box("0.1 0.1 0.8"), "0 0 0.4"),
+        joint("lean", "0 0 0.16", "table", "boom", axis="0 1 0"),
+    )  # fmt: skip
+
+
+def test_holding_a_joint_certifies_nothing_that_was_refuted(tmp_path):
+    robot = load_robot(three_links(tmp_path), base="fixed")
+    held = load_robot(three_links(tmp_path), base="fixed", locked={"turn": 0.0})
+    a, b = ({"lean": value} for value in (0.0, 2.6))
+    assert not certified(robot, robot.home(joints=a), robot.home(joints=b))
+    assert not certified(held, held.home(joints=a), held.home(joints=b))
+    assert ("base", "boom") not in reasons(held)
+
+
+def test_links_that_held_joints_bring_together_collide_for_ever(tmp_path, caplog):
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = load_robot(three_links(tmp_path), base="omni", locked={"turn": 0.0, "lean": 2.6})
+    assert robot.self_collision(robot.home_q) is not None
+    assert not certified(robot, robot.home(), robot.home(x=1.0))
+    assert any("boom" in record.getMessage() for record in caplog.records)
+    free = load_robot(three_links(tmp_path), base="omni", locked={"turn": 0.0, "lean": 0.5})
+    assert certified(free, free.home(), free.home(x=1.0))
+
+
+def test_closed_fingers_are_listed_and_do_not_collide(tmp_path):
+    finger = box("0.02 0.02 0.06")
+    path = write(
+        tmp_path, link("base", box("0.3 0.3 0.3")), link("arm", box("0.05 0.05 0.3"), "0 0 0.25"),
+        joint("lean", "0 0 0.2", "base", "arm", axis="0 1 0", span=(-1, 1)),
+        link("left", finger, "0 0.01 0"), link("right", finger, "0 -0.01 0"),
+        joint("open", "0 0 0.45", "arm", "left", axis="0 1 0", kind="prismatic", span=(0, 0.05)),
+        joint("open_too", "0 0 0.45", "arm", "right", axis="0 -1 0", kind="prismatic", span=(0, 0.05)),
+    )  # fmt: skip
+    robot = load_robot(path, base="fixed", locked={"open": 0.0, "open_too": 0.0})
+    assert robot.self_collision(robot.home_q) is None
+    assert reasons(robot)["left", "right"] is WhyUnchecked.HELD
+    planned = load_robot(path, base="fixed")
+    assert ("left", "right") not in reasons(planned)
+
+
+def test_pairs_that_always_touch_are_left_out_and_listed(tmp_path):
+    """A hub about an axis, between links that no joint joins."""
+    path = write(
+        tmp_path, link("base", box("0.4 0.4 0.1")), link("pad"), fixed("p", "0 0 0.05", "base", "pad"),
+        link("post", '<cylinder radius="0.05" length="0.3"/>', "0 0 0.1"), joint("spin", "0 0 0", "pad", "post"),
+        link("boom", box("0.3 0.04 0.04"), "0.2 0 0"), joint("lift", "0 0 0.25", "post", "boom", axis="0 1 0"),
+    )  # fmt: skip
+    robot = load_robot(path, base="fixed")
+    assert reasons(robot)["base", "post"] is WhyUnchecked.ALWAYS
+    assert ("base", "boom") not in reasons(robot)
+    assert robot.self_collision(robot.home(lift=1.5)) is not None
+
+
+# --- the SRDF -----------------------------------------------------------------------------------------------------
+
+
+def srdf(folder: Path, text: str) -> Path:
+    path = folder / "r.srdf"
+    path.write_text(f'<robot name="r">{text}</robot>')
+    return path
+
+
+def test_an_srdf_leaves_pairs_out_and_its_reason_is_kept(tmp_path):
+    text = '<disable_collisions link1="mast" link2="arm" reason="Never"/>'
+    robot = load_robot(mast(tmp_path), base="omni", srdf=srdf(tmp_path, text))
+    (pair,) = (pair for pair in robot.unchecked_pairs if pair.links == ("arm", "mast"))
+    assert (pair.why, pair.note) == (WhyUnchecked.SRDF, "Never")
+    assert certified(robot, robot.home(), robot.home(pan=INTO))
+
+
+@pytest.mark.parametrize("text, left", [
+    ('<disable_default_collisions link="arm"/>', True),
+    ('<disable_default_collisions link="mast"/>', True),
+    ('<disable_default_collisions link="arm"/><enable_collisions link1="arm" link2="mast"/>', False),
+    ('<enable_collisions link1="arm" link2="mast"/><disable_collisions link1="arm" link2="mast"/>', True),
+])  # fmt: skip
+def test_defaults_of_an_srdf_count(tmp_path, text, left):
+    robot = load_robot(mast(tmp_path), base="omni", srdf=srdf(tmp_path, text))
+    assert (reasons(robot).get(("arm", "mast")) is WhyUnchecked.SRDF) is left
+
+
+def test_a_pair_that_an_srdf_asks_for_is_looked_at_though_a_joint_joins_it(tmp_path):
+    path = write(
+        tmp_path, link("base", box("0.4 0.4 0.2")), link("arm", box("0.6 0.05 0.05"), "0.35 0 0"),
+        joint("lean", "0 0 0.2", "base", "arm", axis="0 1 0"),
+    )  # fmt: skip
+    plain = load_robot(path, base="fixed")
+    asked = load_robot(path, base="fixed", srdf=srdf(tmp_path, '<enable_collisions link1="arm" link2="base"/>'))
+    assert (len(plain.self_pairs), len(asked.self_pairs)) == (0, 1)
+    assert not certified(asked, asked.home(), asked.home(lean=1.2))
+
+
+def test_elements_of_an_srdf_that_are_not_known_are_said(tmp_path, caplog):
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        load_robot(mast(tmp_path), base="omni", srdf=srdf(tmp_path, '<forbid_collisions link1="arm"/>'))
+    assert any("forbid_collisions" in record.getMessage() for record in caplog.records)
+
+
+# --- robots as they come, against their own meshes ----------------------------------------------------------------
+
+
+def mesh_touches(robot: RobotModel, path: str, dirs: list[str], rng: np.random.Generator, count: int) -> set[frozenset]:
+    """Pairs of links whose own shapes meet in random postures that the robot calls free: Pinocchio and Coal alone."""
+    model = pin.buildModelFromUrdf(path)
+    geometry = pin.buildGeomFromUrdf(model, path, pin.COLLISION, dirs)
+    for i, k in itertools.combinations(range(geometry.ngeoms), 2):
+        if geometry.geometryObjects[i].parentFrame != geometry.geometryObjects[k].parentFrame:
+            geometry.addCollisionPair(pin.CollisionPair(i, k))
+    data, found = model.createData(), geometry.createData()
+    names = [model.frames[obj.parentFrame].name for obj in geometry.geometryObjects]
+    touching = set()
+    for row in random_coordinates(robot, rng, count):
+        q = configuration(robot, row)
+        if robot.self_collision(q) is not None:
+            continue
+        full = pin.neutral(model)
+        values = dict(zip(robot.joint_names, row[robot.space.base_nv :], strict=True)) | dict(robot.locked)
+        for name, value in values.items():
+            if model.existJointName(name):
+                at = model.joints[model.getJointId(name)]
+                full[at.idx_q : at.idx_q + at.nq] = value if at.nq == 1 else (np.cos(value), np.sin(value))
+        pin.computeCollisions(model, data, geometry, found, full, False)
+        touching |= {
+            frozenset((names[pair.first], names[pair.second]))
+            for pair, result in zip(geometry.collisionPairs, found.collisionResults, strict=True)
+            if result.isCollision()
+        }
+    return touching
+
+
+@pytest.mark.parametrize("name, held", [
+    ("kinova", {}), ("kinova", {"j2s6s200_joint_1": 0.0}), ("panda", {}), ("panda", {"panda_joint7": 0.8}),
+    ("tiago_no_hand", {}), ("tiago_no_hand", {"arm_1_joint": 0.2}), ("talos_left_arm", {}),
+    ("talos_left_arm", {"arm_left_3_joint": 0.0}),
+])  # fmt: skip
+def test_what_touches_in_a_free_posture_is_a_listed_pair(name, held, rng):
+    from elastic_strips.catalogue import find_robot
+
+    known = find_robot(name)
+    robot = load_robot(name, base="fixed", locked=held)
+    listed = {frozenset(pair.links) for pair in robot.unchecked_pairs}
+    free = mesh_touches(robot, str(known.urdf), [str(d) for d in known.package_dirs], rng, 150)
+    assert free <= listed, [sorted(pair) for pair in free - listed]
+
+
+# --- the pairs themselves -----------------------------------------------------------------------------------------
 
 
 def test_pairs_are_of_different_moving_bodies(robot):
     pairs = [tuple(int(x) for x in p) for p in robot.self_pairs]
     assert len(set(pairs)) == len(pairs) > 0
     for i, k in pairs:
-        one, two = robot.geometries[i].joint, robot.geometries[k].joint
         assert i < k
-        assert one != two
+        assert robot.geometries[i].joint != robot.geometries[k].joint
 
 
-@pytest.mark.parametrize("name", ["tiago", "gantry", "rover"])
-def test_omitted_pairs_touch_at_home_nearly_always_or_never(name, request, rng):
-    robot: RobotModel = request.getfixturevalue(name)
-    kept = {tuple(int(x) for x in p) for p in robot.self_pairs}
-    omitted = sorted(p for p in candidates(robot) - kept if min(robot.geometries[i].joint for i in p) > 0)
-    assert kept <= candidates(robot) or name == "gantry"
-    count, hits = 1500, np.zeros(len(omitted))
-    data = robot.model.createData()
-    for row in random_coordinates(robot, rng, count):
-        poses = link_poses(robot, configuration(robot, row), data)
-        for n, (i, k) in enumerate(omitted):
-            a, b = robot.geometries[i].geometry, robot.geometries[k].geometry
-            hits[n] += distance(a, poses[i], b, poses[k])[0] <= 0.0
-    poses = link_poses(robot, robot.home_q)
-    for n, (i, k) in enumerate(omitted):
-        a, b = robot.geometries[i].geometry, robot.geometries[k].geometry
-        at_home = distance(a, poses[i], b, poses[k])[0] <= 0.0
-        names = robot.geometries[i].name, robot.geometries[k].name
-        assert at_home or hits[n] == 0 or hits[n] > 0.85 * count, (names, hits[n])
+def test_every_pair_is_either_looked_at_or_listed(robot):
+    """No pair of links is neither: pieces of one joint apart, which never move to each other."""
+    looked_at = {
+        frozenset((one, two))
+        for i, k in robot.self_pairs
+        for one in robot.geometries[i].links
+        for two in robot.geometries[k].links
+    }
+    listed = {frozenset(pair.links) for pair in robot.unchecked_pairs}
+    for one, two in itertools.combinations(robot.geometries, 2):
+        if one.joint != two.joint:
+            for pair in itertools.product(one.links, two.links):
+                assert frozenset(pair) in looked_at | listed, pair
 
 
 def test_home_is_free_of_self_collision(robot):
-    if robot.name == "gantry":
-        pytest.skip("the gantry's home is not designed")
-    assert self_distances(robot, robot.home_q).min() > 0.005
+    assert self_distances(robot, robot.home_q).min() > 0.001
 
 
-def test_an_srdf_takes_pairs_out(silvermate, tmp_path):
-    """Without its SRDF, sampling decides; with it, exactly the pairs that it disables are gone."""
-    srdf = tmp_path / "some.srdf"
-    one, two = silvermate.geometries[0].links[0], "arm_7_link"
-    srdf.write_text(f'<robot name="silvermate"><disable_collisions link1="{one}" link2="{two}" reason="x"/></robot>')
-    robot = load_robot(silvermate.urdf_path, srdf=srdf)
-    pairs = {tuple(int(x) for x in p) for p in robot.self_pairs}
-    names = [g.links[0] for g in robot.geometries]
-    gone = {p for p in candidates(robot) - pairs}
-    assert gone == {(i, k) for i, k in candidates(robot) if {names[i], names[k]} == {one, two}}
-    assert len(gone) == 1
+def test_where_home_collides_one_near_it_is_taken(tmp_path, caplog):
+    path = write(
+        tmp_path, link("base", box("0.4 0.4 0.4")), link("table", box("0.1 0.1 0.3")),
+        joint("turn", "0 0 0.36", "base", "table"), link("boom", box("0.1 0.1 0.8"), "0 0 -0.4"),
+        joint("lean", "0 0 0.16", "table", "boom", axis="0 1 0"),
+    )  # fmt: skip
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = load_robot(path, base="fixed")
+    assert robot.self_collision(robot.home_q) is None
+    assert robot.home_q[0] == 0.0  # the other joint has nothing to do with it
+    assert any("lean" in record.getMessage() for record in caplog.records)
+    assert np.array_equal(robot.home_q, load_robot(path, base="fixed").home_q)
+
+
+def test_the_description_counts_what_is_not_looked_at(silvermate):
+    assert str(len(silvermate.unchecked_pairs)) in repr(silvermate)
+
+
+def test_neighbours_are_the_urdfs_own(tmp_path):
+    model = pin.buildModelFromUrdf(str(mast(tmp_path)))
+    assert joints_of_links(model) == {frozenset(("base", "mast")): "m", frozenset(("base", "arm")): "pan"}
+    reduced = pin.buildReducedModel(model, [model.getJointId("pan")], pin.neutral(model))
+    assert joints_of_links(reduced) == {frozenset(("base", "mast")): "m"}  # Pinocchio forgets it; both are one body
+
+
+def test_what_is_held_lists_what_may_touch_it():
+    panda = load_robot("panda")
+    load = es.Box((0.05, 0.05, 0.1), at=(0.0, 0.0, 0.12), name="load")
+    held = panda.attached(load, "panda_hand", touch=("panda_link6",))
+    added = {pair.links: pair.why for pair in held.unchecked_pairs[len(panda.unchecked_pairs) :]}
+    assert added == {("load", "panda_link6"): WhyUnchecked.ALLOWED}
+
+
+# --- a second root ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("with_shape", [True, False])
+def test_joints_that_hang_on_the_world_beside_a_moving_base_are_refused(with_shape):
+    """Its links do not move with the base, and self pairs count the joints alone."""
+    model, geometry = pin.Model(), pin.GeometryModel()
+    root = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    gate = model.addJoint(
+        0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([2.0, 0.0, 0.0])), "gate",
+        np.ones(1), np.ones(1), np.array([-1.0]), np.array([1.0]),
+    )  # fmt: skip
+    frames = {j: model.addJointFrame(j) for j in (root, gate)}
+    for name, j in [("body", root), ("bar", gate)] if with_shape else [("body", root)]:
+        geometry.addGeometryObject(pin.GeometryObject(name, j, frames[j], pin.SE3.Identity(), coal.Box(1.0, 0.2, 0.2)))
+    with pytest.raises(RobotError, match="gate"):
+        RobotModel.from_pinocchio(model, geometry, base="omni")
+
+
+# --- distances that are proven once -------------------------------------------------------------------------------
 
 
 def two_links(limit: float) -> RobotModel:
     """A base post and a bar two joints away that reaches the post only when both joints turn far."""
-    import coal
-
     model, geometry = pin.Model(), pin.GeometryModel()
     root = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
     ids, parent = [root], root
@@ -94,15 +347,36 @@ def two_links(limit: float) -> RobotModel:
 
 
 @pytest.mark.parametrize("limit, never", [(0.5, True), (1.0, True), (2.9, False)])
-def test_never_touch_is_a_proof(limit, never, rng):
+def test_a_least_distance_is_a_proof(limit, never, rng):
     robot = two_links(limit)
     rows = random_coordinates(robot, rng, 4000)
     smallest = min(self_distances(robot, configuration(robot, row))[0] for row in rows)
     assert bool(smallest > 0.0) is never
-    assert never_touch(robot.model, robot.geometries, 0, 1) is never
+    proven = least_distance(robot.model, robot.geometries, 0, 1)
+    assert (proven > 0.0) is never
+    assert proven <= max(smallest, 0.0)
+    assert len(robot.pairs_within(0.0)) == (0 if never else 1)
+    assert len(robot.pairs_within(1.0)) == 1
 
 
 def test_too_few_cells_are_no_proof():
     robot = two_links(1.4)
-    assert never_touch(robot.model, robot.geometries, 0, 1)
-    assert not never_touch(robot.model, robot.geometries, 0, 1, cells=1)
+    assert least_distance(robot.model, robot.geometries, 0, 1) > 0.0
+    assert least_distance(robot.model, robot.geometries, 0, 1, cells=0) == 0.0
+
+
+def test_a_larger_self_clearance_asks_for_more_pairs(tiago):
+    """A pair that is proven to keep 3 mm is no proof of 50."""
+    assert (tiago.self_apart > 0.0).any()
+    assert len(tiago.pairs_within(1e3)) == len(tiago.self_pairs) > len(tiago.pairs_within(0.0))
+    least = float(tiago.self_apart[tiago.self_apart > 0.0].min())
+    assert len(tiago.pairs_within(least)) > len(tiago.pairs_within(0.99 * least))
+
+
+def test_certificates_of_the_own_links_count_every_pair_that_may_come_nearer():
+    """The bar of ``two_links`` is proven to keep away, but not as far as is asked."""
+    robot = two_links(0.5)
+    rows = [robot.home(), robot.home(a=0.5, b=0.5)]
+    near = float(min(self_distances(robot, row)[0] for row in rows))
+    assert es.certify(robot, es.Scene([]), rows, self_clearance=0.0).certified
+    assert not es.certify(robot, es.Scene([]), rows, self_clearance=1.1 * near).certified

@@ -100,12 +100,12 @@ def test_the_good_file_is_good(tmp_path):
         (robot(BASE, link(), joint(more='<origin rpy="0 0 inf"/>' + LIMIT)), "<origin rpy='0 0 inf'>"),
         (robot(BASE, link(geometry=""), joint()), "link 'arm' <collision> has no <geometry>"),
         (robot(BASE, link(geometry='<ball radius="1"/>'), joint()), "link 'arm' <collision> has unknown shape <ball>"),
-        (robot(BASE, link(geometry='<sphere radius="-1"/>'), joint()), "has radius [-1.0]; it must be > 0"),
-        (robot(BASE, link(geometry='<sphere radius="0"/>'), joint()), "it must be > 0"),
+        (robot(BASE, link(geometry='<sphere radius="-1"/>'), joint()), "has radius [-1.0]; it must be ≥ 0"),
+        (robot(BASE, link(geometry='<sphere radius="1e-9"/>'), joint()), "it must be 0 or at least 1e-06"),
         (robot(BASE, link(geometry="<sphere/>"), joint()), "<sphere> has no attribute 'radius'"),
         (robot(BASE, link(geometry='<box size="1 1"/>'), joint()), "<box size='1 1'> is not 3 finite number"),
         (robot(BASE, link(geometry='<box size="1,1,1"/>'), joint()), "<box size='1,1,1'> is not 3 number"),
-        (robot(BASE, link(geometry='<cylinder radius="1" length="0"/>'), joint()), "has length [0.0]"),
+        (robot(BASE, link(geometry='<cylinder radius="1" length="-1"/>'), joint()), "has length [-1.0]"),
         (robot(BASE, link(geometry="<mesh/>"), joint()), "<mesh> without filename"),
         (robot(BASE, link(geometry='<mesh filename="no.stl"/>'), joint()), "<collision>: mesh 'no.stl' not found"),
         (robot(BASE, link(geometry='<mesh filename="package://a/b.stl"/>'), joint()), "'package://a/b.stl' not found"),
@@ -118,7 +118,8 @@ def test_the_good_file_is_good(tmp_path):
             robot(BASE, link(more='<inertial><mass value="1"/><inertia ixx="-1"/></inertial>'), joint()),
             "ixx = -1.0; it must be",
         ),
-        (robot(BASE, link(geometry='<capsule radius="0.1" length="1"/>'), joint()), "capsule"),
+        (robot(BASE, link(geometry='<capsule radius="-0.1" length="1"/>'), joint()), "has radius [-0.1]"),
+        (robot(BASE, link(geometry='<capsule radius="0.1"/>'), joint()), "<capsule> has no attribute 'length'"),
     ],
 )  # fmt: skip
 def test_faulty_files_are_refused(tmp_path, content, words):
@@ -206,14 +207,15 @@ def test_what_is_not_an_arm_is_locked_by_default(tmp_path):
         ({}, {}),
         ({"thumb": 0.3}, {"thumb": 0.3, "finger": -0.5}),
         ({"thumb": 0.3, "finger": 0.2}, {"thumb": 0.3, "finger": 0.2}),
-        ({"finger": 0.2}, {"finger": 0.2}),
+        ({"finger": 0.2}, {"finger": 0.2, "thumb": -0.05}),
         ({"hinge": 0.4}, {"hinge": 0.4}),
         ({"left_wheel_joint": 1.0}, {"left_wheel_joint": 1.0}),
     ],
 )
 def test_what_is_locked_is_locked_besides(tmp_path, locked, wanted):
     path = write(tmp_path, robot(BASE, link(), joint(), WHEEL, gripper()))
-    assert load_robot(path, locked=locked).locked == {"left_wheel_joint": 0.0, "thumb": 0.0, "finger": 0.1} | wanted
+    found = load_robot(path, locked=locked).locked
+    assert found == pytest.approx({"left_wheel_joint": 0.0, "thumb": 0.0, "finger": 0.1} | wanted)
 
 
 def test_what_mimics_follows_along_a_chain_and_from_home(tmp_path):
@@ -232,20 +234,19 @@ def test_a_follower_beyond_its_limits_is_warned_about(tmp_path, caplog):
     assert "'finger' mimics 'thumb', which puts it at 3, outside of its limits" in caplog.text
 
 
-def test_a_planned_joint_moves_alone(tmp_path, caplog):
-    """A mimicking joint would not follow, and the certified shape were one that the robot cannot have."""
+def test_a_joint_that_others_mimic_is_planned_with_them_where_it_is_named(tmp_path):
     path = write(tmp_path, robot(BASE, link(), joint(), gripper()))
     group = srdf(tmp_path, '<group name="hand"><joint name="thumb"/></group>',
-                 '<group name="all"><joint name="hinge"/><joint name="thumb"/></group>')  # fmt: skip
-    for options, words in (
-        ({"joints": ["hinge", "thumb"]}, "'thumb': 'finger', which <mimic> it"),
-        ({"joints": ["hinge", "finger"]}, "'finger': it would not follow 'thumb'"),
-        ({"srdf": group, "group": "hand"}, "no joint that can be planned"),
-    ):
-        with pytest.raises(RobotError, match=words):
-            load_robot(path, **options)
-    assert load_robot(path, srdf=group, group="all").joint_names == ("hinge",)
-    assert "'thumb' is held still, for 'finger' would not follow" in caplog.text
+                 '<group name="all"><joint name="hinge"/><joint name="thumb"/><joint name="finger"/></group>'
+                 )  # fmt: skip
+    three = {"joints": ["hinge", "thumb", "finger"]}
+    for options in ({"joints": ["hinge", "thumb"]}, three, {"srdf": group, "group": "all"}):
+        loaded = load_robot(path, **options)
+        assert set(loaded.joint_names) == {"hinge", "thumb"}
+        assert tuple(loaded.followers["finger"]) == ("thumb", -2.0, 0.1)
+    assert load_robot(path, srdf=group, group="hand").joint_names == ("thumb",)
+    with pytest.raises(RobotError, match="'thumb'"):
+        load_robot(path, joints=["hinge", "finger"])
 
 
 def test_joints_that_mimic_in_a_ring_are_refused(tmp_path):

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import getpass
 import logging
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
+from elastic_strips.robot.xacro_file import expand_xacro
 from elastic_strips.trajectory import MotionLimits
 
 pytest.importorskip("xacro")
@@ -152,3 +156,80 @@ def test_included_files_are_regular_and_no_larger_than_the_first(tmp_path):
     part.unlink()
     file.write_text(re.sub(r"  <xacro:segment.*\n", "", text))
     assert es.load_robot(file, base="omni").joint_names == ()
+
+
+_DOUBLING = (
+    "".join(f'<xacro:macro name="m{k}"><xacro:m{k + 1}/><xacro:m{k + 1}/></xacro:macro>' for k in range(30))
+    + '<xacro:macro name="m30"><link name="l"/></xacro:macro><xacro:m0/>'
+)
+
+_GROWING = (
+    "<xacro:property name='p0' value='aaaaaaaaaa'/>"
+    + "".join(f"<xacro:property name='p{k}' value='{('${p' + str(k - 1) + '}') * 10}'/>" for k in range(1, 12))
+    + "<link name='${p11}'/>"
+)
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [
+        '<link name="${9**9**9}"/>',
+        '<link name="${len(str(9**9**8))}"/>',
+        "<link name=\"${'a' * 10**10}\"/>",
+        '<link name="${[[0] * 10**5] * 10**6}"/>',
+        '<link name="${sum(1 for a in range(10**6) for b in range(10**6))}"/>',
+        '<link name="' + "${" + "(" * 5000 + "1" + ")" * 5000 + "}" + '"/>',
+        _GROWING,
+        _DOUBLING,
+    ],
+    ids=["power", "digits", "text", "lists", "loop", "brackets", "properties", "macros"],
+)
+def test_a_bomb_ends_in_a_typed_error_and_takes_no_memory_here(tmp_path, bomb):
+    """The child is ended by the processor time and memory that it may take, whatever this machine is busy with."""
+    file = tmp_path / "bomb.xacro"
+    file.write_text(f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{bomb}</robot>')
+    with pytest.raises(RobotError, match=r"bomb\.xacro"):
+        expand_xacro(file)
+
+
+def test_what_the_child_may_take_is_bounded():
+    """The bounds that make a bomb end are in force where the system has them."""
+    resource = pytest.importorskip("resource")
+    code = (
+        "from elastic_strips import xacro_process as x; x._bound(); import resource as r;"
+        "print(r.getrlimit(r.RLIMIT_CPU)[0], r.getrlimit(r.RLIMIT_AS)[0])"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
+    seconds, memory = (int(word) for word in ended.stdout.split())
+    assert 0 < seconds <= 5
+    if sys.platform == "linux":
+        assert 0 < memory <= 2_000_000_000
+    assert resource.getrlimit(resource.RLIMIT_CPU)[0] != seconds, "this process is not bounded"
+
+
+@pytest.mark.parametrize("kind", ["writable by all", "writable by a group", "a link", "a file"])
+def test_a_folder_that_others_may_write_is_not_used(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    usual = tmp_path / f"elastic-strips-{getpass.getuser()}"
+    if kind == "a link":
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
+        usual.symlink_to(tmp_path / "elsewhere")
+    elif kind == "a file":
+        usual.write_text("")
+    else:
+        usual.mkdir()
+        usual.chmod(0o777 if kind == "writable by all" else 0o770)
+    (tmp_path / "robot").mkdir()
+    made = expand_xacro(write(tmp_path / "robot"))
+    assert made.parent != usual
+    assert made.resolve().parent not in (usual.resolve(), tmp_path / "elsewhere")
+    assert made.parent.stat().st_mode & 0o077 == 0
+
+
+def test_the_folder_is_used_again_where_it_is_ones_own(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (tmp_path / "robot").mkdir()
+    file = write(tmp_path / "robot")
+    made = expand_xacro(file)
+    assert made == expand_xacro(file)
+    assert made.parent == tmp_path / f"elastic-strips-{getpass.getuser()}"

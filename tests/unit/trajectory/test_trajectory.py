@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -40,6 +42,19 @@ def test_before_the_start_and_after_the_end(motion):
     assert not after.a.any()
     assert after.time == motion.end_time + 1.0
     np.testing.assert_array_equal(motion.at(motion.time[7]).coordinates, motion.coordinates[7])
+
+
+def test_who_interpolates_the_values_goes_the_way_of_the_references(motion):
+    """Also where a yaw was given wrapped: the values of two samples are less than half a turn apart."""
+    turning = motion.robot.space.turning
+    wrapped = motion.coordinates.copy()
+    shift = np.pi - motion.coordinates[len(motion) // 2]  # so that the angles pass over half a turn on the way
+    wrapped[:, turning] = np.mod(wrapped + shift + np.pi, 2.0 * np.pi)[:, turning] - np.pi
+    again = replace(motion, coordinates=wrapped)
+    assert (np.abs(np.diff(again.coordinates[:, turning], axis=0)) < np.pi).all()
+    for t in np.linspace(again.start_time, again.end_time, 50):
+        values = [np.interp(t, again.time, column) for column in again.coordinates[:, turning].T]
+        np.testing.assert_allclose(again.at(float(t)).coordinates[turning], values, atol=1e-9)
 
 
 def test_many_references_at_once(motion):

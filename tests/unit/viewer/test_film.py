@@ -12,6 +12,7 @@ from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.robot import load_robot
 from elastic_strips.viewer import BrowserError, Viewer
 from elastic_strips.viewer.browser import NAMES
+from elastic_strips.viewer.film import film_writer
 
 imageio = pytest.importorskip("imageio.v3")
 chromium = pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no chromium")
@@ -74,3 +75,31 @@ def test_without_a_chromium_the_message_says_how_to_get_one(viewer, tmp_path, mo
     monkeypatch.setenv("CHROMIUM", "")
     with pytest.raises(BrowserError, match="apt-get install chromium"):
         viewer.save_png(tmp_path / "x.png")
+
+
+@pytest.mark.parametrize("ending", ["gif", "mp4", "webm"])
+@pytest.mark.parametrize("room", [200, 20_000])
+def test_a_film_that_finds_no_room_is_an_error_and_no_film(tmp_path, ending, room):
+    """Where the disk is full ffmpeg ends without a word, and what it has written is the beginning of a film."""
+    resource = pytest.importorskip("resource")
+    if ending != "gif":
+        pytest.importorskip("imageio_ffmpeg")
+    noise = np.random.default_rng(0).integers(0, 255, (12, 128, 128, 3), dtype=np.uint8)
+    pictures = [imageio.imwrite("<bytes>", picture, extension=".png") for picture in noise]
+    target = tmp_path / f"film.{ending}"
+
+    def write() -> None:
+        with film_writer(target, fps=10.0) as film:
+            for picture in pictures:
+                film.add(picture)
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        with pytest.raises(InputError, match=target.name):
+            write()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
+    write()
+    assert len(list(imageio.imiter(BytesIO(target.read_bytes()), extension="." + ending))) >= len(pictures)

@@ -7,6 +7,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from elastic_strips.robot import load_robot
 from elastic_strips.viewer import geometry
@@ -132,3 +133,29 @@ def test_distinct_rows_are_those_that_numpy_finds(spread):
     found = geometry._distinct(rows)
     np.testing.assert_array_equal(found[0], first)
     np.testing.assert_array_equal(found[1], inverse.reshape(-1))
+
+
+@pytest.mark.parametrize(
+    "shape", ['<box size="0.6 0.06 0.06"/>', '<sphere radius="0.2"/>', '<mesh filename="flat.stl"/>']
+)
+def test_links_that_no_collision_shape_covers_are_hatched(tmp_path, shape):
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    flat.export(tmp_path / "flat.stl")
+    box = '<geometry><box size="0.4 0.4 0.4"/></geometry>'
+    (tmp_path / "r.urdf").write_text(
+        f'<robot name="r"><link name="base"><visual>{box}</visual><collision>{box}</collision></link>'
+        f'<link name="arm"><visual><geometry>{shape}</geometry></visual></link>'
+        '<joint name="j" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    stripes = np.array(geometry.linear(geometry.BARE), dtype=np.float32)
+
+    def share(**options) -> dict[int, float]:
+        bodies = geometry.robot_bodies(load_robot(tmp_path / "r.urdf", base="fixed", **options))
+        return {b.joint: float(np.isclose(b.mesh.colors, stripes, atol=1e-6).all(axis=1).mean()) for b in bodies}
+
+    base, arm = share().values()
+    assert base == 0.0
+    assert 0.2 < arm < 0.8
+    if "flat" not in shape:  # which has no hull
+        assert set(share(visual_as_collision="missing").values()) == {0.0}

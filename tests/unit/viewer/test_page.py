@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import http.client
+import http.server
 import shutil
+import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -329,6 +332,27 @@ def test_a_notebooks_picture_draws_where_nothing_may_be_loaded(browser, live, tm
     assert frame.locator("canvas").count() == 1
     assert said == []
     page.close()
+
+
+def test_a_notebook_on_another_port_frames_it_and_a_foreign_page_does_not(browser, live, tmp_path):
+    """As Jupyter does: a page of this machine, from another port. A foreign one is stood for by a file's."""
+    address = live.viewer_of_test.own_url
+    (tmp_path / "notebook.html").write_text(f'<!DOCTYPE html><iframe src="{address}"></iframe>', encoding="utf-8")
+    handler = partial(http.server.SimpleHTTPRequestHandler, directory=str(tmp_path))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        page = browser.new_page()
+        page.goto(f"http://localhost:{server.server_address[1]}/notebook.html")
+        page.frame_locator("iframe").locator("#es-card h1").wait_for(timeout=60e3)
+        said = list[str]()
+        foreign = browser.new_page()
+        foreign.on("console", lambda message: said.append(message.text))
+        foreign.goto((tmp_path / "notebook.html").as_uri())
+        wait(lambda: any("frame-ancestors" in text for text in said))
+        assert foreign.frame_locator("iframe").locator("#es-card").count() == 0
+        page.close()
+        foreign.close()
+        server.shutdown()
 
 
 def test_pages_of_others_are_refused(live):

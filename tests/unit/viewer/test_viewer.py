@@ -94,6 +94,21 @@ def test_serves_the_page_and_refuses_foreign_names(viewer):
         urllib.request.urlopen(request, timeout=60)
 
 
+def test_no_page_of_others_may_frame_it_but_a_notebooks(viewer):
+    """By its plain address nobody may; by the one with the program's own number, whatever is of this machine."""
+
+    def ancestors(address):
+        with urllib.request.urlopen(address, timeout=60) as answer:
+            policy = dict(part.split(" ", 1) for part in answer.headers["Content-Security-Policy"].split("; "))
+            return policy["frame-ancestors"].split(), answer.headers["X-Frame-Options"]
+
+    assert ancestors(viewer.url) == (["'none'"], "DENY")
+    allowed, older = ancestors(viewer.own_url)
+    assert older is None, "it would forbid a notebook on another port"
+    assert {"'self'", "http://localhost:*", "http://127.0.0.1:*"} <= set(allowed)
+    assert not {"*", "http:", "https:", "http://*", "https://*"} & set(allowed)
+
+
 def test_a_late_browser_gets_the_whole_picture(viewer, robot, scene, make_report):
     viewer.show(robot, scene, make_report())
     viewer._flush()

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import ConfigurationError
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -122,7 +123,7 @@ class StripSetReport(Summary):
         return None if self.current is None else self.alternatives[self.current]
 
 
-class StripSet:
+class StripSet(OneThread):
     """Workspace: keeps strips of different classes, deforms them against each new scene, and says which is the best.
 
     A tick deforms the current strip and one of the others, in turn. Only where the current one breaks, others are
@@ -157,6 +158,7 @@ class StripSet:
     def __len__(self) -> int:
         return len(self._members)
 
+    @exclusive
     def plan(self, scene: Scene, start: npt.ArrayLike, *, timeout: float = 5.0) -> StripSetReport:
         """Forget all strips and plan new ones.
 
@@ -174,6 +176,7 @@ class StripSet:
         self._plan(scene, self.robot.check_q(start, what="start"), events, timeout)
         return self._report(events, self._members, planned=True)
 
+    @exclusive
     def step(self, scene: Scene, start: npt.ArrayLike | None = None, *, decide: bool = True) -> StripSetReport:
         """One tick: deform against a new scene, and decide which strip to follow.
 
@@ -211,6 +214,7 @@ class StripSet:
             fresh += [m for m in self._members if id(m) not in before]
         return self._report(events, fresh, planned=planned)
 
+    @exclusive
     def leave(self, scene: Scene, start: npt.ArrayLike, why: str) -> StripSetReport:
         """Follow another strip than the current one, because the robot cannot follow that one any more.
 

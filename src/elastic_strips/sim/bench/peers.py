@@ -40,7 +40,7 @@ from .plan import push_nearest, recover
 
 PROGRAMS = Path(__file__).parent / "_peer_programs"
 _OMPL = ("ompl>=2.0.1,<3", "coal>=3.0.3,<4", "pin>=4.1,<5")
-REQUIREMENTS = {
+REQUIREMENTS: dict[str, tuple[str, ...]] = {
     "ompl": _OMPL,
     "ompl_simplified": _OMPL,
     "roboplan": ("roboplan>=0.6,<0.8",),

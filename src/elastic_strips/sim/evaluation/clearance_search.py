@@ -33,7 +33,7 @@ class _Link:
         shape: Coal's; rounded: the same, a sphere as a capsule of no length.
         corners: (8, 3) of its box; centre (3,), radius [m]: of a sphere about it; all in the shape's frame.
         lever: (nv,) most that any of its points moves for one unit of each velocity [m].
-        turns: (nv,) 1 for the velocities that turn it, else 0.
+        turns: (nv,) how fast each velocity turns it: 1 for those that do, else 0, more where joints follow.
     """
 
     def __init__(self, robot: RobotModel, piece: LinkGeometry) -> None:
@@ -48,15 +48,20 @@ class _Link:
         reach = float(np.linalg.norm(piece.placement[:3, :3] @ self.centre + piece.placement[:3, 3])) + self.radius
         joint = piece.joint
         while joint > 0:
-            kind, i = model.joints[joint].shortname(), model.joints[joint].idx_v
+            kind, i, k = model.joints[joint].shortname(), model.joints[joint].idx_v, model.joints[joint].idx_q
+            multiplier, constant = 1.0, 0.0
+            if kind == "JointModelMimic":  # it moves besides what it follows
+                own = model.joints[joint].extract()
+                multiplier, constant = float(own.scaling), float(own.offset)
             if kind == "JointModelPlanar":
                 self.lever[i : i + 3], self.turns[i + 2] = (1.0, 1.0, reach), 1.0
-            elif kind.startswith("JointModelP"):
-                self.lever[i] = 1.0
-                k = model.joints[joint].idx_q
-                reach += max(abs(model.lowerPositionLimit[k]), abs(model.upperPositionLimit[k]))
+            elif kind.startswith("JointModelP") or (kind == "JointModelMimic" and robot.tree.prismatic[joint]):
+                self.lever[i] += abs(multiplier)
+                limits = np.array([model.lowerPositionLimit[k], model.upperPositionLimit[k]])
+                reach += float(np.abs(multiplier * limits + constant).max())
             else:
-                self.lever[i], self.turns[i] = reach, 1.0
+                self.lever[i] += abs(multiplier) * reach
+                self.turns[i] += abs(multiplier)
             reach += float(np.linalg.norm(model.jointPlacements[joint].translation))
             joint = model.parents[joint]
 

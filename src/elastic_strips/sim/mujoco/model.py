@@ -199,7 +199,8 @@ def build_model(
     spheres).
 
     Raises:
-        ParameterError: the robot has no differential drive, no URDF, or no wheels or casters in it.
+        ParameterError: the robot has no differential drive, no URDF, no wheels or casters in it, or joints that follow
+            others.
         RobotError: MuJoCo refuses the model, in its words.
     """
     mujoco = import_mujoco()
@@ -209,6 +210,11 @@ def build_model(
             f"{robot.base_kind.value!r} and URDF {robot.urdf_path!r}. KinematicPlant drives any robot"
         )
     path = Path(robot.urdf_path)
+    if robot.followers:
+        raise ParameterError(
+            f"MujocoPlant moves no joints that follow others (<mimic>), and {robot.name!r} has "
+            f"{', '.join(robot.followers)}: plan without their leaders (joints=…, --joints). KinematicPlant moves them"
+        )
     try:
         spec = mujoco.MjSpec.from_string(_bare_urdf(path))
         missing = [n for n in robot.joint_names if spec.joint(n) is None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
@@ -9,7 +10,9 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError
 from elastic_strips.io import PoseSpec
 from elastic_strips.io.scene_file import ScenarioSpec
+from elastic_strips.io.scene_source import SceneFile
 from elastic_strips.robot import BaseKind, LoadOptions, RobotModel, load_robot
+from elastic_strips.robot.reach import highest_reach
 from elastic_strips.scene import Scene, World
 from elastic_strips.strip import DeformParams
 from elastic_strips.strip.paper import PaperParams
@@ -36,6 +39,7 @@ class Scenario(Summary):
         timeline: all obstacles with the times at which they appear and vanish; None where ``scene`` holds all of them;
             use :attr:`world`.
         speed_class: bound of the speeds of moving obstacles [m/s], or None where none is stated.
+        source: what else the files say that the scene was read from, or None.
     """
 
     name: str
@@ -53,6 +57,7 @@ class Scenario(Summary):
     timeline: World | None = None
     speed_class: float | None = None
     robot_options: LoadOptions = field(default_factory=LoadOptions)
+    source: SceneFile | None = None
 
     @property
     def world(self) -> World:
@@ -73,7 +78,7 @@ class Scenario(Summary):
         return Scenario(
             name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
             robot=spec.robot, base=spec.base, preset=spec.preset or "default",
-            params=params, seed=spec.seed, timeline=spec.world, robot_options=spec.robot_options,
+            params=params, seed=spec.seed, timeline=spec.world, robot_options=spec.robot_options, source=spec.source,
         )  # fmt: skip
 
     def load_robot(
@@ -85,10 +90,12 @@ class Scenario(Summary):
     ) -> RobotModel:
         """Load the scenario's robot, or another one; with preset ``paper`` a planar base is ``omni`` (Eq. 9).
 
-        ``options`` go before the scenario's own, which are of its robot alone.
+        ``options`` go before the scenario's own, which are of its robot alone. What the robot holds in a planning scene
+        is part of it.
 
         Raises:
-            RobotError: unknown robot or an error in its files.
+            RobotError: unknown robot or an error in its files, or no such link that holds something.
+            ScenarioError: it reaches over the walls of a map of which no file says how high they are.
         """
         base = base or self.base
         if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:
@@ -98,11 +105,22 @@ class Scenario(Summary):
             if robot is None:
                 told.update(self.robot_options)
             told.update(options or {})
-            return load_robot(robot or self.robot, base=base, **told)
+            loaded = load_robot(robot or self.robot, base=base, **told)
+            loaded = loaded if self.source is None else self.source.held_by(loaded)
         except RobotError as error:
             if robot is not None:
                 raise
             raise RobotError(f"scenario {self.name!r}: {error}") from None
+        self._check_walls(loaded)
+        return loaded
+
+    def _check_walls(self, robot: RobotModel) -> None:
+        assumed = None if self.source is None else self.source.assumed_height
+        if assumed is not None and (reach := highest_reach(robot)) > assumed:
+            raise ScenarioError(
+                f"scenario {self.name!r}: the walls of its map are taken to be {assumed:g} m high, and {robot.name!r} "
+                f"may reach up to {reach:.2f} m: say how high they are, scene: {{file: …, high: {math.ceil(reach)}}}"
+            )
 
     def ends(self, robot: RobotModel) -> tuple[Array, Array]:
         """Start and goal configurations (nq,) of a robot.

@@ -77,8 +77,8 @@ def map_to_joints(kin: Kinematics, joint: Indices, points: Array, force: Array) 
     """Eqs. 6–7: Γ = Σ_i J_iᵀ F_i of forces (N, C, 3) at control points (N, C, 3): generalised forces (N, nv)."""
     n = len(force)
     wrench = np.concatenate((force, np.cross(points, force)), axis=2)  # (N, C, 6) about the world origin
-    mask = kin.tree.support[joint]  # (C, nv)
-    return np.einsum("nvk,nck,cv->nv", kin.J[:n], wrench, mask)
+    mask = kin.tree.support[joint]  # (C, M)
+    return kin.tree.summed(np.einsum("nvk,nck,cv->nv", kin.J[:n], wrench, mask))
 
 
 def explicit_step(

@@ -1,0 +1,102 @@
+"""What a command line says of how the files of a scene are read: poses, heights, and what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING
+
+import click
+
+from . import options
+
+if TYPE_CHECKING:
+    from elastic_strips.io import SceneOptions
+
+SCENE_FILES = (
+    "The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene, or a "
+    "PlanningScene (.yaml, .json); OctoMap's .bt or .ot; a Nav2 map's .yaml; a cloud with --voxel. May be given again."
+)
+_HEIGHT = options.Finite(-1000.0, 1000.0)
+_LENGTH = options.Finite(0.0, 100.0, min_open=True)
+
+
+if TYPE_CHECKING:
+    _PoseType = click.ParamType[tuple[float, ...]]
+else:  # of click 8.1 it cannot be told of what
+    _PoseType = click.ParamType
+
+
+class Pose(_PoseType):
+    """Three, four or seven numbers with commas: x,y,z; x,y,z,yaw; x,y,z,qx,qy,qz,qw."""
+
+    name = "pose"
+
+    def convert(
+        self, value: str | tuple[float, ...], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        if isinstance(value, tuple):
+            return value
+        number = options.Finite()
+        found = tuple(float(number(word.strip(), param, ctx)) for word in value.split(","))
+        if len(found) not in (3, 4, 7):
+            self.fail(f"{value!r} has {len(found)} numbers; 3, 4 or 7 are needed", param, ctx)
+        return found
+
+
+def scene_options(command: Callable[..., int]) -> Callable[..., int]:
+    """``--at``, ``--low``, ``--high`` and others, as one argument ``reading`` for ``read_scene_file``."""
+
+    @wraps(command)
+    def with_options(
+        *, at: tuple[float, ...] | None, low: float | None, high: float | None, unknown: str | None,
+        outside: str | None, voxel: float | None, own_points: float | None, planes: str | None, **others: object,
+    ) -> int:  # fmt: skip
+        reading: SceneOptions = {}
+        if at is not None:
+            reading["at"] = at
+        if low is not None:
+            reading["low"] = low
+        if high is not None:
+            reading["high"] = high
+        if unknown is not None:
+            reading["unknown"] = unknown
+        if outside is not None:
+            reading["outside"] = outside
+        if voxel is not None:
+            reading["voxel"] = voxel
+        if own_points is not None:
+            reading["own_points"] = own_points
+        if planes is not None:
+            reading["planes"] = planes
+        return command(reading=reading, **others)
+
+    for option in (
+        click.option("--planes", type=click.Choice(["blocked", "free"]), help="MoveIt's planes.  [default: blocked]"),
+        click.option(
+            "--own-points", metavar="M", type=options.Finite(0.0, 10.0),
+            help="Points of a cloud within so far [m] of the robot, where PATH begins, are its own and left out.",
+        ),
+        click.option("--voxel", metavar="M", type=_LENGTH, help="Edge of the cells that a cloud's points fill [m]."),
+        click.option(
+            "--outside", type=click.Choice(["blocked", "free"]), help="What is outside of a map.  [default: blocked]"
+        ),
+        click.option(
+            "--unknown", type=click.Choice(["free", "occupied"]), help="A map's unknown cells.  [default: free]"
+        ),
+        click.option(
+            "--high", metavar="Z", type=_HEIGHT,
+            help="How high a map's walls are [m], by default as high as the robot reaches; what is above is left out "
+            "of octrees and clouds.",
+        ),
+        click.option(
+            "--low", metavar="Z", type=_HEIGHT,
+            help="Where a map's walls begin [m]; what is below, such as the floor, is left out of octrees and clouds.",
+        ),
+        click.option(
+            "--at", metavar="POSE", type=Pose(),
+            help="Where the scene file's frame is in the world: x,y,z or x,y,z,yaw or x,y,z,qx,qy,qz,qw [m, rad].",
+        ),
+    ):  # fmt: skip
+        with_options = option(with_options)
+    return with_options

@@ -1,0 +1,310 @@
+"""IO room, path messages: the trajectories of a ROS message, one after the other, as one table of numbers.
+
+JointTrajectory and MultiDOFJointTrajectory, and what holds some: RobotTrajectory, DisplayTrajectory, a plan's response,
+a goal, lists of these. A start state (``trajectory_start``, ``start_state``) is the first row where the path does not
+begin there, and says where the joints are that no trajectory names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.robot.space import LIMIT_TOLERANCE
+
+from .nodes import Node, Source, parse_yaml
+from .path_table import PathTable
+
+_STARTS = ("trajectory_start", "start_state")
+_HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
+_BASE_JOINT = re.compile(r"(?:.*[_/])?(?:base|world|virtual|planar|odom|position|mobile|root|map)\w*(?:/\w*)?", re.I)
+_UNIT_LENGTH = 1e-3  # by which a quaternion's length may be off: files round to three digits
+_JOIN = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
+_MOST_DOCUMENTS = 100
+
+
+@dataclass(slots=True)
+class _Part:
+    """One trajectory, or a start state: names, rows (N, C), times (N,) [s] or None, and the node of each row.
+
+    ``heading`` is the name of the column that a quaternion became, if there is one: it knows no whole turns.
+    """
+
+    names: list[str]
+    rows: Array
+    times: Array | None
+    nodes: list[Node]
+    node: Node
+    heading: str | None = None
+    start: bool = False
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Document(Source):
+    """One of several documents of a file; ``before`` lines are in front of it."""
+
+    before: int = 0
+
+    def fail(self, message: str, line: int | None = None) -> NoReturn:
+        Source.fail(self, message, None if line is None else line + self.before)
+
+
+def parse_documents(text: str, source: Source) -> list[Node]:
+    """The YAML documents of a file, as ``topic echo`` prints messages."""
+    found, line = [], 0
+    for part in re.split(r"^---[ \t]*$", text, flags=re.MULTILINE):
+        if part.strip():
+            if len(found) == _MOST_DOCUMENTS:
+                source.fail(f"has more than {_MOST_DOCUMENTS} documents", line + 1)
+            found.append(parse_yaml(part, _Document(source.path, source.error, before=line)))
+        line += part.count("\n")
+    return found or [parse_yaml("", source)]
+
+
+def message_table(roots: list[Node], source: Source) -> PathTable:
+    """All trajectories of some documents in their order.
+
+    Raises:
+        ConfigurationError: there is none, one does not begin where the one before has ended, or a pose of the base is
+            not on the floor.
+    """
+    parts = [part for root in roots for part in _parts(root)]
+    trajectories = [part for part in parts if not part.start]
+    if not trajectories:
+        source.fail("has no JointTrajectory: a mapping with joint_names and points is needed")
+    names = list(dict.fromkeys(name for part in parts for name in part.names))
+    column = {name: k for k, name in enumerate(names)}
+    now = np.full(len(names), np.nan)
+    rows, nodes, times = [], [], []
+    timed = all(part.times is not None for part in trajectories)
+    clock = 0.0
+    doubts = [doubt for part in parts for doubt in part.doubts]
+    for part in parts:
+        at = [column[name] for name in part.names]
+        table = np.tile(now, (len(part.rows), 1))
+        table[:, at] = part.rows
+        if part.heading is not None:
+            k = column[part.heading]
+            before = table[0, k] if np.isnan(now[k]) else now[k]
+            table[:, k] = np.unwrap(np.concatenate(([before], table[:, k])))[1:]
+        if rows:
+            gap = np.nan_to_num(np.abs(table[0] - now))
+            worst = int(gap.argmax()) if len(gap) else 0
+            beside, unknown = gap.max(initial=0.0), [name for name in part.names if np.isnan(now[column[name]])]
+            if not (parts[0].start and len(rows) == 1):
+                if beside > _JOIN:
+                    part.node.fail(
+                        f"begins with {names[worst]} at {table[0, worst]:.6g}, and the one before ends at "
+                        f"{now[worst]:.6g}; trajectories of one file follow each other"
+                    )
+            elif beside <= LIMIT_TOLERANCE and (unknown or part.times is None or part.times[0] == 0.0):
+                for done in (rows, nodes, times):
+                    done.clear()  # the path begins where the start state is
+            elif unknown:
+                doubts.append(f"the start state is not where the path begins, and has no {', '.join(unknown[:8])}")
+        rows += list(table)
+        nodes += part.nodes
+        if timed:
+            stamps = np.zeros(1) if part.times is None else part.times
+            times += (clock + stamps).tolist()
+            clock = times[-1]
+        now = table[-1].copy()
+    table = _filled(np.array(rows))
+    several = timed and len(trajectories) > 1
+    return PathTable(
+        source,
+        tuple(names),
+        table,
+        lambda k: (nodes[k].key or "the document", nodes[k].line),
+        np.array(times) if timed else None,
+        from_start=True,
+        start=frozenset(names) - {name for part in trajectories for name in part.names},
+        notes=(f"{len(trajectories)} trajectories, one after the other",) if len(trajectories) > 1 else (),
+        doubts=tuple(dict.fromkeys(doubts)),
+        time_doubts=("the file does not say when the trajectories after the first begin",) if several else (),
+    )
+
+
+def _filled(table: Array) -> Array:
+    """A joint is, before the first trajectory that names it, where that begins."""
+    for column in table.T:
+        known = np.flatnonzero(np.isfinite(column))
+        if len(known):
+            column[: known[0]] = column[known[0]]
+    return table
+
+
+def _parts(root: Node) -> Iterator[_Part]:
+    """Start states and trajectories in the order of the document; a message's start state before its trajectories."""
+    todo = [root]
+    while todo:
+        node = todo.pop()
+        if isinstance(node.value, list):
+            todo += [entry for entry in reversed(node.items()) if isinstance(entry.value, (list, dict))]
+        elif isinstance(node.value, dict):
+            entries = node.mapping()
+            halves = [entries[h] if h in entries and isinstance(entries[h].value, dict) else None for h in _HALVES]
+            if any(halves):
+                yield from _robot_trajectory(node, *halves)
+            elif isinstance(node.value.get("points"), list) and "joint_names" in node.value:
+                poses = any(isinstance(p, dict) and "transforms" in p for p in node.value["points"])
+                yield from _robot_trajectory(node, *((None, node) if poses else (node, None)))
+            else:
+                for key in _STARTS:
+                    if key in entries and isinstance(entries[key].value, dict):
+                        yield from _robot_state(entries[key])
+                inner = [entry for key, entry in entries.items() if key not in _STARTS]
+                todo += [entry for entry in reversed(inner) if isinstance(entry.value, (list, dict))]
+
+
+def _robot_trajectory(node: Node, joints: Node | None, base: Node | None) -> Iterator[_Part]:
+    """A RobotTrajectory: its joints' and its base's trajectory at the same times."""
+    halves = [part for part in (joints and _joint_part(joints), base and _base_part(base)) if part]
+    if not halves:
+        return
+    if len(halves) == 2:
+        one, two = halves
+        if len(one.rows) != len(two.rows):
+            two.node.fail(f"has {len(two.rows)} points, the joints' trajectory {len(one.rows)}")
+        if one.times is not None and two.times is not None and np.abs(one.times - two.times).max() > 1e-6:
+            k = int(np.abs(one.times - two.times).argmax())
+            two.nodes[k].fail(f"is at {two.times[k]:.9g} s, and the joints' point at {one.times[k]:.9g} s")
+        times = two.times if one.times is None else one.times
+        rows = np.hstack((two.rows, one.rows))
+        yield _Part([*two.names, *one.names], rows, times, one.nodes, node, two.heading, doubts=two.doubts)
+    else:
+        yield halves[0]
+
+
+def _joint_part(node: Node) -> _Part | None:
+    """A JointTrajectory; None where it has no points."""
+    names, points = _names(node), node["points"].items()
+    if not points or not names:
+        return None
+    return _Part(names, np.array([p["positions"].vector(len(names)) for p in points]), _times(points), points, node)
+
+
+def _names(node: Node) -> list[str]:
+    names = [entry.text() for entry in node["joint_names"].items()]
+    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    if twice:
+        node["joint_names"].fail(f"names a joint twice: {', '.join(twice)[:200]}")
+    return names
+
+
+def _base_part(node: Node) -> _Part | None:
+    """A MultiDOFJointTrajectory: the transform of the base, by its joint's name."""
+    points = node["points"].items()
+    if not points:
+        return None
+    names = _names(node)
+    transforms = [_transforms(p["transforms"], names) for p in points]
+    base = _base_of(node, names)
+    doubts = tuple(
+        f"the transform of {name} changes, and {name} is not taken for the base's joint"
+        for k, name in enumerate(names)
+        if k != base and any(_numbers(t[k]) != _numbers(transforms[0][k]) for t in transforms)
+    )
+    rows = np.array([[] if base is None else _planar(t[base]) for t in transforms])
+    own = [] if base is None else _pose_names(names[base])
+    return _Part(own, rows, _times(points), points, node, own[2] if own else None, doubts=doubts)
+
+
+def _pose_names(joint: str) -> list[str]:
+    """What MoveIt calls the variables of a base's joint."""
+    return [f"{joint}/x", f"{joint}/y", f"{joint}/theta"]
+
+
+def _transforms(node: Node, names: list[str]) -> list[Node]:
+    found = node.items()
+    if len(found) != len(names):
+        node.fail(f"has {len(found)} transforms for {len(names)} joint_names")
+    return found
+
+
+def _base_of(node: Node, names: list[str]) -> int | None:
+    """Which of the joints is the base's."""
+    found = [k for k, name in enumerate(names) if _BASE_JOINT.fullmatch(name)]
+    if len(found) > 1:
+        node["joint_names"].fail(f"has several joints that may be the base's: {', '.join(names[k] for k in found)}")
+    return found[0] if found else None
+
+
+def _robot_state(node: Node) -> Iterator[_Part]:
+    """A RobotState: where joints and base are at the start."""
+    names: list[str] = []
+    row: list[float] = []
+    doubts: tuple[str, ...] = ()
+    heading = None
+    entries = node.mapping()
+    if "joint_state" in entries and entries["joint_state"].value:
+        state = entries["joint_state"]
+        names = [entry.text() for entry in state["name"].items()] if "name" in state.mapping() else []
+        if len(set(names)) < len(names):
+            state["name"].fail("names a joint twice")
+        row = state["position"].vector(len(names)).tolist() if names else []
+    if "multi_dof_joint_state" in entries and entries["multi_dof_joint_state"].value:
+        state = entries["multi_dof_joint_state"]
+        joints = _names(state) if "joint_names" in state.mapping() else []
+        base = _base_of(state, joints) if joints else None
+        if base is not None:
+            own = [name for name in _pose_names(joints[base]) if name not in names]
+            if len(own) == 3:
+                pose = _planar(_transforms(state["transforms"], joints)[base])
+                names, row, heading = [*own, *names], [*pose, *row], own[2]
+    if "attached_collision_objects" in entries and entries["attached_collision_objects"].value:
+        doubts = (
+            "the file's start state has objects that the robot carries (attached_collision_objects), and they are not "
+            "looked at: give the robot what it holds (RobotModel.attached)",
+        )
+    if names or doubts:
+        yield _Part(names, np.array([row]).reshape(1, len(names)), None, [node], node, heading, True, doubts)
+
+
+def _times(points: list[Node]) -> Array | None:
+    if not any(isinstance(p.value, dict) and "time_from_start" in p.value for p in points):
+        return None
+    return np.array([_seconds(p["time_from_start"]) for p in points])
+
+
+def _seconds(node: Node) -> float:
+    """A duration as a number, or as ROS writes it."""
+    if not isinstance(node.value, dict):
+        return node.number(low=0.0, high=1e9, unit="s")
+    whole = next((k for k in ("sec", "secs") if k in node.value), None)
+    part = next((k for k in ("nanosec", "nsecs", "nsec") if k in node.value), None)
+    if whole is None:
+        node.fail("has neither sec nor secs")
+    return node[whole].number(low=0.0, high=1e9, unit="s") + (
+        1e-9 * node[part].number(low=0.0, high=1e9, unit="ns") if part else 0.0
+    )
+
+
+def _numbers(node: Node) -> Mapping[str, float]:
+    """The seven numbers of a transform."""
+    at, turn = node["translation"], node["rotation"]
+    shift = {f"translation.{k}": at[k].number() for k in "xyz"}
+    return shift | {f"rotation.{k}": turn[k].number(low=-1e6, high=1e6, unit="") for k in "xyzw"}
+
+
+def _planar(node: Node) -> list[float]:
+    """x, y and yaw of a transform of a base that stands upright on the floor."""
+    found = _numbers(node)
+    x, y, z, w = (found[f"rotation.{k}"] for k in "xyzw")
+    length = float(np.sqrt(x * x + y * y + z * z + w * w))
+    if abs(length - 1.0) > _UNIT_LENGTH:
+        node["rotation"].fail(f"is a quaternion of length {length:.6g}; 1 within {_UNIT_LENGTH:g} is needed")
+    x, y, z, w = x / length, y / length, z / length, w / length
+    tilt = float(2.0 * np.arctan2(np.hypot(x, y), np.hypot(z, w)))
+    if tilt > LIMIT_TOLERANCE:
+        node["rotation"].fail(f"tilts the base by {tilt:.6g} rad; it stands upright, within {LIMIT_TOLERANCE:g} rad")
+    height = found["translation.z"]
+    if abs(height) > LIMIT_TOLERANCE:
+        node["translation"].fail(f"has z = {height:.6g} m; the base stands on the floor, within {LIMIT_TOLERANCE:g} m")
+    return [found["translation.x"], found["translation.y"], float(2.0 * np.arctan2(z, w))]

@@ -1,0 +1,587 @@
+"""IO room, path tables: rows of numbers become configurations: which column is what of the robot, and in what unit.
+
+What a file says and the robot does not follow is a *doubt*: what is proven then is not what the file holds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NoReturn
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Mask
+from elastic_strips.errors import ConfigurationError, nearest_name
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL
+
+from .nodes import Source
+
+Angles = Literal["rad", "deg"]
+TIMES = (
+    "time", "times", "t", "ts", "time_from_start", "seconds", "sec", "timestamp", "stamp", "elapsed", "elapsed_time",
+)  # fmt: skip
+MAX_ANGLE = 1e4
+"""Largest yaw, or value of a joint without limits [rad]."""
+_MAX_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
+_NOW = 1e-9  # [s]
+_TURNS = 4.0 * np.pi  # [rad] what turns farther, of a file that names no unit, may be in degrees
+_BASE = ("x", "y", "yaw")
+_COORDINATES = {
+    "x": 0, "y": 1, "yaw": 2, "theta": 2, "heading": 2, "th": 2, "t": 2, "phi": 2, "rz": 2,
+    "z": 3, "roll": 3, "pitch": 3, "rx": 3, "ry": 3,
+}  # fmt: skip
+"""Column of a pose: x, y, yaw, or what has to be 0 of a base on the floor."""
+_POSE = re.compile(
+    r"(?:(?P<prefix>.+?)[/._\s])?(?P<what>" + "|".join(_COORDINATES) + r")(?:[_\s](?:joint|axis))?", re.IGNORECASE
+)
+_OF_BASES = {
+    "base", "odom", "odometry", "position", "pos", "world", "virtual", "planar", "mobile", "root", "robot", "map",
+    "chassis", "platform", "cart", "vehicle", "joint", "link", "footprint", "frame", "pose", "mobilebase",
+    "floating", "state", "agv", "amr", "dummy",
+}  # fmt: skip
+_OF_OTHERS = {
+    "goal", "target", "cmd", "command", "desired", "ref", "reference", "ee", "eef", "tcp", "tool", "hand",
+    "gripper", "object", "obstacle", "camera", "error", "human", "person", "next", "previous", "wrist", "head",
+    "neck", "torso", "waist", "arm", "leg", "foot",
+}  # fmt: skip
+_RATE = r"rate|velocity|velocities|vel|speed|acceleration|accel|acc|dot|ddot|jerk|effort|torque|tau"
+_RATES = re.compile(
+    rf"(?:(?:{_RATE})[_/.\s])?(?P<stem>.+?)(?:[_/.\s](?:{_RATE}|(?P<drawn>current|temperature)))?", re.IGNORECASE
+)
+"""``drawn``: of a motor; of a pose, ``x_current`` is where it is."""
+_BASE_RATES = ("vx", "vy", "omega", "ax", "ay", "alpha")
+_COUNTERS = ("", "index", "idx", "i", "k", "n", "no", "nr", "row", "seq", "step", "waypoint", "unnamed: 0")
+_UNITS: dict[str, tuple[str, float]] = {
+    **dict.fromkeys(("rad", "radian", "radians"), ("angle", 1.0)),
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), ("angle", np.pi / 180.0)),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), ("length", 1.0)),
+    **dict.fromkeys(("cm",), ("length", 1e-2)), **dict.fromkeys(("mm",), ("length", 1e-3)),
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), ("time", 1.0)), **dict.fromkeys(("ms",), ("time", 1e-3)),
+    **dict.fromkeys(("us", "µs", "μs"), ("time", 1e-6)), **dict.fromkeys(("ns", "nsec"), ("time", 1e-9)),
+}  # fmt: skip
+"""Unit → what it is of, and how much of its SI unit it is."""
+_BRACKETS = re.compile(r"(?P<stem>.*?)[\s_]*[\[(]\s*(?P<unit>[^\])\d]+?)\s*[\])]")
+_SUFFIX = re.compile(rf"(?P<stem>.+)[_\s](?P<unit>{'|'.join(map(re.escape, _UNITS))})", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathTable:
+    """What a file holds, before it is known what that is of a robot.
+
+    Attributes:
+        source: the file.
+        names: (C,) of the columns, or None.
+        rows: (N, C) numbers.
+        place: what to call row ``k`` in messages, and its line where that is known.
+        times: (N,) [s], or None.
+        units: (C,) units of the columns that a line below the names has; empty where there is none.
+        from_start: whether times are counted from where the robot sets off, as in a JointTrajectory.
+        start: names of which the file has the start state alone.
+        notes, doubts, time_doubts: what the reader has to say, as of ``PathFile``.
+    """
+
+    source: Source
+    names: tuple[str, ...] | None
+    rows: Array
+    place: Callable[[int], tuple[str, int | None]]
+    times: Array | None = None
+    units: tuple[str, ...] = ()
+    from_start: bool = False
+    start: frozenset[str] = frozenset()
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    time_doubts: tuple[str, ...] = ()
+
+    def fail(self, row: int, message: str) -> NoReturn:
+        """Raise the source's error about a row."""
+        label, line = self.place(row)
+        self.source.fail(f"{label}: {message}", line)
+
+
+@dataclass(slots=True)
+class PlacedPath:
+    """Coordinates of a robot, and what was found on the way.
+
+    Attributes:
+        coordinates: (N, nv), as in the file: angles are not wrapped.
+        valued: whether the file has values of angles, and not their (cos, sin).
+        times: (N,) [s], or None; from_start: as of `PathTable`.
+        notes, doubts, time_doubts: as of ``PathFile``.
+    """
+
+    coordinates: Array
+    times: Array | None
+    from_start: bool
+    notes: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+    time_doubts: list[str] = field(default_factory=list)
+    valued: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A column, and what it is: ``joint`` or ``base`` (with its number in a row of coordinates), ``floor`` (what has to
+    be 0 of a base), ``held``, ``time``, ``rate``, ``counter`` or ``other``."""
+
+    index: int
+    name: str
+    kind: str
+    unit: str | None = None
+    number: int = -1
+
+
+def place_table(
+    table: PathTable,
+    robot: RobotModel,
+    *,
+    base_at: Sequence[float] | None,
+    angles: Angles | None,
+    ignore: Collection[str],
+) -> PlacedPath:
+    """Configurations of the robot from columns, by their names where there are any.
+
+    Args: as of ``load_path``.
+
+    Raises:
+        ConfigurationError: the columns or values do not fit the robot.
+    """
+    if not np.isfinite(table.rows).all():
+        table.fail(int(np.argmin(np.isfinite(table.rows).all(axis=1))), "has a value that is not finite")
+    if table.names is not None and table.rows.shape[1] != len(table.names):
+        table.source.fail(f"has {table.rows.shape[1]} columns for {len(table.names)} names")
+    if base_at is not None:
+        base_at = _checked_base(robot, base_at)
+    said = (list(table.notes), list(table.doubts), list(table.time_doubts))
+    placed = PlacedPath(np.empty((0, 0)), table.times, table.from_start, *said)
+    units: dict[int, str | None] = {}
+    if table.names is None:
+        _unnamed(table, robot, placed, base_at, angles, ignore)
+    else:
+        units = _named(table, robot, placed, base_at, angles, ignore)
+    _check_values(table, robot, placed, units, angles)
+    return placed
+
+
+def _checked_base(robot: RobotModel, base_at: Sequence[float]) -> Sequence[float]:
+    if not robot.space.planar:
+        raise ConfigurationError(
+            f"base_at={tuple(base_at)!r} places a base that moves; that of {robot.name!r} is fixed at the origin"
+        )
+    try:
+        given = np.asarray(base_at, dtype=float)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    if given.shape != (3,) or not (np.abs(given) <= [MAX_TRAVEL, MAX_TRAVEL, MAX_ANGLE]).all():
+        raise ConfigurationError(
+            f"base_at={base_at!r} must be x, y, yaw: three numbers within ±{MAX_TRAVEL:g} m and ±{MAX_ANGLE:g} rad"
+        )
+    return given.tolist()
+
+
+def _unnamed(
+    table: PathTable, robot: RobotModel, placed: PlacedPath, base_at: Sequence[float] | None, angles: Angles | None,
+    ignore: Collection[str],
+) -> None:  # fmt: skip
+    """Columns in the robot's order."""
+    rows, space = table.rows, robot.space
+    if ignore:
+        raise ConfigurationError(f"ignore={list(ignore)!r}: the columns of {table.source.path} have no names")
+    if base_at is not None and rows.shape[1] == space.nv - 3:
+        rows = np.column_stack((np.tile(base_at, (len(rows), 1)), rows))
+        placed.notes.append(f"base at {_pose(base_at)}, as was asked")
+    elif base_at is not None:
+        table.source.fail(
+            f"has {rows.shape[1]} columns without names; with base_at= (--base-at) it has to have {space.nv - 3}, the "
+            "joints alone"
+        )
+    if rows.shape[1] == robot.nq != robot.nv:
+        if angles is not None:
+            raise ConfigurationError(f"angles={angles!r}: the columns of {table.source.path} are (cos, sin) of angles")
+        placed.valued = False
+        try:
+            rows = space.to_coordinates(robot.check_q(rows, what="path", limits=False))
+        except ConfigurationError as problem:
+            table.source.fail(str(problem))
+    elif rows.shape[1] != robot.nv:
+        base = "x, y, yaw (or --base-at X Y YAW, base_at=) and " if space.planar else ""
+        table.source.fail(
+            f"has {rows.shape[1]} columns without names; {robot.name!r} has {robot.nv}: {base}"
+            f"{', '.join(robot.joint_names)}"
+        )
+    elif angles == "deg":
+        rows = np.where(_angular(robot), rows * (np.pi / 180.0), rows)
+    placed.coordinates = np.array(rows, dtype=float)
+    placed.notes.append("columns without names: taken in the robot's order")
+
+
+def _named(
+    table: PathTable, robot: RobotModel, placed: PlacedPath, base_at: Sequence[float] | None, angles: Angles | None,
+    ignore: Collection[str],
+) -> dict[int, str | None]:  # fmt: skip
+    """Columns by their names; returns the unit that the file names for each of the robot's coordinates."""
+    assert table.names is not None
+    columns = _identified(table, robot, ignore)
+    b = robot.space.base_nv
+    mine = [c for c in columns if c.kind == "joint" or (c.kind == "base" and b)]
+    if not mine:
+        shown = ", ".join(map(str, table.names))[:120]
+        table.source.fail(f"names {shown}; {robot.name!r} plans {', '.join(robot.joint_names)}")
+    coordinates = np.tile(robot.space.to_coordinates(robot.home_q), (len(table.rows), 1))
+    angular, units = _angular(robot), {}
+    for column in mine:
+        factor = _factor(table, column, "angle" if angular[column.number] else "length", angles)
+        coordinates[:, column.number] = table.rows[:, column.index] * factor
+        units[column.number] = column.unit
+    placed.coordinates = coordinates
+    _clock(table, columns, placed)
+    _left_out(table, robot, columns, placed, angles)
+    if ignore:
+        placed.notes.append(f"not looked at, as was asked: {', '.join(ignore)}")
+    missing = [name for k, name in enumerate(robot.joint_names) if b + k not in units]
+    started = [c.name for c in mine if c.name in table.start]
+    if started:
+        placed.notes.append(f"as in the file's start state all along: {', '.join(started)}")
+    if missing:
+        placed.notes.append(f"at home, as the file does not name them: {', '.join(missing)}")
+    _place_base(table, robot, placed, base_at, [k for k in range(b) if k not in units])
+    return units
+
+
+def _place_base(
+    table: PathTable, robot: RobotModel, placed: PlacedPath, base_at: Sequence[float] | None, open_: list[int]
+) -> None:
+    """A base that can move has to be somewhere."""
+    if base_at is not None:
+        if not open_:
+            table.source.fail(f"places the base itself; base_at={tuple(base_at)} (--base-at) is one place too many")
+        placed.coordinates[:, open_] = [base_at[k] for k in open_]
+        named = ", ".join(f"{_BASE[k]} = {base_at[k]:.6g}" for k in open_)
+        placed.notes.append(f"base at {named}, as was asked")
+    elif open_:
+        placed.doubts.append(
+            f"the file does not say {', '.join(_BASE[k] for k in open_)} of the base, which can move: taken for 0. "
+            "Place it (--base-at X Y YAW, base_at=), or let it not move (--base fixed) where it stands at the origin"
+        )
+
+
+def _identified(table: PathTable, robot: RobotModel, ignore: Collection[str]) -> list[_Column]:
+    """What each column is."""
+    assert table.names is not None
+    names = [_clean(name) for name in table.names]
+    for name in ignore:
+        if name not in names:
+            raise ConfigurationError(
+                f"ignore={name!r}: {table.source.path} has no such column{nearest_name(name, names)}"
+            )
+    units = [unit.strip("[]() ") for unit in table.units] or [""] * len(names)
+    if len(units) != len(names):
+        table.source.fail(f"has {len(units)} units for {len(names)} names")
+    kept = [(k, name, units[k]) for k, name in enumerate(names) if name not in ignore]
+    twice = [name for name, count in Counter(name for _, name, _ in kept if name).items() if count > 1]
+    if twice:
+        table.source.fail(f"names a joint twice, or another column: {', '.join(twice)[:200]}")
+    joints = {name: robot.space.base_nv + k for k, name in enumerate(robot.joint_names)}
+    found: list[_Column] = []
+    poses: list[tuple[_Column, str, int]] = []
+    for k, name, below in kept:
+        column, pose = _Column(k, name, "other", below or None), None
+        for stem, unit in _readings(name):
+            unit = unit or below or None
+            if stem in joints:
+                column = _Column(k, name, "joint", unit, joints[stem])
+            elif stem in robot.locked or stem in robot.followers:
+                column = _Column(k, stem, "held", unit)
+            elif stem.lower() in TIMES:
+                column = _Column(k, name, "time", unit)
+            else:
+                match = _POSE.fullmatch(stem)
+                if match is None or (match["what"].lower() == "t" and match["prefix"] is None):
+                    continue
+                column = _Column(k, name, "other", unit)
+                pose = (column, (match["prefix"] or "").lower(), _COORDINATES[match["what"].lower()])
+            break
+        if pose is not None:
+            poses.append(pose)
+        else:
+            found.append(column)
+    found += _base_columns(table, poses, robot.space.planar)
+    taken = Counter(c.number for c in found if c.kind == "joint")
+    for c in found:
+        if c.kind == "joint" and taken[c.number] > 1:
+            table.source.fail(f"names a joint twice: {c.name}")
+    stems = {*joints, *robot.locked, *(name for _, name, _ in kept)}
+    return [_told_apart(c, table, stems) for c in sorted(found, key=lambda c: c.index)]
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell below a name is a unit that is known."""
+    return text.strip().strip("[]()").strip().lower() in _UNITS
+
+
+def known_name(name: str, robot: RobotModel) -> bool:
+    """Whether a name is one of the robot's, with or without a unit."""
+    own = {*robot.joint_names, *robot.locked}
+    return any(stem in own or _POSE.fullmatch(stem) for stem, _ in _readings(_clean(name)))
+
+
+def _clean(name: str) -> str:
+    return str(name).strip().strip("\"'").strip().removeprefix("%").strip()
+
+
+def _readings(name: str) -> list[tuple[str, str | None]]:
+    """A name as it stands, and without the unit at its end."""
+    readings: list[tuple[str, str | None]] = [(name, None)]
+    for pattern in (_BRACKETS, _SUFFIX):
+        match = pattern.fullmatch(name)
+        if match is not None and match["stem"].strip():
+            readings.append((match["stem"].strip(), match["unit"].strip()))
+    return readings
+
+
+def _base_columns(table: PathTable, poses: list[tuple[_Column, str, int]], planar: bool) -> list[_Column]:
+    """Which columns of poses are the base's: those called so; or else the only whole pose in the plane.
+
+    Of a base that is ``planar`` also those that have to be 0.
+    """
+    sets: dict[str, set[int]] = {}
+    for _, prefix, number in poses:
+        sets.setdefault(prefix, set()).add(number)
+
+    def words(prefix: str) -> set[str]:
+        return set(re.split(r"[/._\s]+", prefix)) - {""}
+
+    own = {prefix for prefix in sets if words(prefix) <= _OF_BASES}
+    if not any(number < 3 for prefix in own for number in sets[prefix]):
+        whole = [p for p, numbers in sets.items() if numbers == {0, 1, 2} and not words(p) & _OF_OTHERS]
+        own = set(whole) if len(whole) == 1 else set()
+    out: list[_Column] = []
+    first: dict[int, _Column] = {}
+    for column, prefix, number in poses:
+        if prefix not in own or (number == 3 and not planar):
+            out.append(column)
+        elif number == 3:
+            out.append(_Column(column.index, column.name, "floor", column.unit))
+        elif number not in first:
+            first[number] = _Column(column.index, column.name, "base", column.unit, number)
+        else:
+            other = first[number]
+            same = np.abs(table.rows[:, column.index] - table.rows[:, other.index]).max(initial=0.0) <= LIMIT_TOLERANCE
+            if not same or column.unit != other.unit:
+                table.source.fail(
+                    f"names a joint twice: {_BASE[number]} of the base is in the columns {other.name!r} and "
+                    f"{column.name!r}, which differ; one of them can be left out (ignore=, --ignore)"
+                )
+    return [*out, *first.values()]
+
+
+def _told_apart(column: _Column, table: PathTable, stems: set[str]) -> _Column:
+    """Rates and counters among the columns that are nothing of the robot."""
+    if column.kind != "other":
+        return column
+    plain = next((stem for stem, unit in _readings(column.name) if unit is not None), column.name)
+    kind = "other"
+    for name in (column.name, plain):
+        match = _RATES.fullmatch(name)
+        stem = name if match is None else match["stem"]
+        pose = _POSE.fullmatch(stem) is not None
+        known = (match is not None and match["drawn"] is None) if pose else stem in stems
+        if name in _BASE_RATES or (stem != name and known):
+            kind = "rate"
+    values = table.rows[:, column.index]
+    if column.name.lower() in _COUNTERS and (np.diff(values) == 1.0).all() and values[0] in (0.0, 1.0):
+        kind = "counter"
+    return _Column(column.index, column.name, kind, column.unit)
+
+
+def _factor(table: PathTable, column: _Column, of: str, angles: Angles | None = None) -> float:
+    """How much of the SI unit one of the column's is."""
+    if column.unit is None:
+        return np.pi / 180.0 if of == "angle" and angles == "deg" else 1.0
+    kind, factor = _UNITS.get(column.unit.lower(), ("", 0.0))
+    if kind != of:
+        valid = ", ".join(unit for unit, (what, _) in _UNITS.items() if what == of)
+        table.source.fail(f"column {column.name!r}: {column.unit!r} is no known unit of {of}. Valid: {valid}")
+    return factor
+
+
+def _clock(table: PathTable, columns: list[_Column], placed: PlacedPath) -> None:
+    """Times from their column, where the reader has found none."""
+    clock = next((c for c in columns if c.kind == "time"), None)
+    if clock is None or placed.times is not None:
+        return
+    assert table.names is not None
+    placed.from_start = "from_start" in clock.name.lower()
+    nanoseconds = clock.unit is None and str(table.names[clock.index]).strip().startswith("%")  # rostopic echo -p
+    placed.times = table.rows[:, clock.index] * (1e-9 if nanoseconds else _factor(table, clock, "time"))
+
+
+def _left_out(
+    table: PathTable, robot: RobotModel, columns: list[_Column], placed: PlacedPath, angles: Angles | None
+) -> None:
+    """What is not planned: said where it stands still as the robot has it, doubted where it does not."""
+    rest = [c for c in columns if c.kind in ("held", "other") or (c.kind == "base" and not robot.space.planar)]
+    if any(c.kind == "rate" for c in columns):
+        placed.notes.append("velocities and accelerations are left out")
+    said = [c.name for c in rest if c.name not in table.start and c.name not in robot.followers]
+    if said:
+        placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")
+    apart: dict[str, list[str]] = {"held": [], "base": [], "other": []}
+    wheels: list[str] = []
+    for column in rest:
+        values, at = table.rows[:, column.index], _whereabouts(robot, column.name, placed.coordinates)
+        if column.kind == "other":
+            if np.ptp(values) > LIMIT_TOLERANCE:
+                apart["other"].append(f"{column.name} ({_span(values)})")
+            continue
+        known = column.unit is not None or angles != "deg"  # the kind of a joint that is held is not known here
+        if column.unit is not None:
+            of, factor = _UNITS.get(column.unit.lower(), ("time", 0.0))
+            if of == "time" or (column.kind == "base" and (of == "angle") != (column.number == 2)):
+                table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit that is known for it")
+            values = values * factor
+        if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or np.abs(at).max() <= LIMIT_TOLERANCE):
+            continue
+        if column.name in robot.round_wheels:
+            wheels.append(column.name)
+        else:
+            unit = "" if known else " (degrees? name the unit)"
+            apart[column.kind].append(f"{column.name} at {_span(at)}, in the file {_span(values)}{unit}")
+    for column in columns:
+        values = table.rows[:, column.index]
+        if column.kind == "floor" and np.abs(values).max() > LIMIT_TOLERANCE:
+            row = int(np.abs(values).argmax())
+            table.fail(row, f"{column.name} = {values[row]:.6g}; a base stands upright on the floor, where that is 0")
+    if wheels:
+        placed.notes.append(f"wheels turn, and are round: {', '.join(wheels)}")
+    for kind, said in apart.items():
+        if said:
+            placed.doubts.append(_UNLIKE[kind].format("; ".join(said)))
+
+
+_UNLIKE = {
+    "held": "held still otherwise than in the file: {}. Hold them there (--lock NAME=VALUE, locked=), or plan those "
+    "that move (--joints, joints=)",
+    "base": "the base is fixed otherwise than in the file: {}. Let it move (--base omni or diff_drive), or say that "
+    "these are not the base's (--ignore NAME, ignore=)",
+    "other": "columns that are left out change: {}. Plan what they move (--joints, joints=), or say that they do not "
+    "matter (--ignore NAME, ignore=)",
+}
+"""What is to be said of columns that the robot does not follow, by their kind."""
+
+
+def _whereabouts(robot: RobotModel, name: str, coordinates: Array) -> Array:
+    """(N,) or (1,) where the robot has a joint that is held still or follows another; 0 for a base that is fixed."""
+    if name not in robot.followers:
+        return np.array([robot.locked.get(name, 0.0)])
+    leader, multiplier, constant = robot.followers[name]
+    return multiplier * coordinates[:, robot.space.base_nv + robot.joint_names.index(leader)] + constant
+
+
+def _span(values: Array) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f"{low:.6g}" if high - low <= LIMIT_TOLERANCE else f"{low:.6g} to {high:.6g}"
+
+
+def _pose(base_at: Sequence[float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in zip(_BASE, base_at, strict=True))
+
+
+def _angular(robot: RobotModel) -> Mask:
+    """(nv,) whether a coordinate is an angle."""
+    base = [False, False, True] if robot.space.planar else []
+    model = robot.model
+    kinds = [model.joints[i].shortname() for i in range(1, model.njoints) if model.nvs[i]]
+    return np.array([*base, *(not kind.startswith("JointModelP") for kind in kinds[bool(base) :])], dtype=bool)
+
+
+def _check_values(
+    table: PathTable, robot: RobotModel, placed: PlacedPath, units: dict[int, str | None], angles: Angles | None
+) -> None:
+    """Values within bounds and limits; what is beyond these by what files round is taken to the limit."""
+    values, space, angular = placed.coordinates, robot.space, _angular(robot)
+    names = (*_BASE[: space.base_nv], *robot.joint_names)
+    unsaid = np.array([angles is None and units.get(k) is None for k in range(space.nv)], dtype=bool)
+    endless = np.isinf(space.upper) & angular
+    for far, bound, unit in (
+        (np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m"), (endless, MAX_ANGLE, "rad"),
+    ):  # fmt: skip
+        beyond = np.argwhere((np.abs(values) > bound) & far)
+        if len(beyond):
+            k, column = (int(i) for i in beyond[0])
+            table.fail(k, f"{names[column]} = {values[k, column]:.6g}, beyond ±{bound:g} {unit}")
+    excess = np.maximum(space.lower - values, values - space.upper)
+    outside = excess > LIMIT_TOLERANCE
+    if outside.any():
+        k, column = (int(i) for i in np.argwhere(outside)[0])
+        wrong = outside.any(axis=0)
+        hint = ""
+        for kind, scale, most, ask in (
+            (angular, np.pi / 180.0, 2.0 * np.pi, "Are these degrees? Name the unit (--angles deg, angles='deg')"),
+            (~angular, 1e-3, 2.0, f"Are these millimetres? Name the unit ({names[column]}_mm)"),
+        ):
+            these = wrong & kind & unsaid
+            scaled = values[:, these] * scale
+            fits = ((scaled >= space.lower[these]) & (scaled <= space.upper[these])).all()
+            if these[column] and fits and np.abs(values[:, these]).max() > most:
+                hint = f". {ask}"
+        unit = "rad" if angular[column] else "m"
+        table.fail(
+            k, f"joint {names[column]!r} = {values[k, column]:.6g} is outside its limits [{space.lower[column]:.6g}, "
+            f"{space.upper[column]:.6g}] by {excess[k, column]:.3g} {unit}; up to {LIMIT_TOLERANCE:g} is taken to the "
+            f"limit{hint}",
+        )  # fmt: skip
+    clipped = np.flatnonzero((excess > 0.0).any(axis=0))
+    if len(clipped):
+        named = ", ".join(f"{names[i]} by {excess[:, i].max():.2g}" for i in clipped)
+        placed.notes.append(f"taken to the limit: {named}")
+        placed.coordinates = np.clip(values, space.lower, space.upper)
+    jumps = np.flatnonzero((np.abs(np.diff(values, axis=0)) > np.pi + LIMIT_TOLERANCE).any(axis=0) & endless)
+    if len(jumps):
+        named = ", ".join(names[i] for i in jumps)
+        placed.notes.append(f"changes by more than half a turn from one configuration to the next: {named}")
+    turning = [names[i] for i in np.flatnonzero(endless & unsaid) if np.abs(values[:, i]).max() > _TURNS]
+    if turning:
+        placed.doubts.append(
+            f"degrees? {', '.join(turning)} turn by more than two turns, and the file names no unit. Name it "
+            "(--angles rad or deg, angles=)"
+        )
+
+
+def check_times(table: PathTable, placed: PlacedPath, starts_at: float | None) -> None:
+    """Times that do not fall; what they do not say is a doubt where something moves."""
+    times = placed.times
+    if times is None:
+        if starts_at is not None:
+            table.source.fail(f"has no times; starts_at={starts_at:g} (--starts-at) says when those begin")
+        return
+    if len(times) != len(table.rows) or not (np.abs(times) <= _MAX_TIME).all():
+        table.source.fail(
+            f"has {len(times)} times for {len(table.rows)} configurations, or they are not within ±{_MAX_TIME:g} s; "
+            "name the unit of nanoseconds (time_ns)"
+        )
+    step = np.diff(times)
+    if (step < 0.0).any():
+        k = int(np.argmax(step < 0.0))
+        table.fail(k + 1, f"the times decrease, from {times[k]:.9g} s to {times[k + 1]:.9g} s")
+    moved = np.abs(np.diff(placed.coordinates, axis=0)).max(axis=1, initial=0.0) > LIMIT_TOLERANCE
+    leap = moved & (step == 0.0)
+    if not step.any():
+        placed.time_doubts.append(f"all times are {times[0]:.9g} s: they do not say when the robot is where")
+    elif leap.any():
+        k = int(np.argmax(leap))
+        label, line = table.place(k + 1)
+        where = label if line is None else f"line {line}"
+        placed.time_doubts.append(f"{where}: the robot is at two places at {times[k]:.9g} s")
+    if starts_at is not None:
+        placed.times = times - times[0] + starts_at
+        placed.notes.append(f"the path begins at {starts_at:g} s, as was asked")
+    elif abs(times[0]) > _NOW:
+        said = (
+            f"the first configuration is reached at {times[0]:.9g} s, and the file does not say from where; begin it "
+            "at 0 s, or say when the robot is there (--starts-at SECONDS, starts_at=)"
+        )
+        (placed.doubts if placed.from_start else placed.time_doubts).append(said)

@@ -1,0 +1,662 @@
+"""What a path file says and the robot does not follow: it is doubted or refused, and never certified in silence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_strips.collision import Verdict, certify
+from elastic_strips.errors import ConfigurationError, ParameterError
+from elastic_strips.io import PathFile, load_path, read_world, write_path
+from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.scene import Box, Scene, World
+
+ARM = tuple(f"panda_joint{k}" for k in range(1, 8))
+HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
+NOTHING = Scene([Box((0.1, 0.1, 0.1), at=(9.0, 9.0, 9.0), name="far")])
+
+
+def _joint(name: str, kind: str, parent: str, child: str, at: str, axis: str = "0 0 1", limits: str = "-2 2") -> str:
+    low, high = limits.split()
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{at}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="1" velocity="1"/></joint>'
+    )
+
+
+def _link(name: str, shape: str, turned: str = "0 0 0") -> str:
+    return f'<link name="{name}"><collision><origin rpy="{turned}"/><geometry>{shape}</geometry></collision></link>'
+
+
+@pytest.fixture(scope="module")
+def cart_file(tmp_path_factory) -> Path:
+    """A base with an arm's joint, a torso, a turntable, a gripper, a round wheel and a square one."""
+    file = tmp_path_factory.mktemp("robot") / "cart.urdf"
+    box = '<box size="{}"/>'.format
+    parts = [
+        _link("base", box("0.6 0.4 0.2")), _link("arm", box("0.1 0.1 0.4")), _link("top", box("0.1 0.1 0.1")),
+        _link("table", box("0.2 0.1 0.02")), _link("finger", box("0.02 0.02 0.1")),
+        _link("round", '<cylinder radius="0.1" length="0.05"/>', "1.5707963 0 0"), _link("square", box("0.2 0.05 0.2")),
+        _joint("shoulder", "revolute", "base", "arm", "0 0 0.5"),
+        _joint("torso", "prismatic", "base", "top", "-0.2 0 0.8", limits="0 0.5"),
+        _joint("turntable", "continuous", "base", "table", "0.2 0 0.2"),
+        _joint("gripper", "prismatic", "arm", "finger", "0 0 0.3", limits="0 0.05"),
+        _joint("left_wheel", "continuous", "base", "round", "0 0.3 0", "0 1 0"),
+        _joint("right_wheel", "continuous", "base", "square", "0 -0.3 0", "0 1 0"),
+    ]  # fmt: skip
+    file.write_text(f'<robot name="cart">{"".join(parts)}</robot>')
+    return file
+
+
+@pytest.fixture(scope="module")
+def cart(cart_file) -> RobotModel:
+    return load_robot(cart_file, base="omni", joints=["shoulder", "torso", "turntable"])
+
+
+@pytest.fixture(scope="module")
+def panda() -> RobotModel:
+    return load_robot("panda", joints=ARM)
+
+
+def table(folder: Path, header: str, *rows: str) -> Path:
+    (folder / "p.csv").write_text("\n".join((header, *rows)) + "\n")
+    return folder / "p.csv"
+
+
+def message(folder: Path, document: object) -> Path:
+    (folder / "p.json").write_text(json.dumps(document))
+    return folder / "p.json"
+
+
+def trajectory(names, rows, times=None) -> dict[str, object]:
+    stamps = range(len(rows)) if times is None else times
+    points = [{"positions": list(map(float, r)), "time_from_start": t} for r, t in zip(rows, stamps, strict=True)]
+    return {"joint_names": list(names), "points": points}
+
+
+def arm(value: float) -> list[float]:
+    return [value, *HOME[1:]]
+
+
+def transform(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0, 1.0)) -> dict[str, object]:
+    return {
+        "translation": {"x": x, "y": y, "z": z}, "rotation": dict(zip("xyzw", turn, strict=True)),
+    }  # fmt: skip
+
+
+def moving(names, *points, times=None) -> dict[str, object]:
+    stamps = range(len(points)) if times is None else times
+    return {
+        "joint_names": list(names),
+        "points": [{"transforms": list(t), "time_from_start": s} for t, s in zip(points, stamps, strict=True)],
+    }
+
+
+def verdict(robot: RobotModel, path: PathFile, scene: Scene | World = NOTHING) -> Verdict:
+    times = path.times if isinstance(scene, World) else None
+    return certify(robot, scene, path, times=times, measure=False).verdict
+
+
+# --- the base by its usual names -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "x,y,yaw", "X,Y,Theta", "position/x,position/y,position/theta", "world_joint/x,world_joint/y,world_joint/theta",
+        "virtual_joint/x,virtual_joint/y,virtual_joint/theta", "odom_x,odom_y,odom_t", "base_x,base_y,base_yaw",
+        "base_x_joint,base_y_joint,base_theta_joint", "world_x_joint,world_y_joint,world_yaw_joint",
+        "anything/x,anything/y,anything/theta", "myrobot_x_joint,myrobot_y_joint,myrobot_theta_joint",
+        "base_joint.x,base_joint.y,base_joint.theta", '"x","y","yaw"', " x , y , yaw ", "x [m],y [m],yaw [rad]",
+        "x,y,heading", "base_x_m,base_y_m,base_yaw_rad",
+    ],
+)  # fmt: skip
+def test_a_base_is_found_by_its_usual_names(cart, tmp_path, names):
+    read = load_path(table(tmp_path, f"{names},shoulder", "0,1,0.5,0.1", "2,1,0.7,0.2"), cart)
+    rows = cart.space.to_coordinates(read.q)
+    np.testing.assert_allclose(rows[:, :4], [[0, 1, 0.5, 0.1], [2, 1, 0.7, 0.2]], atol=1e-12)
+    assert read.doubts == ()
+    assert verdict(cart, read) is Verdict.CERTIFIED
+
+
+@pytest.mark.parametrize(
+    ("names", "row", "wanted"),
+    [
+        ("x,y,yaw_deg,shoulder_deg,torso", (1, 2, 90, 45, 0.1), (1, 2, np.pi / 2, np.pi / 4, 0.1)),
+        ("x_mm,y [cm],yaw (deg),shoulder,torso_mm", (1000, 200, 90, 0.5, 100), (1, 2, np.pi / 2, 0.5, 0.1)),
+        ("odom_x,odom_y,odom_t [degrees],shoulder [°],torso [m]", (1, 2, -90, 45, 0), (1, 2, -np.pi / 2, np.pi / 4, 0)),
+    ],
+)  # fmt: skip
+def test_units_that_are_named_are_converted(cart, tmp_path, names, row, wanted):
+    line = ",".join(map(str, row))
+    read = load_path(table(tmp_path, names, line, line), cart)
+    np.testing.assert_allclose(cart.space.to_coordinates(read.q)[0, :5], wanted, atol=1e-12)
+
+
+def test_units_below_the_names_and_for_the_whole_file(cart, tmp_path):
+    rows = ("0,0,0,45,0.1", "1,0,90,45,0.1")
+    for read in (
+        load_path(table(tmp_path, "x,y,yaw,shoulder,torso\nm,m,deg,deg,m", *rows), cart),
+        load_path(table(tmp_path, "x,y,yaw,shoulder,torso", *rows), cart, angles="deg"),
+    ):
+        np.testing.assert_allclose(
+            cart.space.to_coordinates(read.q)[1, :5], [1, 0, np.pi / 2, np.pi / 4, 0.1], atol=1e-12
+        )
+
+
+@pytest.mark.parametrize("names", ["x_deg,y,yaw,shoulder", "x,y,yaw_mm,shoulder", "x,y,yaw,shoulder [grad]"])
+def test_a_unit_of_something_else_is_refused(cart, tmp_path, names):
+    with pytest.raises(ConfigurationError):
+        load_path(table(tmp_path, names, "0,0,0,0", "1,0,0,0"), cart)
+
+
+def test_the_same_in_messages_and_in_a_crate(cart, tmp_path):
+    """What was certified beside a crate that the base drives through."""
+    crate = Scene([Box((0.6, 0.6, 1.0), at=(2.0, 0.0, 0.5), name="crate")])
+    names = ["position/x", "position/y", "position/theta", "torso"]
+    rows = [[x, 0.0, 0.0, 0.3] for x in (0.0, 2.0, 4.0)]
+    read = load_path(message(tmp_path, trajectory(names, rows)), cart)
+    assert verdict(cart, read, crate) is Verdict.REFUTED
+
+
+@pytest.mark.parametrize("prefix", ["goal", "tool", "hand"])
+def test_what_is_called_after_something_else_is_not_the_base(cart, tmp_path, prefix):
+    names = ",".join(f"{prefix}_{k}" for k in ("x", "y", "yaw"))
+    read = load_path(table(tmp_path, f"{names},shoulder", "0,0,0,0", "1,0,0,0"), cart)
+    assert not cart.space.to_coordinates(read.q)[:, :3].any()
+    assert len(read.doubts) == 2  # that column, and the base that is nowhere
+    assert verdict(cart, read) is Verdict.UNKNOWN
+
+
+def test_two_columns_of_one_coordinate(cart, tmp_path):
+    header = "x,y,yaw,odom_x,shoulder"
+    with pytest.raises(ConfigurationError, match="odom_x"):
+        load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1.2,0"), cart)
+    assert load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1,0"), cart).doubts == ()
+    found = load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1.2,0"), cart, ignore=["odom_x"])
+    assert found.q[1, 0] == 1.0
+
+
+# --- what is not followed --------------------------------------------------------------------------------------------
+
+
+def test_a_base_that_is_nowhere_is_doubted(cart, cart_file, tmp_path):
+    file = table(tmp_path, "shoulder,torso", "0,0.1", "0.5,0.1")
+    read = load_path(file, cart)
+    assert len(read.doubts) == 1
+    assert verdict(cart, read) is Verdict.UNKNOWN
+    placed = load_path(file, cart, base_at=(1.0, 2.0, 0.5))
+    np.testing.assert_allclose(cart.space.to_coordinates(placed.q)[:, :3], [[1.0, 2.0, 0.5]] * 2)
+    assert placed.doubts == ()
+    assert verdict(cart, placed) is Verdict.CERTIFIED
+    still = load_robot(cart_file, base="fixed", joints=["shoulder", "torso", "turntable"])
+    assert load_path(file, still).doubts == ()
+
+
+@pytest.mark.parametrize("names", ["x,y", "y,yaw", "yaw"])
+def test_a_base_that_is_half_placed_is_doubted(cart, tmp_path, names):
+    row = ",".join("0" for _ in names.split(","))
+    file = table(tmp_path, f"{names},shoulder", f"{row},0", f"{row},0.5")
+    assert len(load_path(file, cart).doubts) == 1
+    assert load_path(file, cart, base_at=(1.0, 2.0, 0.5)).doubts == ()
+
+
+@pytest.mark.parametrize("base_at", [(1.0, 2.0), (np.nan, 0.0, 0.0), (1e5, 0.0, 0.0), "abc", (0.0, 0.0, 1e17)])
+def test_a_place_that_is_none_is_refused(cart, tmp_path, base_at):
+    with pytest.raises(ConfigurationError):
+        load_path(table(tmp_path, "shoulder", "0", "1"), cart, base_at=base_at)
+
+
+def test_a_base_is_placed_once(cart, panda, tmp_path):
+    with pytest.raises(ConfigurationError):
+        load_path(table(tmp_path, "x,y,yaw", "0,0,0", "1,0,0"), cart, base_at=(0.0, 0.0, 0.0))
+    with pytest.raises(ConfigurationError):
+        load_path(message(tmp_path, trajectory(ARM, [arm(0), arm(1)])), panda, base_at=(0.0, 0.0, 0.0))
+
+
+def test_a_fixed_base_that_moves_in_the_file(cart_file, panda, tmp_path):
+    still = load_robot(cart_file, base="fixed", joints=["shoulder", "torso", "turntable"])
+    assert len(load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "1,0,0,0"), still).doubts) == 1
+    assert len(load_path(table(tmp_path, "x,y,yaw,shoulder", "1,0,0,0", "1,0,0,0"), still).doubts) == 1
+    assert load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "0,0,0,1"), still).doubts == ()
+    document = {
+        "joint_trajectory": trajectory(ARM, [arm(0), arm(1)]),
+        "multi_dof_joint_trajectory": moving(["world_joint"], [transform()], [transform(x=1.0)]),
+    }
+    assert len(load_path(message(tmp_path, document), panda).doubts) == 1
+
+
+@pytest.mark.parametrize("values", [("0.0", "0.04"), ("0.04", "0.04")])
+def test_a_joint_that_is_held_otherwise(cart, cart_file, tmp_path, values):
+    """It moves in the file, or it is elsewhere there."""
+    file = table(tmp_path, "x,y,yaw,gripper", *(f"0,0,0,{v}" for v in values))
+    read = load_path(file, cart)
+    assert len(read.doubts) == 1
+    assert "gripper" in read.doubts[0]
+    assert verdict(cart, read) is Verdict.UNKNOWN
+    planned = load_robot(cart_file, base="omni", joints=["shoulder", "gripper"])
+    assert load_path(file, planned).doubts == ()
+    held = load_robot(cart_file, base="omni", joints=["shoulder"], locked={"gripper": 0.04})
+    assert bool(load_path(file, held).doubts) is (values[0] != values[1])
+    asked = load_path(file, cart, ignore=["gripper"])
+    assert asked.doubts == ()
+    assert any("gripper" in note for note in asked.notes)
+
+
+def test_a_joint_that_follows_another_may_be_in_the_file(tmp_path):
+    """Both fingers of a gripper: where it is planned, the second one goes with the first."""
+    robot = load_robot("panda", joints=["panda_joint1", "panda_finger_joint1"])
+    names = "panda_joint1,panda_finger_joint1,panda_finger_joint2"
+    assert load_path(table(tmp_path, names, "0,0.01,0.01", "0,0.03,0.03"), robot).doubts == ()
+    assert len(load_path(table(tmp_path, names, "0,0.01,0.01", "0,0.03,0.01"), robot).doubts) == 1
+
+
+def test_a_refuted_path_stays_refuted(cart, tmp_path):
+    post = Scene([Box((0.1, 0.1, 1.0), at=(0.0, 0.0, 0.5), name="post")])
+    read = load_path(table(tmp_path, "shoulder,gripper", "0,0", "1,0.04"), cart)
+    assert len(read.doubts) == 2
+    assert verdict(cart, read, post) is Verdict.REFUTED
+
+
+def test_wheels_turn_where_they_are_round(cart, tmp_path):
+    assert cart.round_wheels == {"left_wheel"}
+    turned = load_path(table(tmp_path, "x,y,yaw,left_wheel", "0,0,0,0", "1,0,0,10"), cart)
+    assert turned.doubts == ()
+    assert any("left_wheel" in note for note in turned.notes)
+    assert len(load_path(table(tmp_path, "x,y,yaw,right_wheel", "0,0,0,0", "1,0,0,10"), cart).doubts) == 1
+    assert load_robot("tiago").round_wheels == {"wheel_left_joint", "wheel_right_joint"}
+
+
+@pytest.mark.parametrize("names", ["x,y,yaw,mast", "x,y,yaw,roof_joint", "x,y,yaw,hatch [deg]"])
+def test_a_column_that_nobody_knows(cart, tmp_path, names):
+    changes = load_path(table(tmp_path, names, "0,0,0,1", "1,0,0,2"), cart)
+    assert len(changes.doubts) == 1
+    assert verdict(cart, changes) is Verdict.UNKNOWN
+    stays = load_path(table(tmp_path, names, "0,0,0,1", "1,0,0,1"), cart)
+    assert stays.doubts == ()
+    assert any(names.split(",")[3] in note for note in stays.notes)
+    assert load_path(table(tmp_path, names, "0,0,0,1", "1,0,0,2"), cart, ignore=[names.split(",")[3]]).doubts == ()
+
+
+def test_what_is_ignored_has_to_be_there(cart, tmp_path):
+    with pytest.raises(ConfigurationError, match="mats"):
+        load_path(table(tmp_path, "x,y,yaw,mast", "0,0,0,1", "1,0,0,2"), cart, ignore=["mats"])
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "shoulder_velocity,torso_effort,vx", "velocity/shoulder,shoulder_acc,omega",
+        "gripper_effort,turntable/velocity,shoulder_current",
+    ],
+)  # fmt: skip
+def test_rates_and_efforts_are_no_doubt(cart, tmp_path, names):
+    read = load_path(table(tmp_path, f"index,x,y,yaw,{names}", "0,0,0,0,1,2,3", "1,1,0,0,4,5,6"), cart)
+    assert read.doubts == ()
+
+
+@pytest.mark.parametrize("name", ["x_current", "current_gripper", "base_x_temperature"])
+def test_where_something_is_now_is_no_rate(cart, tmp_path, name):
+    assert len(load_path(table(tmp_path, f"x,y,yaw,{name}", "0,0,0,0", "0,0,0,1"), cart).doubts) == 1
+
+
+def test_arrays_that_are_left_out(cart, tmp_path):
+    rows = np.array([[0.0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [2, 0, 0, 0, 0, 0]])
+    np.savez(tmp_path / "a.npz", q=rows, qd=rows + 1.0, hand=np.array([0.0, 0.02, 0.04]))
+    assert len(load_path(tmp_path / "a.npz", cart).doubts) == 1
+    asked = load_path(tmp_path / "a.npz", cart, ignore=["hand"])
+    assert asked.doubts == ()
+    np.savez(tmp_path / "c.npz", q=rows.T, hand=np.array([0.0, 0.02, 0.04]))
+    assert len(load_path(tmp_path / "c.npz", cart).doubts) == 1
+    np.savez(tmp_path / "b.npz", q=rows, qd=rows + 1.0, hand=np.zeros((3, 5)))
+    assert load_path(tmp_path / "b.npz", cart).doubts == ()
+
+
+# --- several trajectories, start states ------------------------------------------------------------------------------
+
+
+def _robot_trajectory(a: float, b: float) -> dict[str, object]:
+    return {"joint_trajectory": trajectory(ARM, [arm(a), arm(b)])}
+
+
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        lambda parts: {"trajectory": parts}, lambda parts: parts, lambda parts: {"trajectory_stages": parts},
+        lambda parts: {"result": {"planned": {"trajectory": parts}}},
+    ],
+)  # fmt: skip
+def test_all_trajectories_in_their_order(panda, tmp_path, wrap):
+    document = wrap([_robot_trajectory(0.0, 0.5), _robot_trajectory(0.5, 2.0), _robot_trajectory(2.0, 1.0)])
+    read = load_path(message(tmp_path, document), panda)
+    np.testing.assert_allclose(read.q[:, 0], [0.0, 0.5, 0.5, 2.0, 2.0, 1.0])
+    np.testing.assert_allclose(read.times, [0, 1, 1, 2, 2, 3])
+    assert read.doubts == ()
+    assert read.time_doubts
+    wall = Scene([Box((0.8, 0.05, 1.2), at=(0.0, 0.35, 0.6), name="wall")])
+    assert verdict(panda, read, wall) is Verdict.REFUTED
+    first = load_path(message(tmp_path, wrap([_robot_trajectory(0.0, 0.5)])), panda)
+    assert verdict(panda, first, wall) is Verdict.CERTIFIED
+
+
+def test_documents_of_a_file_follow_each_other(panda, tmp_path):
+    texts = [json.dumps(_robot_trajectory(a, b)) for a, b in ((0.0, 0.5), (0.5, 1.0))]
+    (tmp_path / "p.yaml").write_text("---\n" + "\n---\n".join(texts) + "\n---\n")
+    np.testing.assert_allclose(load_path(tmp_path / "p.yaml", panda).q[:, 0], [0.0, 0.5, 0.5, 1.0])
+
+
+def test_trajectories_that_do_not_join_are_refused(panda, tmp_path):
+    with pytest.raises(ConfigurationError, match="panda_joint1"):
+        load_path(message(tmp_path, [_robot_trajectory(0.0, 0.5), _robot_trajectory(0.9, 2.0)]), panda)
+    read = load_path(message(tmp_path, [_robot_trajectory(0.0, 0.5), _robot_trajectory(0.5002, 2.0)]), panda)
+    assert read.q[2, 0] == 0.5002  # the step between them is a part of the path
+
+
+def test_other_joints_keep_where_they_were_left(cart, tmp_path):
+    """A torso, then an arm; each trajectory names what it moves."""
+    base = [["x", "y", "yaw"], [[0, 0, 0], [1, 0, 0]]]
+    document = [trajectory(*base), trajectory(["torso"], [[0.1], [0.4]]), trajectory(["shoulder"], [[0.0], [0.7]])]
+    rows = cart.space.to_coordinates(load_path(message(tmp_path, document), cart).q)
+    np.testing.assert_allclose(rows[:, 4], [0.1, 0.1, 0.1, 0.4, 0.4, 0.4])
+    np.testing.assert_allclose(rows[:, 0], [0, 1, 1, 1, 1, 1])
+    np.testing.assert_allclose(rows[:, 3], [0, 0, 0, 0, 0, 0.7])
+
+
+def _started(names, values, *parts, base=None, attached=()) -> dict[str, object]:
+    start: dict[str, object] = {"joint_state": {"name": list(names), "position": list(values)}}
+    if base is not None:
+        start["multi_dof_joint_state"] = {"joint_names": ["world_joint"], "transforms": [base]}
+    if attached:
+        start["attached_collision_objects"] = list(attached)
+    return {"trajectory_start": start, "trajectory": list(parts)}
+
+
+def test_the_start_state_says_where_the_others_are(cart, tmp_path):
+    part = {"joint_trajectory": trajectory(["shoulder"], [[0.0], [0.5]])}
+    where = transform(1.0, 2.0, turn=(0, 0, 1.0, 0.0))
+    names, values = ("shoulder", "torso", "turntable", "gripper", "left_wheel"), (0.0, 0.3, 1.0, 0.0, 3.0)
+    read = load_path(message(tmp_path, _started(names, values, part, base=where)), cart)
+    rows = cart.space.to_coordinates(read.q)
+    np.testing.assert_allclose(rows, [[1, 2, np.pi, 0, 0.3, 1.0], [1, 2, np.pi, 0.5, 0.3, 1.0]], atol=1e-12)
+    assert read.doubts == ()
+    assert any("torso" in note for note in read.notes)
+    open_ = load_path(message(tmp_path, _started(names, (0.0, 0.3, 1.0, 0.04, 3.0), part, base=where)), cart)
+    assert len(open_.doubts) == 1  # the gripper is elsewhere than here
+
+
+def test_a_start_state_beside_the_path_is_a_part_of_it(panda, tmp_path):
+    read = load_path(message(tmp_path, _started(ARM, arm(-0.4), _robot_trajectory(0.0, 0.5))), panda)
+    np.testing.assert_allclose(read.q[:, 0], [-0.4, 0.0, 0.5])
+    same = load_path(message(tmp_path, _started(ARM, arm(0.0), _robot_trajectory(0.0, 0.5))), panda)
+    assert len(same.q) == 2
+    late = {"joint_trajectory": trajectory(ARM, [arm(0.0), arm(0.5)], times=[2.0, 3.0])}
+    early = load_path(message(tmp_path, _started(ARM, arm(-0.4), late)), panda)
+    np.testing.assert_allclose(early.times, [0.0, 2.0, 3.0])
+    assert early.doubts == early.time_doubts == ()
+    partly = load_path(message(tmp_path, _started(ARM[:3], arm(0.3)[:3], late)), panda)
+    assert partly.q[0, 0] == 0.3
+    assert partly.doubts
+
+
+def test_what_the_robot_carries_in_the_file_is_doubted(panda, tmp_path):
+    carried = _started(ARM, arm(0.0), _robot_trajectory(0.0, 0.5), attached=[{"object": {"id": "cup"}}])
+    assert len(load_path(message(tmp_path, carried), panda).doubts) == 1
+
+
+# --- poses of the base -----------------------------------------------------------------------------------------------
+
+
+def _driven(*transforms, names=("world_joint",)) -> dict[str, object]:
+    return {
+        "joint_trajectory": trajectory(["torso"], [[0.1]] * len(transforms)),
+        "multi_dof_joint_trajectory": moving(names, *([t] if isinstance(t, dict) else t for t in transforms)),
+    }
+
+
+def test_quaternions_are_normalised(cart, tmp_path):
+    for length in (0.9995, 1.0, 1.0005):
+        part = length * np.sqrt(0.5)
+        read = load_path(message(tmp_path, _driven(transform(), transform(turn=(0, 0, part, part)))), cart)
+        assert cart.space.to_coordinates(read.q)[1, 2] == pytest.approx(np.pi / 2, abs=1e-12)
+
+
+def test_a_turn_goes_the_way_of_its_quaternions(cart, tmp_path):
+    """They know no whole turns: 3.0, then 3.3 rad, and the negative of a quaternion is the same turn."""
+    turns = [(0, 0, np.sin(a / 2) * s, np.cos(a / 2) * s) for a, s in ((3.0, 1), (3.3, 1), (3.5, -1), (3.0, 1))]
+    read = load_path(message(tmp_path, _driven(*(transform(turn=t) for t in turns))), cart)
+    found = cart.space.to_coordinates(read.q)[:, 2]
+    np.testing.assert_allclose(np.unwrap(found), [3.0, 3.3, 3.5, 3.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        transform(turn=(0, 0, 0, 0)), transform(turn=(0, 0, 1.4142, 1.4142)), transform(turn=(0, 0, 0.7, 0.7)),
+        transform(turn=(1, 0, 0, 0)), transform(turn=(0.1, 0, 0, np.sqrt(0.99))), transform(turn=(0, 0.6, 0.8, 0)),
+        transform(z=0.1), transform(z=-0.002), transform(turn=(0, 0, float("nan"), 1)), transform(x=1e9),
+        transform(x=2e4),
+    ],
+)  # fmt: skip
+def test_a_base_that_does_not_stand_on_the_floor_is_refused(cart, tmp_path, bad):
+    with pytest.raises(ConfigurationError):
+        load_path(message(tmp_path, _driven(transform(), bad)), cart)
+
+
+def test_the_names_say_which_transform_is_the_base(cart, tmp_path):
+    def crate(x):
+        return transform(x=x, z=0.7, turn=(0.6, 0.0, 0.8, 0.0))
+
+    names = ["object_joint", "world_joint"]
+    stays = load_path(
+        message(tmp_path, _driven([crate(0), transform()], [crate(0), transform(x=2.0)], names=names)), cart
+    )
+    np.testing.assert_allclose(stays.q[:, 0], [0.0, 2.0])
+    assert stays.doubts == ()
+    moves = _driven([crate(0), transform()], [crate(1), transform(x=2.0)], names=names)
+    assert len(load_path(message(tmp_path, moves), cart).doubts) == 1
+    other = load_path(message(tmp_path, _driven(crate(0), crate(1), names=["object_joint"])), cart)
+    assert len(other.doubts) == 2  # what moves there, and the base that is nowhere
+    with pytest.raises(ConfigurationError):
+        load_path(message(tmp_path, _driven([crate(0)], [crate(0)], names=names)), cart)
+    with pytest.raises(ConfigurationError):
+        load_path(message(tmp_path, _driven(*[[transform()] * 2] * 2, names=["world_joint", "base_joint"])), cart)
+
+
+def test_a_base_without_joints_and_other_times(cart, tmp_path):
+    alone = {"joint_trajectory": trajectory([], []), "multi_dof_joint_trajectory": moving(
+        ["world_joint"], [transform()], [transform(x=1.0)]
+    )}  # fmt: skip
+    np.testing.assert_allclose(load_path(message(tmp_path, alone), cart).q[:, 0], [0.0, 1.0])
+    both = _driven(transform(), transform(x=1.0))
+    both["multi_dof_joint_trajectory"] = moving(["world_joint"], [transform()], [transform(x=1.0)], times=[0.0, 5.0])
+    with pytest.raises(ConfigurationError):
+        load_path(message(tmp_path, both), cart)
+
+
+@pytest.mark.parametrize("column", ["z", "base_z", "roll", "pitch"])
+def test_columns_off_the_floor_are_refused(cart, tmp_path, column):
+    with pytest.raises(ConfigurationError, match=column):
+        load_path(table(tmp_path, f"x,y,yaw,{column}", "0,0,0,0", "1,0,0,0.5"), cart)
+    assert load_path(table(tmp_path, f"x,y,yaw,{column}", "0,0,0,0", "1,0,0,0"), cart).doubts == ()
+
+
+# --- times -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def world(tmp_path) -> World:
+    (tmp_path / "cart.yaml").write_text(
+        "obstacles:\n  - {shape: box, name: cart, size: [0.4, 0.4, 1.0], at: [9.0, 0.0, 0.5], "
+        "motion: {twist: {linear: [-0.1, 0.0, 0.0]}}}\n"
+    )
+    return read_world(tmp_path / "cart.yaml")
+
+
+def settled(robot: RobotModel, path: PathFile, world: World) -> bool:
+    """Whether the path is called certified; it may be unknown, or its times refused."""
+    try:
+        return verdict(robot, path, world) is Verdict.CERTIFIED
+    except ParameterError:
+        return False
+
+
+@pytest.mark.parametrize("times", [(0, 0, 0), (3, 3, 3), (0, 1, 1), (5, 6, 7)])
+def test_times_that_say_little_where_something_moves(panda, world, tmp_path, times):
+    rows = [arm(0.0), arm(0.4), arm(0.8)]
+    read = load_path(message(tmp_path, trajectory(ARM, rows, times)), panda)
+    assert read.doubts or read.time_doubts
+    assert not settled(panda, read, world)
+    lines = [",".join(map(str, (t, *row))) for t, row in zip(times, rows, strict=True)]
+    csv = table(tmp_path, ",".join(("time", *ARM)), *lines)
+    assert not settled(panda, load_path(csv, panda), world)
+    assert settled(panda, load_path(message(tmp_path, trajectory(ARM, rows)), panda), world)
+
+
+def test_a_first_point_that_is_reached_later(panda, world, tmp_path):
+    """The robot goes there from where it is, and the file does not say from where: of what stands still, too."""
+    file = message(tmp_path, trajectory(ARM, [arm(0.0), arm(0.4)], [2.0, 3.0]))
+    assert verdict(panda, load_path(file, panda)) is Verdict.UNKNOWN
+    said = load_path(file, panda, starts_at=7.5)
+    np.testing.assert_allclose(said.times, [7.5, 8.5])
+    assert verdict(panda, said) is verdict(panda, said, world) is Verdict.CERTIFIED
+
+
+def test_times_of_a_log_count_where_something_moves(panda, world, tmp_path):
+    """Seconds since that robot was switched on: by then everything has left here."""
+    rows = [f"{1e5 + k},{','.join(map(str, arm(0.4 * k)))}" for k in range(3)]
+    read = load_path(table(tmp_path, ",".join(("timestamp", *ARM)), *rows), panda)
+    assert read.doubts == ()
+    assert verdict(panda, read, world) is Verdict.UNKNOWN
+
+
+@pytest.mark.parametrize(("name", "unit"), [("time_ms", 1e-3), ("t [ms]", 1e-3), ("time (ns)", 1e-9), ("%time", 1e-9)])
+def test_times_in_other_units(panda, tmp_path, name, unit):
+    rows = [",".join(map(str, (round(k / unit), *arm(0.1 * k)))) for k in range(3)]
+    np.testing.assert_allclose(load_path(table(tmp_path, ",".join((name, *ARM)), *rows), panda).times, [0, 1, 2])
+
+
+@pytest.mark.parametrize("times", [(0, 2, 1), (3, 2, 1), (0, float("nan"), 1), (0, 1, 1e18)])
+def test_times_that_fall_name_the_row(panda, tmp_path, times):
+    rows = [",".join(map(str, (t, *arm(0.1 * k)))) for k, t in enumerate(times)]
+    with pytest.raises(ConfigurationError, match=r"p\.csv"):
+        load_path(table(tmp_path, ",".join(("time", *ARM)), *rows), panda)
+    if times == (0, 2, 1):
+        with pytest.raises(ConfigurationError, match=r"p\.csv:4:"):
+            load_path(table(tmp_path, ",".join(("time", *ARM)), *rows), panda)
+
+
+# --- bounds, limits, degrees -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("row", ["1e35,0,0,0", "0,-1e6,0,0", "0,10001,0,0", "0,0,1e17,0"])
+def test_far_coordinates_are_refused(cart, tmp_path, row):
+    with pytest.raises(ConfigurationError, match=r"p\.csv:3:"):
+        load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", row), cart)
+
+
+@pytest.mark.parametrize("x", [1e35, -1e6, 10_001.0])
+def test_far_configurations_are_refused(cart, x):
+    q = np.array([cart.home(), cart.home()])
+    q[1, 0] = x
+    with pytest.raises(ConfigurationError):
+        cart.check_q(q)
+    with pytest.raises(ConfigurationError):
+        certify(cart, NOTHING, q)
+    assert cart.home(x=9999.0)[0] == 9999.0
+
+
+def test_what_files_round_is_taken_to_the_limit(cart, tmp_path):
+    read = load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "0,0,0,2.00005"), cart)
+    assert cart.space.to_coordinates(read.q)[1, 3] == 2.0
+    assert any("shoulder" in note for note in read.notes)
+    with pytest.raises(ConfigurationError, match=r"p\.csv:3: .*shoulder"):
+        load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "0,0,0,2.001"), cart)
+
+
+@pytest.mark.parametrize(("values", "asked"), [(("0", "90"), True), (("-45", "30"), True), (("0", "2.5"), False)])
+def test_degrees_are_asked_for(cart, tmp_path, values, asked):
+    file = table(tmp_path, "x,y,yaw,shoulder", *(f"0,0,0,{v}" for v in values))
+    with pytest.raises(ConfigurationError) as caught:
+        load_path(file, cart)
+    assert ("--angles" in str(caught.value)) is asked
+    if asked:
+        found = cart.space.to_coordinates(load_path(file, cart, angles="deg").q)[:, 3]
+        np.testing.assert_allclose(found, np.radians([float(v) for v in values]))
+
+
+@pytest.mark.parametrize("header", ["x,y,yaw,turntable", "x,y,turntable,yaw"])
+def test_degrees_of_what_has_no_limits_are_doubted(cart, tmp_path, header):
+    rows = [f"0,0,0,{10 * k}" for k in range(5)]
+    file = table(tmp_path, header, *rows)
+    assert len(load_path(file, cart).doubts) == 1
+    assert load_path(file, cart, angles="rad").doubts == load_path(file, cart, angles="deg").doubts == ()
+    assert load_path(table(tmp_path, header.replace("yaw", "yaw_rad").replace("table", "table_rad"), *rows), cart)
+
+
+# --- tables as people write them -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffx,y,yaw,shoulder\n0,0,0,0\n1,0,0,0.5\n",
+        '"x";"y";"yaw";"shoulder"\n0;0;0;0\n1;0;0;0,5\n',
+        "x,y,yaw,shoulder,\n0,0,0,0,\n1,0,0,0.5,\n",
+        "# x y yaw shoulder\n0 0 0 0\n1 0 0 0.5\n",
+        "# made by hand\nx\ty\tyaw\tshoulder\r\n0\t0\t0\t0\r\n1\t0\t0\t0.5\r\n",
+        ",x,y,yaw,shoulder\n0,0,0,0,0\n1,1,0,0,0.5\n",
+    ],
+)
+def test_tables_as_people_write_them(cart, tmp_path, text):
+    (tmp_path / "p.csv").write_text(text, newline="")
+    read = load_path(tmp_path / "p.csv", cart)
+    np.testing.assert_allclose(cart.space.to_coordinates(read.q)[:, [0, 3]], [[0, 0], [1, 0.5]])
+    assert read.doubts == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x,y,yaw,yaw\n0,0,0,0\n1,0,0,0\n", "x,y,yaw,shoulder,shoulder_deg\n0,0,0,0,0\n1,0,0,0,0\n",
+        "x,y,yaw,mast,mast\n0,0,0,0,0\n1,0,0,0,0\n", "x;y;yaw\n0,5;0.5;0\n1;0;0\n", "x;y;yaw\n0,5;0;0\n1;0.5;0\n",
+        "x,y,yaw\n0,,0\n1,0,0\n", "x,y,yaw\n0,1_0,0\n1,0,0\n", "0,1,2,3,4,5\n0,0,0,0,0,0\n0,0,0,0,0,0\n",
+        "x,y,yaw\n0,0,0,7\n1,0,0\n", ";;;\n;;;\n", "x,y,yaw\n0,0,१\n1,0,0\n", 'x,y,yaw\n"0,0,0\n1,0,0\n',
+    ],
+)  # fmt: skip
+def test_tables_that_are_none_are_refused(cart, tmp_path, text):
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(ConfigurationError, match=r"p\.csv"):
+        load_path(tmp_path / "p.csv", cart)
+
+
+def test_a_key_that_is_given_twice_is_refused(panda, tmp_path):
+    one, two = (json.dumps(trajectory(ARM, [arm(a), arm(a + 0.1)])) for a in (0.0, 1.0))
+    (tmp_path / "p.json").write_text(f'{{"joint_trajectory": {one}, "joint_trajectory": {two}}}')
+    with pytest.raises(ConfigurationError, match="joint_trajectory"):
+        load_path(tmp_path / "p.json", panda)
+
+
+def test_what_is_written_has_no_doubts(cart, tmp_path):
+    q = [cart.home(x=1.0), cart.home(x=2.0, yaw=1.0)]
+    for name in ("a.csv", "a.json"):
+        read = load_path(write_path(tmp_path / name, cart, q, [0.0, 1.0]), cart)
+        assert read.doubts == read.time_doubts == read.notes == ()
+
+
+def test_a_jump_of_more_than_half_a_turn_is_said(cart, tmp_path):
+    read = load_path(table(tmp_path, "x,y,yaw,turntable", "0,0,0,3", "0,0,0,-3"), cart)
+    assert any("turntable" in note for note in read.notes)
+    back = load_path(table(tmp_path, "x,y,yaw,turntable", "0,0,0,3", "0,0,0,0"), cart)
+    assert not any("turntable" in note for note in back.notes)
+
+
+def test_an_archive_of_a_later_format_is_refused(cart, tmp_path):
+    np.savez(tmp_path / "a.npz", q=np.zeros((3, 6)))
+    data = bytearray((tmp_path / "a.npz").read_bytes())
+    data[data.index(b"PK\1\2") + 6] = 215  # the version that is needed to unpack it
+    (tmp_path / "a.npz").write_bytes(data)
+    with pytest.raises(ConfigurationError, match=r"a\.npz"):
+        load_path(tmp_path / "a.npz", cart)
