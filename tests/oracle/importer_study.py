@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 import elastic_strips as es
-from elastic_strips.io import SceneOptions
+from elastic_strips.io.scene_source import SceneOptions
 
 Rng = np.random.Generator
 TOLERANCE = 2e-6

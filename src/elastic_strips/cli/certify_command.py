@@ -15,7 +15,7 @@ from .scene_options import SCENE_FILES, scene_options
 if TYPE_CHECKING:
     from elastic_strips.arrays import Array
     from elastic_strips.collision import PathCertificate
-    from elastic_strips.io import SceneFile, SceneOptions
+    from elastic_strips.io.scene_source import SceneFile, SceneOptions
     from elastic_strips.robot import LoadOptions, RobotModel
 
 

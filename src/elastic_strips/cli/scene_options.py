@@ -11,7 +11,7 @@ import click
 from . import options
 
 if TYPE_CHECKING:
-    from elastic_strips.io import SceneOptions
+    from elastic_strips.io.scene_source import SceneOptions
 
 SCENE_FILES = (
     "The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene, or a "

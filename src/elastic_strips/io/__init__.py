@@ -12,17 +12,14 @@ if TYPE_CHECKING:
     from .nav2_map import load_nav2_map
     from .octomap import read_octomap
     from .path_file import PathFile, load_path, write_path
-    from .planning_scene import AttachedObject, PlanningScene, read_planning_scene
     from .point_cloud import PointCloud, cloud_scene, read_point_cloud, without_robot
     from .record_file import read_record, record_columns, record_frame, record_robot, write_record
-    from .scene_file import PoseSpec, read_scenario, read_scene, read_scene_file, read_world, write_scene, write_world
-    from .scene_source import SceneFile, SceneOptions
+    from .scene_file import read_scenario, read_scene, read_scene_file, read_world, write_scene, write_world
     from .trajectory_file import trajectory_columns, trajectory_document, trajectory_frame, write_trajectory
 
 __all__ = [
-    "AttachedObject", "BagError", "BagReader", "LaserLogError", "PathFile", "PlanningScene", "PointCloud", "PoseSpec",
-    "SceneFile", "SceneOptions", "cloud_scene", "load_nav2_map", "load_path", "read_laser_log", "read_moveit_scene",
-    "read_octomap", "read_planning_scene", "read_point_cloud", "read_record", "read_scenario", "read_scene",
+    "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "cloud_scene", "load_nav2_map", "load_path", "read_laser_log", "read_moveit_scene",
+    "read_octomap", "read_point_cloud", "read_record", "read_scenario", "read_scene",
     "read_scene_file", "read_world", "record_columns", "record_frame", "record_robot", "trajectory_columns",
     "trajectory_document", "trajectory_frame", "without_robot", "write_bag", "write_path", "write_record",
     "write_scene", "write_trajectory", "write_world",
@@ -38,11 +35,7 @@ _MODULES = {  # a scene file needs nothing of what records need
     "path_file": ("PathFile", "load_path", "write_path"),
     "point_cloud": ("PointCloud", "cloud_scene", "read_point_cloud", "without_robot"),
     "record_file": ("read_record", "record_columns", "record_frame", "record_robot", "write_record"),
-    "planning_scene": ("AttachedObject", "PlanningScene", "read_planning_scene"),
-    "scene_file": (
-        *("PoseSpec", "read_scenario", "read_scene", "read_scene_file", "read_world", "write_scene", "write_world"),
-    ),
-    "scene_source": ("SceneFile", "SceneOptions"),
+    "scene_file": (*("read_scenario", "read_scene", "read_scene_file", "read_world", "write_scene", "write_world"),),
     "trajectory_file": ("trajectory_columns", "trajectory_document", "trajectory_frame", "write_trajectory"),
 }
 __getattr__ = late_names(__name__, _MODULES)

@@ -6,7 +6,6 @@ from .grid_path import grid_path
 from .homotopy.alternatives import Alternative
 from .homotopy.strip_set import StripSet, StripSetParams, StripSetReport
 from .initial_strip import straight_line
-from .leaving import Contact, Departure
 from .ompl_planner import ompl_path
 from .plan import plan, plan_report
 from .problem import check_endpoints
@@ -17,8 +16,6 @@ __all__ = [
     "Alternative",
     "ApproachReport",
     "BasePose",
-    "Contact",
-    "Departure",
     "Goal",
     "GoalSearch",
     "HandPose",

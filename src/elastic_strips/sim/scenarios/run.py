@@ -16,7 +16,8 @@ from elastic_strips.catalogue import PRESETS
 from elastic_strips.collision import BrokenSegment
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from elastic_strips.io.obstacle_document import obstacle_documents
-from elastic_strips.planning import Departure, check_endpoints, ompl_path, plan_report, straight_line
+from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
+from elastic_strips.planning.leaving import Departure
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
