@@ -10,7 +10,8 @@ import pytest
 
 from elastic_strips import proof_checker
 from elastic_strips.cli import main
-from elastic_strips.collision import certify, path_digest
+from elastic_strips.collision import certify
+from elastic_strips.collision.proof import path_digest
 from elastic_strips.io import load_path, read_scene, write_path
 from elastic_strips.robot import RobotModel
 

@@ -7,7 +7,7 @@ from .certificate import BrokenSegment, Certificate, SegmentState
 from .motion_certificate import MotionCertifier
 from .obstacles import ObstacleProximity
 from .path_certificate import PathCertificate, Verdict, certify
-from .proof import PathProof, path_digest, prove
+from .proof import PathProof, prove
 from .self_distance import SelfProximity
 from .strip_certificate import ProtectiveHulls
 
@@ -26,6 +26,5 @@ __all__ = [
     "SelfProximity",
     "Verdict",
     "certify",
-    "path_digest",
     "prove",
 ]

@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from .path_file import PathFile, load_path, write_path
     from .point_cloud import PointCloud, cloud_scene, read_point_cloud, without_robot
     from .record_file import read_record, record_columns, record_frame, record_robot, write_record
-    from .scene_file import read_scenario, read_scene, read_scene_file, read_world, write_scene, write_world
+    from .scene_file import PoseSpec, read_scenario, read_scene, read_scene_file, read_world, write_scene, write_world
     from .trajectory_file import trajectory_columns, trajectory_document, trajectory_frame, write_trajectory
 
 __all__ = [
-    "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "cloud_scene", "load_nav2_map", "load_path", "read_laser_log", "read_moveit_scene",
-    "read_octomap", "read_point_cloud", "read_record", "read_scenario", "read_scene",
-    "read_scene_file", "read_world", "record_columns", "record_frame", "record_robot", "trajectory_columns",
-    "trajectory_document", "trajectory_frame", "without_robot", "write_bag", "write_path", "write_record",
-    "write_scene", "write_trajectory", "write_world",
+    "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_path",
+    "read_laser_log", "read_moveit_scene", "read_octomap", "read_point_cloud", "read_record", "read_scenario",
+    "read_scene", "read_scene_file", "read_world", "record_columns", "record_frame", "record_robot",
+    "trajectory_columns", "trajectory_document", "trajectory_frame", "without_robot", "write_bag", "write_path",
+    "write_record", "write_scene", "write_trajectory", "write_world",
 ]  # fmt: skip
 
 _MODULES = {  # a scene file needs nothing of what records need
@@ -33,9 +33,11 @@ _MODULES = {  # a scene file needs nothing of what records need
     "nav2_map": ("load_nav2_map",),
     "octomap": ("read_octomap",),
     "path_file": ("PathFile", "load_path", "write_path"),
-    "point_cloud": ("PointCloud", "cloud_scene", "read_point_cloud", "without_robot"),
+    "point_cloud": ("PointCloud", "PoseSpec", "cloud_scene", "read_point_cloud", "without_robot"),
     "record_file": ("read_record", "record_columns", "record_frame", "record_robot", "write_record"),
-    "scene_file": (*("read_scenario", "read_scene", "read_scene_file", "read_world", "write_scene", "write_world"),),
+    "scene_file": (
+        *("PoseSpec", "read_scenario", "read_scene", "read_scene_file", "read_world", "write_scene", "write_world"),
+    ),
     "trajectory_file": ("trajectory_columns", "trajectory_document", "trajectory_frame", "write_trajectory"),
 }
 __getattr__ = late_names(__name__, _MODULES)

@@ -18,8 +18,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError, SceneError
+from elastic_strips.io import PoseSpec
 from elastic_strips.io.nodes import Node, load_json
-from elastic_strips.io.scene_file import PoseSpec
 from elastic_strips.planning.grid_path import grid_path
 from elastic_strips.planning.problem import check_endpoints
 from elastic_strips.robot import PlanarFootprint, RobotModel

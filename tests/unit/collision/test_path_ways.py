@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from brute_force import link_distances
 
-from elastic_strips.collision import PathCertificate, Verdict, certify, path_digest, prove
+from elastic_strips.collision import PathCertificate, Verdict, certify, prove
+from elastic_strips.collision.proof import path_digest
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.io import load_path, write_path
 from elastic_strips.robot import RobotModel, load_robot

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_strips.catalogue import SCENARIOS
-from elastic_strips.io.scene_file import PoseSpec
+from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
 
 from .scenario import Scenario
