@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .trajectory_file import trajectory_columns, trajectory_document, trajectory_frame, write_trajectory
 
 __all__ = [
-    "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_path",
+    "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_nav2_map", "load_nav2_map", "load_path",
     "read_laser_log", "read_moveit_scene", "read_octomap", "read_point_cloud", "read_record", "read_scenario",
     "read_scene", "read_scene_file", "read_world", "record_columns", "record_frame", "record_robot",
     "trajectory_columns", "trajectory_document", "trajectory_frame", "without_robot", "write_bag", "write_path",
@@ -33,7 +33,7 @@ _MODULES = {  # a scene file needs nothing of what records need
     "nav2_map": ("load_nav2_map",),
     "octomap": ("read_octomap",),
     "path_file": ("PathFile", "load_path", "write_path"),
-    "point_cloud": ("PointCloud", "PoseSpec", "cloud_scene", "read_point_cloud", "without_robot"),
+    "point_cloud": ("PointCloud", "cloud_scene", "read_point_cloud", "without_robot"),
     "record_file": ("read_record", "record_columns", "record_frame", "record_robot", "write_record"),
     "scene_file": (
         *("PoseSpec", "read_scenario", "read_scene", "read_scene_file", "read_world", "write_scene", "write_world"),
