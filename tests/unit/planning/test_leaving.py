@@ -140,10 +140,8 @@ def test_a_corner_is_left_away_from_both_of_its_walls():
 
 
 def test_between_two_walls_that_both_touch_there_is_no_way_out():
-    whole = load_robot("silvermate", base="diff_drive")
-    robot = load_robot(
-        "silvermate", base="diff_drive", locked=dict(zip(whole.joint_names, whole.home_q[4:], strict=True))
-    )
+    """A box that turns comes deeper into both."""
+    robot = load_robot("jackal-box")
     start = robot.home()
     back = front_of(robot, robot.home(yaw=np.pi))
     walls = [
