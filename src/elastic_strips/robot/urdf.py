@@ -567,10 +567,9 @@ def pinocchio_geometry(
     Raises:
         RobotError: Pinocchio or Coal refuse it, in their words.
     """
-    loader = coal.CachedMeshLoader(coal.BV_OBB)  # half the memory of the default, and all that contacts need
     document = source.document if only is None else _shapes_of(source.document, only)
     try:
-        geometry = pin.buildGeomFromUrdfString(model, document, kind, mesh_loader=loader)
+        geometry = pin.buildGeomFromUrdfString(model, document, kind, mesh_loader=coal.CachedMeshLoader())
     except Exception as error:
         raise RobotError(f"{source.path}: Pinocchio cannot read the geometry: {_words(error)}") from None
     tag = "collision" if kind == pin.COLLISION else "visual"
