@@ -148,11 +148,7 @@ def test_where_there_is_no_way_the_run_ends_with_3(tmp_path: Path) -> None:
 def test_a_start_that_touches_is_left_where_that_is_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-<<<<<<< HEAD
     """The palm is 2.1 mm in a wall: refused, or left; then the result has both parts, and is not certified."""
-=======
-    """The palm is 2.1 mm in a wall: refused, or left; then the result has both parts, and as a whole no certificate."""
->>>>>>> w-mesh
     scenario, result = tmp_path / "touch.yaml", tmp_path / "r.json"
     scenario.write_text(
         "robot: silvermate\nbase: diff_drive\nstart: {x: 0}\ngoal: {x: -2}\nscene:\n  obstacles:\n"
