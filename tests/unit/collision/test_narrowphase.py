@@ -68,7 +68,7 @@ def gradient(shape: coal.CollisionGeometry, T: np.ndarray, others: list) -> tupl
 def test_direction_is_the_gradient_and_witnesses_lie_on_both_shapes(name, request):
     robot, rng = request.getfixturevalue(name), np.random.default_rng(8)
     seen: dict[tuple[str, bool], int] = {}
-    for _ in range(12):
+    for _ in range(36 if name == "gantry" else 12):  # it seldom is in something
         scene = make_scene(rng, 18)
         coordinates = random_coordinates(robot, rng, 6)
         kin = Kinematics(robot.tree, 6)
