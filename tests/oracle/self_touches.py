@@ -12,6 +12,7 @@ is no less. Pairs that the robot looks at are asked as well, so that a hull that
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import logging
 import time
@@ -42,8 +43,11 @@ class Shapes:
         for obj in self.objects:
             shape = obj.geometry
             if isinstance(shape, coal.BVHModelBase):
-                shape.buildConvexHull(True, "Qt")
-                shape = shape.convex
+                with contextlib.suppress(
+                    RuntimeError
+                ):  # too many neighbours for Coal: all is deep
+                    shape.buildConvexHull(True, "Qt")
+                    shape = shape.convex
             self.hulls.append(shape)
         corners = [obj.geometry.aabb_local for obj in self.objects if not obj.geometry.computeLocalAABB()]
         self.radius = np.array([0.5 * np.linalg.norm(box.max_ - box.min_) for box in corners])
