@@ -99,13 +99,12 @@ def study(name: str, robot: RobotModel, shapes: Shapes, postures: int, rng: np.r
     space, b = robot.space, robot.space.base_nv
     low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (space.lower, space.upper))
     listed = {frozenset(pair.links) for pair in robot.unchecked_pairs}
-    data, geometry = robot.model.createData(), robot.collision_model.createData()
     free, found = 0, Counter()
     for _ in range(postures):
         row = np.zeros(space.nv)
         row[b:] = rng.uniform(low, high)
         q = space.from_coordinates(row)
-        if pin.computeCollisions(robot.model, data, robot.collision_model, geometry, q, True):
+        if robot.self_collision(q) is not None:
             continue
         free += 1
         values = dict(zip(robot.joint_names, row[b:], strict=True)) | dict(robot.locked)

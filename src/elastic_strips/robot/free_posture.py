@@ -59,4 +59,4 @@ def free_posture(robot: RobotModel) -> Array | None:
             row = trial
     q = space.from_coordinates(row)
     q.setflags(write=False)
-    return q
+    return q if robot.self_collision(q) is None else None  # asked anew: what was measured began from the last answers
