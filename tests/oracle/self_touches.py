@@ -43,9 +43,7 @@ class Shapes:
         for obj in self.objects:
             shape = obj.geometry
             if isinstance(shape, coal.BVHModelBase):
-                with contextlib.suppress(
-                    RuntimeError
-                ):  # too many neighbours for Coal: all is deep
+                with contextlib.suppress(RuntimeError):  # too many neighbours for Coal: all is deep
                     shape.buildConvexHull(True, "Qt")
                     shape = shape.convex
             self.hulls.append(shape)
