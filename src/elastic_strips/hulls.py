@@ -25,6 +25,9 @@ _log = logging.getLogger(__name__)
 MOST_CORNERS = 3000
 """A hull of more corners is taken as a slightly larger one of fewer: :func:`few_corners`."""
 
+MIN_THICKNESS = 1e-6
+"""A convex hull thinner than this [m] counts as flat and is refused."""
+
 _DIRECTIONS = 0.15  # in which a hull's outermost corners are looked for, per corner that it may have
 _MOST_EXACT = 4000  # points that Qhull is asked about: a flat face of n corners takes it a time of n²
 _CUTS = 3  # times that corners which stick out further than `_STICKS_OUT` are cut off
@@ -41,6 +44,13 @@ def convex_hull(points: Array) -> ConvexHull:
     from scipy.spatial import ConvexHull  # late: slow to import
 
     return ConvexHull(points)
+
+
+def flatness(points: Array) -> float:
+    """Extent [m] of ``points`` (V, 3) along their thinnest principal direction."""
+    centred = points - points.mean(axis=0)
+    _, directions = np.linalg.eigh(centred.T @ centred)
+    return float(np.ptp(centred @ directions[:, 0]))
 
 
 def few_corners(points: Array, what: str, error: type[InputError], *, most: int = MOST_CORNERS) -> tuple[Array, float]:

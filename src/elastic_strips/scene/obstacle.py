@@ -11,11 +11,11 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.decompose import convex_pieces, load_mesh
 from elastic_strips.errors import SceneError
 from elastic_strips.summary import shortened
 from elastic_strips.validation import check_number, shown
 
-from .decompose import convex_pieces, load_mesh
 from .motion import Motion, check_motion
 from .parts import Part, Solid, cluster_solid, hull_part, primitive
 from .quantities import (
@@ -286,7 +286,7 @@ class ConvexHull(Obstacle):
 
 
 class Mesh(Obstacle):
-    """A solid triangle mesh, made of convex parts; see `elastic_strips.scene.decompose` for how well they fit.
+    """A solid triangle mesh, made of convex parts; see `elastic_strips.decompose` for how well they fit.
 
     Args:
         vertices: Vertices (V, 3) [m] in the obstacle's frame.

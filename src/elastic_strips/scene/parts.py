@@ -18,10 +18,7 @@ from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
-from elastic_strips.hulls import convex_shape
-
-MIN_THICKNESS = 1e-6
-"""A convex hull thinner than this [m] counts as flat and is refused."""
+from elastic_strips.hulls import MIN_THICKNESS, convex_shape, flatness
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,13 +123,6 @@ def hull_part(vertices: Array, what: str = "vertices") -> Part:
     placement = np.eye(4)
     placement[:3, 3] = center
     return Part(geometry, placement, center, half, float(np.linalg.norm(corners, axis=1).max()))
-
-
-def flatness(points: Array) -> float:
-    """Extent [m] of ``points`` (V, 3) along their thinnest principal direction."""
-    centred = points - points.mean(axis=0)
-    _, directions = np.linalg.eigh(centred.T @ centred)
-    return float(np.ptp(centred @ directions[:, 0]))
 
 
 BLOCK = 0.45

@@ -7,8 +7,9 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull as Qhull
 
+from elastic_strips import decompose
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import Mesh, decompose
+from elastic_strips.scene import Mesh
 
 
 def outside(points, pieces):
@@ -127,7 +128,7 @@ def test_decomposition_is_deterministic_and_done_once(monkeypatch, caplog):
     first = decompose.convex_pieces(source.vertices, source.faces)
     assert decompose.convex_pieces(source.vertices.copy(), source.faces.copy()) is first
     decompose._cache.clear()
-    with caplog.at_level(logging.DEBUG, logger="elastic_strips.scene.decompose"):
+    with caplog.at_level(logging.DEBUG, logger="elastic_strips.decompose"):
         again = decompose.convex_pieces(source.vertices, source.faces)
     assert "pieces" in caplog.text
     assert again is not first

@@ -14,9 +14,10 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
+from elastic_strips import decompose
 from elastic_strips.errors import RobotError, SceneError
 from elastic_strips.hulls import MOST_CORNERS, convex_shape, few_corners
-from elastic_strips.scene import Mesh, decompose
+from elastic_strips.scene import Mesh
 
 
 def outside(points, mesh):

@@ -1,4 +1,4 @@
-"""Scene room, covering: convex pieces grow until they hold a body's surface and what it encloses.
+"""Covering: convex pieces grow until they hold a body's surface and what it encloses.
 
 Space is cut into cubes, and the surface along their faces. What lies of a closed body in one cube is held by the convex
 hull of the surface in it and of those of its corners that are inside. So the pieces hold the body where each cube's

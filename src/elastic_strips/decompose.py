@@ -1,4 +1,4 @@
-"""Scene room, decomposition: a triangle mesh becomes convex pieces that together hold its surface and its inside.
+"""Decomposition: a triangle mesh becomes convex pieces that together hold its surface and its inside.
 
 Distances to a triangle soup are hollow: a robot deep inside a closed mesh would look free. So meshes become solids:
 
@@ -9,7 +9,7 @@ Distances to a triangle soup are hollow: a robot deep inside a closed mesh would
    cube of space where there are many.
 3. A small or thin body, of less than `SMALL` of the mesh's diagonal across, becomes its convex hull.
 4. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore they
-   grow (:mod:`elastic_strips.scene.covering`) until **together they hold every point of the surface, and of a closed
+   grow (:mod:`elastic_strips.covering`) until **together they hold every point of the surface, and of a closed
    body every point inside** (to rounding, `TOLERANCE`). They may stick out of the mesh by V-HACD's voxel or what its
    pieces had cut off: up to 3 % of a closed body's diagonal was measured (ring, torus, L-profile), more where a body
    has holes in its surface, which the pieces bridge.
@@ -34,13 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array
+from elastic_strips.covering import grown_pieces, surface_cells
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.files import read_input
-from elastic_strips.hulls import convex_hull, few_corners
+from elastic_strips.hulls import MIN_THICKNESS, convex_hull, few_corners, flatness
 from elastic_strips.progress import LoggedProgress
-
-from .covering import grown_pieces, surface_cells
-from .parts import MIN_THICKNESS, flatness
 
 # trimesh is imported where it is used: it takes half a second, and only scenes with meshes need it.
 _log = logging.getLogger(__name__)
