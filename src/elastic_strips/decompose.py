@@ -106,6 +106,25 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
     return pieces
 
 
+def few_pieces(vertices: Array, faces: _Faces, most: int) -> list[Array]:
+    """Corners (V_i, 3) [m] of at most ``most`` convex pieces that together hold a mesh's surface, and its inside.
+
+    All bodies of the mesh are taken together. Inside is what cannot be reached from outside through an opening of about
+    a thirtieth of the mesh's size, be it closed or not.
+
+    Args:
+        vertices: (V, 3) [m], which are not flat.
+        faces: triangles (F, 3).
+        most: pieces.
+    """
+    points, triangles, kept = _merged(vertices, faces)
+    body = triangles[kept]
+    closed = len(body) > 0 and bool(_closed(body, np.zeros(len(body), dtype=np.int64))[0])
+    if not len(body) or len(_bars(points, body, triangles[~kept])) or (closed and _convex(points, body)):
+        return [few_corners(vertices, "Mesh piece", SceneError)[0]]
+    return _solid_pieces(points, body, True, most, _EFFORTS[0][2], _COARSE)
+
+
 def load_mesh(path: Path) -> tuple[Array, _Faces]:
     """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file.
 
@@ -139,11 +158,7 @@ def _decompose(vertices: Array, faces: _Faces) -> list[Array]:
 
     if len(faces) > _MAX_FACES:
         raise SceneError(f"the mesh has {len(faces)} triangles; at most {_MAX_FACES} are accepted: simplify it first")
-    mesh = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    points, triangles = np.array(mesh.vertices), np.array(mesh.faces)
-    triangles = triangles[np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]]  # each once
-    kept = np.asarray(trimesh.triangles.nondegenerate(points[triangles], areas=None, height=_THIN), dtype=bool)
+    points, triangles, kept = _merged(vertices, faces)
     if not kept.any():
         raise SceneError(f"the mesh has no triangle with an area ({len(faces)} triangles given)")
     solid = trimesh.Trimesh(points, triangles[kept], process=False)
@@ -152,7 +167,7 @@ def _decompose(vertices: Array, faces: _Faces) -> list[Array]:
     bars = _bars(points, triangles[kept], triangles[~kept])
     triangles = np.vstack((triangles[kept], bars))
     labels = np.concatenate((labels, labels.max() + 1 + np.arange(len(bars))))
-    del mesh, solid
+    del solid
     groups, alone = _grouped(points, triangles, labels)
     closed = _closed(triangles, groups)
     order = np.argsort(groups, kind="stable")
@@ -174,6 +189,18 @@ def _decompose(vertices: Array, faces: _Faces) -> list[Array]:
         pieces += _decomposed(corners, local, tight, len(waiting), whole)
         progress.step()
     return pieces
+
+
+def _merged(vertices: Array, faces: _Faces) -> tuple[Array, _Faces, NDArray[np.bool_]]:
+    """A mesh with each corner and each triangle once, and which of its triangles have an area."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    points, triangles = np.array(mesh.vertices), np.array(mesh.faces)
+    triangles = triangles[np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]]  # each once
+    kept = np.asarray(trimesh.triangles.nondegenerate(points[triangles], areas=None, height=_THIN), dtype=bool)
+    return points, triangles, kept
 
 
 def _bars(points: Array, faces: _Faces, thin: _Faces) -> _Faces:
@@ -342,16 +369,20 @@ def _plate(corners: Array) -> Array:
 
 def _decomposed(vertices: Array, faces: _Faces, closed: bool, bodies: int, whole: float) -> list[Array]:
     """Pieces of a body that is neither flat nor convex, one of several in a mesh of a diagonal ``whole`` [m]."""
-    import trimesh
-
     share = float(np.linalg.norm(np.ptp(vertices, axis=0))) / whole
     most, depth = next((hulls, deep) for least, hulls, deep in _EFFORTS if bodies <= _SOME or share >= least)
+    return _solid_pieces(vertices, faces, closed, most, depth, _RESOLUTION if bodies <= _FEW else _COARSE)
+
+
+def _solid_pieces(vertices: Array, faces: _Faces, closed: bool, most: int, depth: int, resolution: int) -> list[Array]:
+    """V-HACD's pieces, ``most`` at most, grown until they hold a body."""
+    import trimesh
+
     hulls = []
     coarse = trimesh.Trimesh(*_clustered(vertices, faces), process=False)
     for found in trimesh.decomposition.convex_decomposition(
-        coarse, resolution=_RESOLUTION if bodies <= _FEW else _COARSE, maxConvexHulls=most,
-        maxRecursionDepth=depth, asyncACD=False,
-    ):  # fmt: skip
+        coarse, resolution=resolution, maxConvexHulls=most, maxRecursionDepth=depth, asyncACD=False
+    ):
         corners = np.asarray(found["vertices"], dtype=np.float64)
         if len(corners) >= 4 and np.isfinite(corners).all() and flatness(corners) >= MIN_THICKNESS:
             hulls.append(corners)

@@ -15,10 +15,21 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Mask
+from elastic_strips.decompose import few_pieces
 from elastic_strips.hulls import convex_hull
 from elastic_strips.progress import LoggedProgress
 
-from .coal_shapes import SIGNS, ShapeKind, box_about, contains, convex_from_vertices, shape_of, support_points
+from .coal_shapes import (
+    SIGNS,
+    ShapeKind,
+    box_about,
+    contains,
+    convex_from_vertices,
+    faces,
+    shape_of,
+    support_points,
+    vertices,
+)
 
 _JOIN_RATIO = 1.06  # two pieces of a body are joined where the joint hull has at most this many times their volume
 _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
@@ -124,6 +135,26 @@ def convex_shapes(model: pin.Model, collision: pin.GeometryModel) -> list[LinkGe
         shape.computeLocalAABB()
         shapes.append(piece_of(obj.name, (link,), obj.parentJoint, shape, T))
     return shapes
+
+
+def parts_of(shape: LinkGeometry, mesh: coal.CollisionGeometry, most: int) -> list[LinkGeometry]:
+    """A mesh's hull as a few smaller pieces that together hold the mesh and what it encloses; other shapes as they are.
+
+    Args:
+        shape: the convex shape.
+        mesh: what it was made of.
+        most: pieces.
+    """
+    if not isinstance(mesh, coal.BVHModelBase):
+        return [shape]
+    pieces = few_pieces(vertices(mesh), faces(mesh), most)
+    if len(pieces) == 1:
+        return [shape]
+    names = [f"{shape.name}_part{k}" for k in range(len(pieces))]
+    return [
+        piece_of(name, shape.links, shape.joint, convex_from_vertices(corners, name=name), shape.placement)
+        for name, corners in zip(names, pieces, strict=True)
+    ]
 
 
 def joined_pieces(

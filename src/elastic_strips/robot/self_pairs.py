@@ -3,6 +3,7 @@
 Every pair of links is looked at but those that one joint of the URDF joins, those that the SRDF leaves out, and those
 that touch in every sampled posture. All three are decided by links and shapes as the file has them, before joints are
 held still and hulls joined: what holding a joint makes neighbours, or what is fixed to a neighbour, is looked at.
+Where hulls touch in every posture and the meshes do not, the meshes are taken as a few convex pieces each.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, Indices, Mask
 
 from .coal_shapes import support_points
-from .geometry import LinkGeometry, convex_shapes, joined_pieces, piece_of
+from .geometry import LinkGeometry, convex_shapes, joined_pieces, parts_of, piece_of
 
 _log = logging.getLogger(__name__)
 _SAMPLES = 400  # postures; a pair that touches in all of them is left out
@@ -32,6 +33,7 @@ _TOUCH = 1.5e-3  # [m] shapes nearer than this count as touching, where it is as
 _GRAZE = 1e-3  # [m] by which what is held still may overlap: closed fingers do
 _LEAST = 1e-4  # [m] distance below which a proof that two pieces never touch gives up
 _ENOUGH = 0.03  # [m] distance at which it need not go on
+_MOST_PARTS = (4, 16)  # convex pieces of a mesh whose hull hides what it does: the second where the first do not help
 _CELLS = 600  # parts of the range of two joints that it looks at, at most
 
 LinkPair = frozenset[str]
@@ -89,10 +91,14 @@ class LeftOut:
     Attributes:
         mask: (n, n) whether a pair is left out; symmetric, True on the diagonal and for shapes of one link.
         pairs: which links that is about, and why.
+        hidden: those of them whose hulls touch in every sampled posture, and whose meshes do not.
+        met: pairs that never touch, as the SRDF says, and in how many of the sampled postures they do.
     """
 
     mask: Mask
     pairs: dict[LinkPair, UncheckedPair]
+    hidden: frozenset[LinkPair]
+    met: Mapping[LinkPair, int]
 
 
 def joints_of_links(model: pin.Model) -> dict[LinkPair, str]:
@@ -164,8 +170,8 @@ def left_out(
         note = f"their hulls; their meshes in {100.0 * share:.0f} % of them" if share < 1.0 else ""
         leave_out(members)
         pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
-    _warn(pairs, rules, _ever_touching(postures, never))
-    return LeftOut(mask, pairs)
+    hidden = frozenset(pair for pair in always if shares.get(pair, 1.0) < 1.0)
+    return LeftOut(mask, pairs, hidden, _ever_touching(postures, never))
 
 
 def _unchecked(pair: LinkPair, why: WhyUnchecked, note: str = "") -> UncheckedPair:
@@ -173,12 +179,13 @@ def _unchecked(pair: LinkPair, why: WhyUnchecked, note: str = "") -> UncheckedPa
     return UncheckedPair((one, two), why, note)
 
 
-def _warn(pairs: Mapping[LinkPair, UncheckedPair], rules: PairRules, met: Mapping[LinkPair, int]) -> None:
+def _warn(out: LeftOut, rules: PairRules) -> None:
     """Say what a user would not expect: pairs that somebody asked for, hulls that hide what meshes do, an SRDF's
-    pairs that never touch and did so in ``met`` of the sampled postures."""
-    always = [pair for pair in pairs.values() if pair.why is WhyUnchecked.ALWAYS]
-    hidden = [pair for pair in always if pair.note]
-    asked = [pair for pair in always if rules.told and not pair.note]
+    pairs that never touch and did so in some of the sampled postures."""
+    always = {links: pair for links, pair in out.pairs.items() if pair.why is WhyUnchecked.ALWAYS}
+    hidden = [pair for links, pair in always.items() if links in out.hidden]
+    asked = [pair for links, pair in always.items() if rules.told and links not in out.hidden]
+    met = out.met
     for found, text in (
         (asked, "self-collision of %d pairs is not checked, though the SRDF asks for it: they touch in every sampled "
                 "posture (%s)"),
@@ -415,12 +422,13 @@ def pieces_and_pairs(
     Raises:
         RobotError: an unsupported shape, or a mesh without volume.
     """
-    shapes = convex_shapes(model, collision)
-    meshes = [obj.geometry for obj in collision.geometryObjects]
-    out = left_out(model, shapes, meshes, rules)
+    shapes, numbers, out = _parted(model, collision, rules)
+    _warn(out, rules)
+    meshes = [collision.geometryObjects[n].geometry for n in numbers]
+    carriers = [carried.geometryObjects[n] for n in numbers]
     placed = [
         piece_of(shape.name, shape.links, obj.parentJoint, shape.geometry, np.array(obj.placement.homogeneous))
-        for shape, obj in zip(shapes, carried.geometryObjects, strict=True)
+        for shape, obj in zip(shapes, carriers, strict=True)
     ]
     deep = held_together(planned, placed, meshes, out)
     alone = {i for pair in deep for i in pair}
@@ -440,6 +448,40 @@ def pieces_and_pairs(
     table = np.asarray(pairs, dtype=np.intp).reshape(-1, 2)
     unchecked = tuple(sorted(out.pairs.values(), key=lambda pair: pair.links))
     return Pieces(tuple(pieces), table, least_distances(planned, pieces, table), unchecked)
+
+
+def _parted(
+    model: pin.Model, collision: pin.GeometryModel, rules: PairRules
+) -> tuple[list[LinkGeometry], list[int], LeftOut]:
+    """Convex shapes of a robot, the number of the collision object that each is of, and what is not looked at.
+
+    Where two links' hulls touch in every posture and their meshes do not, each of their meshes is taken as a few
+    convex pieces, so that the links can be kept apart; but for those where that does not help.
+    """
+    whole = convex_shapes(model, collision)
+    meshes = [obj.geometry for obj in collision.geometryObjects]
+    parts: dict[int, list[LinkGeometry]] = {}
+
+    def look() -> tuple[list[LinkGeometry], list[int], LeftOut]:
+        taken = [(n, part) for n, shape in enumerate(whole) for part in parts.get(n, [shape])]
+        numbers, shapes = [n for n, _ in taken], [part for _, part in taken]
+        return shapes, numbers, left_out(model, shapes, [meshes[n] for n in numbers], rules)
+
+    def of(pairs: Collection[LinkPair]) -> list[int]:
+        links = {link for pair in pairs for link in pair}
+        return [n for n, shape in enumerate(whole) if links & set(shape.links)]
+
+    found = first = look()
+    for most in _MOST_PARTS:
+        if not found[2].hidden:
+            return found
+        parts |= {n: parts_of(whole[n], meshes[n], most) for n in of(found[2].hidden)}
+        found = look()
+    told_apart = of(first[2].hidden - found[2].hidden)
+    if set(parts) <= set(told_apart):
+        return found
+    parts = {n: parts[n] for n in told_apart}
+    return look()
 
 
 def _checked(
