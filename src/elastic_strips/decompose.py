@@ -28,6 +28,7 @@ import io
 import logging
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,12 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
         vertices: Vertices (V, 3) [m].
         faces: Triangles (F, 3).
     """
-    digest = hashlib.sha256(np.int64(len(vertices)).tobytes())
+    return _once(vertices, faces, 0, _decompose)
+
+
+def _once(vertices: Array, faces: _Faces, most: int, make: Callable[[Array, _Faces], list[Array]]) -> tuple[Array, ...]:
+    """The pieces of a mesh, of which there are ``most`` if it is not 0: made, or still in memory."""
+    digest = hashlib.sha256(np.array([len(vertices), most], dtype=np.int64).tobytes())
     digest.update(np.ascontiguousarray(vertices, dtype=np.float64).tobytes())
     digest.update(np.ascontiguousarray(faces, dtype=np.int64).tobytes())
     key = digest.digest()
@@ -96,7 +102,7 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
         if key in _cache:
             _cache.move_to_end(key)
             return _cache[key]
-    pieces = tuple(_decompose(vertices, faces))
+    pieces = tuple(make(vertices, faces))
     for piece in pieces:
         piece.flags.writeable = False
     with _lock:
@@ -106,7 +112,7 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
     return pieces
 
 
-def few_pieces(vertices: Array, faces: _Faces, most: int) -> list[Array]:
+def few_pieces(vertices: Array, faces: _Faces, most: int) -> tuple[Array, ...]:
     """Corners (V_i, 3) [m] of at most ``most`` convex pieces that together hold a mesh's surface, and its inside.
 
     All bodies of the mesh are taken together. Inside is what cannot be reached from outside through an opening of about
@@ -117,6 +123,10 @@ def few_pieces(vertices: Array, faces: _Faces, most: int) -> list[Array]:
         faces: triangles (F, 3).
         most: pieces.
     """
+    return _once(vertices, faces, most, lambda points, triangles: _few(points, triangles, most))
+
+
+def _few(vertices: Array, faces: _Faces, most: int) -> list[Array]:
     points, triangles, kept = _merged(vertices, faces)
     body = triangles[kept]
     closed = len(body) > 0 and bool(_closed(body, np.zeros(len(body), dtype=np.int64))[0])

@@ -21,11 +21,13 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
 
-from .coal_shapes import support_points
+from .coal_shapes import faces, support_points, vertices
 from .geometry import LinkGeometry, convex_shapes, joined_pieces, parts_of, piece_of
 
 _log = logging.getLogger(__name__)
 _SAMPLES = 400  # postures; a pair that touches in all of them is left out
+_NEARLY_ALL = 50  # postures one after the other in which a pair touches that nearly always does
+_HIDDEN_SHARE = 0.9  # of postures in which the meshes of such a pair touch, at most, where its hulls hide them
 _MESH_SAMPLES = 40  # postures in which the meshes themselves are asked, of pairs that are left out for their hulls
 _MET_SAMPLES = 60  # postures in which pairs that never touch, as an SRDF says, are asked
 _NEVER = "Never"  # what MoveIt's assistant writes of them
@@ -35,6 +37,8 @@ _LEAST = 1e-4  # [m] distance below which a proof that two pieces never touch gi
 _ENOUGH = 0.03  # [m] distance at which it need not go on
 _MOST_PARTS = (4, 16)  # convex pieces of a mesh whose hull hides what it does: the second where the first do not help
 _CELLS = 600  # parts of the range of two joints that it looks at, at most
+
+_DOT = coal.Sphere(1e-6)  # [m]
 
 LinkPair = frozenset[str]
 
@@ -91,13 +95,17 @@ class LeftOut:
     Attributes:
         mask: (n, n) whether a pair is left out; symmetric, True on the diagonal and for shapes of one link.
         pairs: which links that is about, and why.
-        hidden: those of them whose hulls touch in every sampled posture, and whose meshes do not.
+        shares: in which share of postures the meshes of pairs touch, whose hulls do in every one or nearly so.
+        hidden: pairs whose hulls touch in every sampled posture or nearly so, and whose meshes do not.
+        crowded: pairs that are looked at and touch in nearly every posture.
         met: pairs that never touch, as the SRDF says, and in how many of the sampled postures they do.
     """
 
     mask: Mask
     pairs: dict[LinkPair, UncheckedPair]
+    shares: Mapping[LinkPair, float]
     hidden: frozenset[LinkPair]
+    crowded: frozenset[LinkPair]
     met: Mapping[LinkPair, int]
 
 
@@ -122,7 +130,11 @@ def joints_of_links(model: pin.Model) -> dict[LinkPair, str]:
 
 
 def left_out(
-    model: pin.Model, shapes: Sequence[LinkGeometry], meshes: Sequence[coal.CollisionGeometry], rules: PairRules
+    model: pin.Model,
+    shapes: Sequence[LinkGeometry],
+    meshes: Sequence[coal.CollisionGeometry],
+    rules: PairRules,
+    shares: Mapping[LinkPair, float] | None = None,
 ) -> LeftOut:
     """Decide which pairs of the file's shapes are looked at.
 
@@ -131,6 +143,7 @@ def left_out(
         shapes: convex shapes of its links.
         meshes: what they were made of, in the same order.
         rules: what else is said of pairs.
+        shares: what is known already of :attr:`LeftOut.shares`.
     """
     n = len(shapes)
     joined = joints_of_links(model)
@@ -157,21 +170,25 @@ def left_out(
         else:
             asked[pair] = members
     postures = _Postures(model, shapes, meshes, rules.followers)
-    always = _always_touching(postures, asked)
-    moving = {
-        pair: members
-        for pair, members in always.items()
-        if shapes[members[0][0]].joint != shapes[members[0][1]].joint
-        and any(isinstance(meshes[m], coal.BVHModelBase) for member in members for m in member)
+    first_apart = _first_apart(postures, asked)
+    often = {
+        pair: asked[pair]
+        for pair, count in first_apart.items()
+        if count >= _NEARLY_ALL
+        and shapes[asked[pair][0][0]].joint != shapes[asked[pair][0][1]].joint
+        and any(isinstance(meshes[m], coal.BVHModelBase) for member in asked[pair] for m in member)
     }
-    shares = _mesh_shares(postures, moving)
-    for pair, members in always.items():
-        share = shares.get(pair, 1.0)
-        note = f"their hulls; their meshes in {100.0 * share:.0f} % of them" if share < 1.0 else ""
-        leave_out(members)
-        pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
-    hidden = frozenset(pair for pair in always if shares.get(pair, 1.0) < 1.0)
-    return LeftOut(mask, pairs, hidden, _ever_touching(postures, never))
+    known = {pair: share for pair, share in (shares or {}).items() if pair in often}
+    shares = known | _mesh_shares(postures, {pair: each for pair, each in often.items() if pair not in known})
+    for pair, count in first_apart.items():
+        if count == _SAMPLES:
+            share = shares.get(pair, 1.0)
+            note = f"their hulls; their meshes in {100.0 * share:.0f} % of them" if share < 1.0 else ""
+            leave_out(asked[pair])
+            pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
+    hidden = frozenset(pair for pair, share in shares.items() if share < (1.0 if pair in pairs else _HIDDEN_SHARE))
+    crowded = frozenset(pair for pair, count in first_apart.items() if _NEARLY_ALL <= count < _SAMPLES)
+    return LeftOut(mask, pairs, shares, hidden, crowded, _ever_touching(postures, never))
 
 
 def _unchecked(pair: LinkPair, why: WhyUnchecked, note: str = "") -> UncheckedPair:
@@ -185,10 +202,13 @@ def _warn(out: LeftOut, rules: PairRules) -> None:
     always = {links: pair for links, pair in out.pairs.items() if pair.why is WhyUnchecked.ALWAYS}
     hidden = [pair for links, pair in always.items() if links in out.hidden]
     asked = [pair for links, pair in always.items() if rules.told and links not in out.hidden]
+    crowded = [_unchecked(pair, WhyUnchecked.ALWAYS) for pair in sorted(out.crowded, key=sorted)]
     met = out.met
     for found, text in (
         (asked, "self-collision of %d pairs is not checked, though the SRDF asks for it: they touch in every sampled "
                 "posture (%s)"),
+        (crowded, "%d pairs of links touch in nearly every posture, so that little is free of collisions; where they "
+                  "may, an SRDF leaves them out (%s)"),
         (hidden, "self-collision of %d pairs is not checked: their convex hulls touch in every sampled posture, their "
                  "meshes do not (%s)"),
     ):  # fmt: skip
@@ -239,6 +259,7 @@ class _Postures:
         self._radii = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._poses: dict[int, coal.Transform3s] = {}
+        self._triangles: dict[int, Array] = {}
         self.place(pin.neutral(model))
 
     def place(self, q: Array) -> None:
@@ -272,16 +293,28 @@ class _Postures:
         return -coal.distance(one, self._pose(i), two, self._pose(k), coal.DistanceRequest(True), result)
 
     def meshes_touch(self, i: int, k: int) -> bool:
-        """Whether two shapes touch as the file has them; a mesh is hollow, so a corner in the other's hull counts."""
+        """Whether two shapes touch as the file has them, or one is inside the other: Coal's meshes are hollow."""
         if self._collide(self._meshes[i], self._pose(i), self._meshes[k], self._pose(k)):
             return True
-        dot = coal.Sphere(1e-6)
         for inner, outer in ((i, k), (k, i)):
-            corner = self._pose(inner).transform(support_points(self._shapes[inner].geometry)[0][0])
-            at = coal.Transform3s(np.eye(3), corner)
-            if self._collide(dot, at, self._shapes[outer].geometry, self._pose(outer)):
-                return True
+            if isinstance(self._meshes[outer], coal.BVHModelBase):
+                corner = self._pose(inner).transform(support_points(self._shapes[inner].geometry)[0][0])
+                at = coal.Transform3s(np.eye(3), corner)
+                if not self._collide(_DOT, at, self._shapes[outer].geometry, self._pose(outer)):
+                    continue
+                if abs(self._windings(outer, self._pose(outer).inverse().transform(corner))) > 0.5:
+                    return True
         return False
+
+    def _windings(self, i: int, point: Array) -> float:
+        """How often a mesh goes around a point (3,) in its frame: about 0 outside of it, about 1 inside."""
+        if i not in self._triangles:
+            self._triangles[i] = vertices(self._meshes[i])[faces(self._meshes[i])]
+        a, b, c = np.moveaxis(self._triangles[i] - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        around = la * lb * lc + lc * (a * b).sum(axis=1) + la * (b * c).sum(axis=1) + lb * (c * a).sum(axis=1)
+        return float(np.arctan2(volume, around).sum() / (2.0 * np.pi))
 
     def _collide(
         self, one: coal.CollisionGeometry, at: coal.Transform3s, two: coal.CollisionGeometry, there: coal.Transform3s
@@ -296,18 +329,18 @@ class _Postures:
         return self._poses[i]
 
 
-def _always_touching(
-    postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]
-) -> dict[LinkPair, list[tuple[int, int]]]:
-    """The pairs of links, with all pairs of their shapes, that touch in every sampled posture by any of these."""
-    left = dict(of)
+def _first_apart(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, int]:
+    """In how many sampled postures each pair of links touches, by any of these shapes, before one where it does not."""
+    counts, left = dict.fromkeys(of, 0), dict(of)
     for _ in range(_SAMPLES):
         if not left:
             break
         postures.next()
         close = set(postures.near([member for each in left.values() for member in each]))
         left = {pair: each for pair, each in left.items() if any(postures.touch(*m) for m in each if m in close)}
-    return left
+        for pair in left:
+            counts[pair] += 1
+    return counts
 
 
 def _ever_touching(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, int]:
@@ -461,11 +494,14 @@ def _parted(
     whole = convex_shapes(model, collision)
     meshes = [obj.geometry for obj in collision.geometryObjects]
     parts: dict[int, list[LinkGeometry]] = {}
+    shares: dict[LinkPair, float] = {}
 
     def look() -> tuple[list[LinkGeometry], list[int], LeftOut]:
         taken = [(n, part) for n, shape in enumerate(whole) for part in parts.get(n, [shape])]
         numbers, shapes = [n for n, _ in taken], [part for _, part in taken]
-        return shapes, numbers, left_out(model, shapes, [meshes[n] for n in numbers], rules)
+        out = left_out(model, shapes, [meshes[n] for n in numbers], rules, shares)
+        shares.update(out.shares)
+        return shapes, numbers, out
 
     def of(pairs: Collection[LinkPair]) -> list[int]:
         links = {link for pair in pairs for link in pair}
@@ -501,9 +537,8 @@ def _checked(
 def _touching_always(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: list[tuple[int, int]]) -> set[int]:
     """Pieces of pairs that touch in every sampled posture."""
     each = {frozenset((str(i), str(k))): [(i, k)] for i, k in pairs}
-    return {
-        i for members in _always_touching(_Postures(model, pieces), each).values() for pair in members for i in pair
-    }
+    counts = _first_apart(_Postures(model, pieces), each)
+    return {i for pair, count in counts.items() if count == _SAMPLES for i in each[pair][0]}
 
 
 def least_distances(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: Indices) -> Array:

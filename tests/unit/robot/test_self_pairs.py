@@ -13,6 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from brute_force import configuration, random_coordinates, self_distances
 
 import elastic_strips as es
@@ -148,6 +149,64 @@ def test_pairs_that_always_touch_are_left_out_and_listed(tmp_path):
     assert reasons(robot)["base", "post"] is WhyUnchecked.ALWAYS
     assert ("base", "boom") not in reasons(robot)
     assert robot.self_collision(robot.home(lift=1.5)) is not None
+
+
+def in_a_bracket(folder: Path, span: tuple[float, float] = (-1.2, 1.2)) -> Path:
+    """A boom on a hub in a bracket like a U, whose hull holds it in each posture; at 0.55 rad it meets a side."""
+    sides = [trimesh.creation.box((0.6, 0.02, 0.2)).apply_translation((0.3, y, 0.0)) for y in (-0.2, 0.2)]
+    back = trimesh.creation.box((0.02, 0.42, 0.2)).apply_translation((-0.01, 0.0, 0.0))
+    trimesh.util.concatenate([*sides, back]).export(folder / "bracket.stl")
+    return write(
+        folder, link("bracket", f'<mesh filename="{folder / "bracket.stl"}"/>'), link("hub"),
+        fixed("h", "0.1 0 0", "bracket", "hub"), link("turret"), joint("pan", "0 0 0", "hub", "turret", span=span),
+        link("boom", box("0.4 0.03 0.03"), "0.2 0 0"), fixed("b", "0 0 0", "turret", "boom"),
+    )  # fmt: skip
+
+
+def test_a_hull_does_not_hide_what_meshes_do(tmp_path, caplog):
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = load_robot(in_a_bracket(tmp_path), base="fixed")
+    assert ("boom", "bracket") not in reasons(robot)
+    assert not [record for record in caplog.records if "bracket" in record.getMessage()]
+    assert certified(robot, robot.home(pan=-0.2), robot.home(pan=0.2))
+    found = es.certify(robot, es.Scene([]), [robot.home(), robot.home(pan=0.6)])
+    assert found.verdict.value == "refuted"
+    shapes = [g for g in robot.geometries if "bracket" in g.links]
+    assert 1 < len(shapes) <= 4
+    assert len({g.name for g in shapes}) == len(shapes)
+
+
+def test_a_hull_that_hides_more_than_pieces_can_tell_is_listed(tmp_path, caplog):
+    """A boom 3 mm from the sides of its slot: pieces of the slot would not let it be."""
+    sides = [trimesh.creation.box((0.6, 0.05, 0.2)).apply_translation((0.3, y, 0.0)) for y in (-0.043, 0.043)]
+    rings = [trimesh.creation.annulus(0.018, 0.05, 0.3)]
+    trimesh.util.concatenate([*sides, *rings]).export(tmp_path / "slot.stl")
+    path = write(
+        tmp_path, link("slot", f'<mesh filename="{tmp_path / "slot.stl"}"/>'), link("hub"),
+        fixed("h", "0 0 0", "slot", "hub"), link("turret"), joint("roll", "0 0 0", "hub", "turret"),
+        link("pin", '<cylinder radius="0.015" length="0.3"/>'), fixed("b", "0 0 0", "turret", "pin"),
+    )  # fmt: skip
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = load_robot(path, base="fixed")
+    if ("pin", "slot") in reasons(robot):
+        (pair,) = (pair for pair in robot.unchecked_pairs if pair.links == ("pin", "slot"))
+        assert pair.note
+        assert [record for record in caplog.records if "slot" in record.getMessage()]
+        assert [g.name for g in robot.geometries if "slot" in g.links] == ["slot_0"]
+    else:
+        assert robot.self_collision(robot.home_q) is None
+
+
+def test_a_pair_that_nearly_always_touches_is_said(tmp_path, caplog):
+    """A pin that leaves its socket only at the end of its travel."""
+    path = write(
+        tmp_path, link("base", box("0.2 0.2 1.0")), link("rail"), fixed("r", "0 0 0", "base", "rail"),
+        link("pin", box("0.05 0.05 0.1")), joint("out", "0 0 0", "rail", "pin", kind="prismatic", span=(0, 0.5505)),
+    )  # fmt: skip
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = load_robot(path, base="fixed")
+    said = [record for record in caplog.records if "pin" in record.getMessage() and "base" in record.getMessage()]
+    assert said or ("base", "pin") in reasons(robot)
 
 
 # --- the SRDF -----------------------------------------------------------------------------------------------------

@@ -61,6 +61,25 @@ def outside_of(source, points):
     return ~source.contains(points) if source.is_watertight else np.ones(len(points), dtype=bool)
 
 
+@pytest.mark.parametrize("most", [4, 16])
+@pytest.mark.parametrize("make", [gap_mesh, open_bucket])
+def test_few_pieces_hold_all_bodies_of_a_mesh(make, most):
+    source = trimesh.util.concatenate([make(), trimesh.creation.box((0.1, 0.2, 0.1)).apply_translation((0, 0, 1.0))])
+    pieces = decompose.few_pieces(source.vertices, source.faces, most)
+    assert 1 < len(pieces) <= most
+    points = np.vstack((surface(source), [[0.0, 0.0, 1.0]]))
+    assert outside(points, pieces).max() <= decompose.TOLERANCE * np.linalg.norm(source.extents)
+
+
+def test_a_mesh_with_a_lone_bar_is_its_hull():
+    """A triangle without an area is no part of a body, but something may touch it."""
+    ring = gap_mesh()
+    corners = np.vstack((ring.vertices, [[0.0, 0.0, 3.0], [0.0, 0.0, 4.0]]))
+    n = len(ring.vertices)
+    pieces = decompose.few_pieces(corners, np.vstack((ring.faces, [[n, n + 1, n + 1]])), 4)
+    assert outside(corners, pieces).max() <= decompose.TOLERANCE * 4.0
+
+
 def test_bare_vhacd_would_cut_corners():
     """The reason why pieces grow; if this fails, growing has become pointless."""
     source = gap_mesh()
