@@ -104,6 +104,7 @@ def load_robot(
     """
     text = str(name_or_path)
     path = Path(text).expanduser()
+    given_srdf = srdf is not None
     by_path = path.suffix.lower() in (".urdf", ".xml", ".xacro") or "/" in text or os.path.exists(path)
     if is_known(text) or not text or not by_path:
         known = find_robot(text)
@@ -127,6 +128,9 @@ def load_robot(
         raise RobotError(f"mappings={dict(mappings)!r} are arguments of a xacro file; {text!r} is none")
     kind = BaseKind.parse(kind)
     semantics = None if srdf is None else read_srdf(srdf, source)
+    if given_srdf and semantics is not None and semantics.name not in ("", source.name):
+        _log.warning("%s is written for a robot that is called %.60r; this one is called %.60r: the pairs that it "
+                     "leaves out may be another robot's", semantics.path, semantics.name, source.name)  # fmt: skip
     planned = _planned(source, semantics, joints, group, locked)
     try:
         model = pinocchio_model(source, planar=kind.planar)
