@@ -297,7 +297,7 @@ def _with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, 
                 if abs(value - constant) > LIMIT_TOLERANCE:
                     raise RobotError(f"{where} holds it at {constant:.6g}")
                 break
-            name, value = leader, (value - constant) / multiplier
+            name, value = leader, (value - constant) / multiplier + 0.0  # no −0
             if not within_limits(value, source, leader):
                 low, high = source.joint_limits[leader]
                 raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
