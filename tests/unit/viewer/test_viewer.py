@@ -238,11 +238,8 @@ def test_a_strip_of_one_node_and_of_two(robot, scene, make_report):
 
 
 def test_a_robot_that_cannot_move_is_drawn(tmp_path):
-    path = tmp_path / "post.urdf"
-    path.write_text(
-        '<robot name="post"><link name="post"><collision><geometry><box size="0.1 0.1 1"/></geometry></collision></link>'
-        "</robot>"
-    )
+    path, box = tmp_path / "post.urdf", '<geometry><box size="0.1 0.1 1"/></geometry>'
+    path.write_text(f'<robot name="post"><link name="post"><collision>{box}</collision></link></robot>')
     post = es.load_robot(path, base="fixed")
     with Viewer(server=False) as viewer:
         viewer.show(post, es.Scene(), post.home_q[None])
