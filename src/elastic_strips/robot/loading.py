@@ -303,6 +303,10 @@ def _with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, 
                 raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
             if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
                 raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
+            above, multiplier, constant = source.followers.get(leader, ("", 0.0, 0.0))
+            if above in locked and abs(multiplier * locked[above] + constant - value) > LIMIT_TOLERANCE:
+                put = multiplier * locked[above] + constant
+                raise RobotError(f"{where} would be at {value:.6g} for it; {above!r}, locked too, puts it at {put:.6g}")
     return {**found, **locked}
 
 
