@@ -24,6 +24,7 @@ from elastic_strips.native import twin
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.planning import straight_line
 from elastic_strips.planning.homotopy.strip_set import StripSet
+from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Deformer, Strip
@@ -131,6 +132,7 @@ def _workspaces(robot: RobotModel) -> list[OneThread]:
         Deformer(robot), PaperDeformer(robot), Kinematics(robot.tree), Narrowphase(bodies), obstacles, own,
         Certifier(bodies, bounds, obstacles, own), MotionCertifier(bodies, bounds, robot.self_pairs),
         TrajectoryCertifier(robot, clearance=0.05, self_clearance=0.01), StripSet(robot, robot.home(x=2.0)),
+        ValidityChecker(robot, Scene(), margin=0.0),
     ]  # fmt: skip
 
 

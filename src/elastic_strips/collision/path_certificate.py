@@ -212,6 +212,7 @@ class _Broken:
     place: float
     segment: BrokenSegment
     scene: Scene | World
+    time: float = 0.0  # [s] at the place; 0 where all stands still
 
     @property
     def order(self) -> tuple[bool, float]:
@@ -286,27 +287,30 @@ class _Work:
         """
         last = len(when) - 2
         for j in np.flatnonzero(self.arcs.known).tolist():
-            begin, span = float(when[j]), float(when[j + 1] - when[j])
-            events = [(e - begin) / span for e in world.event_times if begin < e < begin + span] if span > 0.0 else []
-            cuts = [0.0, *(e for e in events if 0.0 < e < 1.0), 1.0]
-            todo = [(low, high, obstacles) for low, high in pairwise(cuts)]
-            if j == last:
-                todo.append((1.0, 1.0, obstacles))  # what appears at the very end
+            begin, end = float(when[j]), float(when[j + 1])
+            moments = [begin, *(e for e in world.event_times if begin < e < end), end]
+            shares = [0.0, *((e - begin) / (end - begin) for e in moments[1:-1]), 1.0]
+            cuts = list(zip(moments, shares, strict=True))
+            pieces = [*pairwise(cuts), *([(cuts[-1], cuts[-1])] if j == last else [])]  # what appears at the very end
+            # who is there at an event is so until the next one, and these may have no number between them
+            todo = [
+                (*piece, tuple(o for o in obstacles if world.exists(o.name or "", piece[0][0]))) for piece in pieces
+            ]
             while todo:
-                low, high, among = todo.pop()
-                t0, t1 = begin + low * span, begin + high * span
-                there = tuple(o for o in among if world.exists(o.name or "", 0.5 * (t0 + t1)))
+                one, two, there = todo.pop()
+                (t0, low), (t1, high) = one, two
                 ends = self.robot.space.interpolate(
                     self.rows[j][None], self.rows[j + 1][None], np.array([low, high])
                 )  # fmt: skip
                 open_, broken = self._open(ends, there, world, t0, t1)
+                middle = 0.5 * (t0 + t1), 0.5 * (low + high)
                 if broken is not None:
+                    moment = max(t0, min(middle[0], float(np.nextafter(t1, t0))))  # before what vanishes is gone
                     self.bad.add(j)
-                    self.broken.append(_Broken(j, 0.5 * (low + high), broken, world))
+                    self.broken.append(_Broken(j, middle[1], broken, world, moment))
                     break
                 if open_:
-                    middle = 0.5 * (low + high)
-                    todo += [(middle, high, open_), (low, middle, open_)]
+                    todo += [(middle, two, open_), (one, middle, open_)]
 
     def _open(
         self, ends: Array, there: tuple[Obstacle, ...], world: World, t0: float, t1: float
@@ -436,7 +440,8 @@ class _Work:
             else:
                 assert moments is not None
                 pieces = []
-                for k, t in enumerate(np.interp(part, (0.0, 1.0), moments).tolist()):
+                moment = np.where(part == broken.place, broken.time, np.interp(part, (0.0, 1.0), moments))
+                for k, t in enumerate(moment.tolist()):
                     among = scene.at(t)
                     apart = {
                         o.name: away(o, scene.scene.time, t, t) for o in among if isinstance(o.motion, UnknownMotion)

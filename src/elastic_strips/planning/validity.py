@@ -15,6 +15,7 @@ from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.collision.candidates import CandidateParts
 from elastic_strips.collision.narrowphase import native_part
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip.constraint import ConstraintForce
@@ -28,7 +29,7 @@ _REACH = 2.0  # [m] that a robot extends from its base, at most
 _JUMP = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
 
 
-class ValidityChecker:
+class ValidityChecker(OneThread):
     """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
     Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
@@ -114,6 +115,11 @@ class ValidityChecker:
         """Whether the configuration (nq,) is valid."""
         if self.native is not None:
             return self.at(self.robot.space.to_coordinates(q))
+        return self._valid(q)
+
+    @exclusive
+    def _valid(self, q: Array) -> bool:
+        """The same without the kernel, which has a lock of its own."""
         self._checks += 1
         if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
             return False

@@ -104,6 +104,7 @@ def load_robot(
     """
     text = str(name_or_path)
     path = Path(text).expanduser()
+    given_srdf = srdf is not None
     by_path = path.suffix.lower() in (".urdf", ".xml", ".xacro") or "/" in text or os.path.exists(path)
     if is_known(text) or not text or not by_path:
         known = find_robot(text)
@@ -127,6 +128,9 @@ def load_robot(
         raise RobotError(f"mappings={dict(mappings)!r} are arguments of a xacro file; {text!r} is none")
     kind = BaseKind.parse(kind)
     semantics = None if srdf is None else read_srdf(srdf, source)
+    if given_srdf and semantics is not None and semantics.name not in ("", source.name):
+        _log.warning("%s is written for a robot that is called %.60r; this one is called %.60r: the pairs that it "
+                     "leaves out may be another robot's", semantics.path, semantics.name, source.name)  # fmt: skip
     planned = _planned(source, semantics, joints, group, locked)
     try:
         model = pinocchio_model(source, planar=kind.planar)
@@ -293,12 +297,16 @@ def _with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, 
                 if abs(value - constant) > LIMIT_TOLERANCE:
                     raise RobotError(f"{where} holds it at {constant:.6g}")
                 break
-            name, value = leader, (value - constant) / multiplier
+            name, value = leader, (value - constant) / multiplier + 0.0  # no −0
             if not within_limits(value, source, leader):
                 low, high = source.joint_limits[leader]
                 raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
             if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
                 raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
+            above, multiplier, constant = source.followers.get(leader, ("", 0.0, 0.0))
+            if above in locked and abs(multiplier * locked[above] + constant - value) > LIMIT_TOLERANCE:
+                put = multiplier * locked[above] + constant
+                raise RobotError(f"{where} would be at {value:.6g} for it; {above!r}, locked too, puts it at {put:.6g}")
     return {**found, **locked}
 
 

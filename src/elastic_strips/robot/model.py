@@ -642,6 +642,11 @@ def check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) 
             raise RobotError(f"{what}: unknown joint {joint!r}{nearest_name(joint, names)}")
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not np.isfinite(value):
             raise RobotError(f"{what}: joint {joint!r} has value {value!r}; it must be a finite number [rad or m]")
+        if (count := model.joints[model.getJointId(joint)].nv) > 1 and value != 0.0:
+            raise RobotError(
+                f"{what}: joint {joint!r} has {count} degrees of freedom, so that {value!r} says nothing of it; it can "
+                "be held where it is neutral (0) alone"
+            )
 
 
 def reference_configuration(model: pin.Model, values: Mapping[str, float]) -> Array:

@@ -127,6 +127,7 @@ def _joints(source: UrdfSource, model: pin.Model, second: yourdfpy.URDF) -> Iter
             if not np.isclose(speed, joint.limit.velocity, rtol=_SAME, atol=_SAME):
                 yield f"joint {name!r} has speed {speed:g} here, {joint.limit.velocity:g} there"
         ours, mimic = source.followers.get(name), joint.mimic
+        ours = ours if ours is None or ours[0] in other else None  # what has no value of its own is no leader there
         follows = None
         if mimic is not None and mimic.joint in other:
             follows = mimic.joint, float(mimic.multiplier or 0.0), float(mimic.offset or 0.0)

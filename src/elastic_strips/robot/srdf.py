@@ -26,6 +26,7 @@ class Srdf:
 
     Attributes:
         path: the file.
+        name: of the robot that it is written for.
         disabled: unordered link pairs whose collisions are not looked at, and the reason that the file gives.
         enabled: pairs that it asks for, of links that it leaves out otherwise.
         states: posture name → joint → value [rad or m].
@@ -33,6 +34,7 @@ class Srdf:
     """
 
     path: Path
+    name: str
     disabled: dict[frozenset[str], str] = field(default_factory=dict)
     enabled: frozenset[frozenset[str]] = frozenset()
     states: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -65,7 +67,7 @@ def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
         found = _group(elements, name, robot, mends, virtual)
         groups[name] = tuple(joint for joint in dict.fromkeys(found) if joint in single)
     mends.say()
-    return Srdf(source, disabled, enabled, states, groups)
+    return Srdf(source, root.get("name", ""), disabled, enabled, states, groups)
 
 
 def _collisions(

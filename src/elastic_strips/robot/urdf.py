@@ -70,11 +70,13 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
         raise RobotError(f"{path}: the {kind} file is empty")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise RobotError(f"{path}: the {kind} file has a document type or entities, which are not accepted")
-    parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True, remove_pis=True
-    )
     try:
-        element = etree.fromstring(text, parser)
+        try:
+            element = etree.fromstring(text, _parser())
+        except etree.XMLSyntaxError as error:
+            if error.code != etree.ErrorTypes.ERR_UNSUPPORTED_ENCODING or (known := _in_utf8(text)) is None:
+                raise
+            element = etree.fromstring(known, _parser("utf-8"))
     except (etree.XMLSyntaxError, ValueError) as error:
         said = " ".join(str(error).split())
         raise RobotError(f"{path}: the {kind} file is not well-formed XML: {said}") from None
@@ -94,6 +96,22 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
 
 _DECLARED = re.compile(rb"""<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+
+
+def _parser(encoding: str | None = None) -> etree.XMLParser:
+    return etree.XMLParser(
+        encoding=encoding, resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True,
+        remove_pis=True,
+    )  # fmt: skip
+
+
+def _in_utf8(text: bytes) -> bytes | None:
+    """A file whose declared encoding Python knows and the parser does not (``latin-1``), in UTF-8; else None."""
+    found = _DECLARED.search(text[:1000])
+    try:
+        return None if found is None else text.decode(found[1].decode("ascii")).encode("utf-8")
+    except (LookupError, UnicodeError):
+        return None
 
 
 def _check_encoding(text: bytes, path: Path, kind: str) -> None:
@@ -239,8 +257,12 @@ def mesh_unit(path: Path) -> float:
             outermost = parent is not None and parent.getparent() is None
             if outermost and etree.QName(element).localname == "asset":
                 unit = element.find("{*}unit")
-                value = 1.0 if unit is None else float(unit.get("meter", "1"))
-                return value if math.isfinite(value) and value > 0.0 else 1.0
+                stated = "1" if unit is None else unit.get("meter", "1")
+                value = float(stated) if _NUMBER.fullmatch(stated.strip()) else math.nan
+                if math.isfinite(value) and value > 0.0:
+                    return value
+                _log.warning("%s: its <unit> of %.40r m is no length; taken as a metre", path, stated)
+                return 1.0
             if outermost:  # the asset comes first, or not at all
                 return 1.0
     except (etree.XMLSyntaxError, OSError, ValueError):  # who reads the mesh will say so
@@ -256,8 +278,8 @@ def _as_collision(root: etree._Element, source: Path, wanted: Collection[str] | 
     """
     links = {link.get("name"): link for link in root.findall("link")}
     if wanted == "missing":
-        names = [name for name, link in links.items() if link.find("collision") is None]
-    elif isinstance(wanted, str):
+        names = [name for name, link in links.items() if all(map(_of_no_size, link.findall("collision")))]
+    elif isinstance(wanted, str) or not isinstance(wanted, Collection):
         raise RobotError(f'visual_as_collision={wanted!r}: give a list of links, or "missing" for those without shapes')
     else:
         names = list(dict.fromkeys(wanted))
@@ -276,6 +298,15 @@ def _as_collision(root: etree._Element, source: Path, wanted: Collection[str] | 
                 shape.remove(material)
             links[name].append(shape)
     return tuple(name for name in names if links[name].find("visual") is not None)
+
+
+def _of_no_size(element: etree._Element) -> bool:
+    """Whether the shape of a <collision> has size 0, so that it is left out."""
+    shape = element.find("geometry/*")
+    if shape is None or shape.tag not in _SHAPES:
+        return False
+    words = [word for key in _SHAPES[shape.tag][0].split() for word in shape.get(key, "").split()]
+    return bool(words) and all(_NUMBER.fullmatch(word) and float(word) == 0.0 for word in words)
 
 
 def _check_geometry(
@@ -438,6 +469,7 @@ class UrdfSource:
 
     Attributes:
         path: the file.
+        name: the robot's.
         document: the description as Pinocchio gets it: small faults mended, mesh files by their paths.
         links, joints: all names.
         parents: link → (joint, link) that carry it; the root has none.
@@ -454,6 +486,7 @@ class UrdfSource:
     """
 
     path: Path
+    name: str
     document: str
     links: frozenset[str]
     joints: frozenset[str]
@@ -523,6 +556,7 @@ def read_urdf(
     mends.say()
     return UrdfSource(
         path=source,
+        name=root.get("name"),
         document=_bare(root),
         links=frozenset(links),
         joints=frozenset(joints),
@@ -707,6 +741,11 @@ def _check_joints(
             (offset,) = floats(follower, "offset", 1, source, what, "0")
             if kind in ("revolute", "continuous", "prismatic"):
                 followers[name] = leader, multiplier, offset
+            else:
+                mends.add("joints with a <mimic> that have no value of their own (fixed, floating, planar), held", name)
+    for name, (leader, _, _) in followers.items():
+        if leader not in limits and leader not in continuous:
+            mends.add("joints that mimic one without a value of its own (fixed, floating, planar), held", name)
     for joint in root.findall("joint"):
         chain = [joint.get("name")]
         while chain[-1] in followers:

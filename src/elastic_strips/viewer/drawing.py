@@ -102,7 +102,7 @@ class Drawing:
         out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
         out += self.strip("/strip", coordinates, points, segment_colors(snapshot.report, len(coordinates) - 1))
         out += self.markers(coordinates)
-        out += self._hand_ball(points[-1, -1])
+        out += self._hand_ball(points[-1])
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
         out += self._trouble(snapshot.report, coordinates)
@@ -268,9 +268,9 @@ class Drawing:
         out.append(commands.transforms("/markers", ["/markers/start", "/markers/goal"], commands.columns(poses)))
         return out
 
-    def _hand_ball(self, at: Array) -> list[Command]:
-        """A ball about a place (3,), by which the goal's hand is dragged."""
-        if not self.hand:
+    def _hand_ball(self, points: Array) -> list[Command]:
+        """A ball about the last of places (C, 3), by which the goal's hand is dragged; none without joints."""
+        if not self.hand or not len(points):
             return []
         out, path = [], "/markers/hand"
         if self._first("hand"):
@@ -278,7 +278,7 @@ class Drawing:
             out.append(commands.mesh(path, geometry.sphere().scaled(np.full(3, _BALL)), look, cast=False))
             out.append(commands.names(path, [path], ["hand at the goal"]))
         T = np.eye(4)
-        T[:3, 3] = at
+        T[:3, 3] = points[-1]
         return [*out, commands.transforms(path, [path], commands.columns(T[None]))]
 
     def _forces(self, report: DeformReport | None) -> list[Command]:

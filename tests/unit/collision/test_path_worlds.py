@@ -80,6 +80,20 @@ def test_what_is_there_for_a_while_counts_then(robot, appears, vanishes, free):
     assert certify(robot, world, q, times=times).certified == free
 
 
+@pytest.mark.parametrize(
+    ("appears", "vanishes"),
+    [(1.9, float(np.nextafter(1.9, 2.0))), (2.0, 2.0 + 1e-9), (float(np.nextafter(2.0, 0.0)), 2.0)],
+)
+@pytest.mark.parametrize("motion", [None, UnknownMotion(1e-9), Twist((0.0, 0.1, 0.0))])
+def test_what_is_there_between_two_numbers_is_there(robot, appears, vanishes, motion):
+    """No number lies between the events: who asks in the middle, or by the share of the way, finds nobody."""
+    world = World(Scene([_crate(motion=motion)]), appears={"crate": appears}, vanishes={"crate": vanishes})
+    found = certify(robot, world, _drive(robot, 0.0, 4.0), times=[0.0, 4.0])
+    assert found.verdict is Verdict.REFUTED
+    assert found.time == pytest.approx(appears, abs=1e-6)
+    assert certify(robot, world, _drive(robot, 8.0, 4.0), times=[0.0, 4.0]).certified
+
+
 def test_what_appears_where_the_path_ends_is_met(robot):
     world = World(Scene([_crate(4.0)]), appears={"crate": 4.0})
     assert certify(robot, world, _drive(robot, 0.0, 4.0), times=[0.0, 4.0]).verdict is Verdict.REFUTED

@@ -73,7 +73,18 @@ def test_what_is_drawn_can_be_taken_instead(bare: Path, caplog: pytest.LogCaptur
         assert found.broken.link.startswith("forearm")
 
 
-@pytest.mark.parametrize("given", [["fore_arm"], ["empty"], "forearm", ["base", ""]])
+@pytest.mark.parametrize("shape", ['<box size="0 0 0"/>', '<sphere radius="0.0"/>', '<capsule radius="0" length="0"/>'])
+def test_a_shape_of_size_0_is_none(tmp_path: Path, shape: str) -> None:
+    """What its warning advises has to help."""
+    forearm = link("forearm", f"<geometry>{shape}</geometry>", BOX("0.6 0.06 0.06"), "0.3 0 0")
+    path = write(tmp_path, BASE, UPPER, forearm, joint("forearm", "upper", "0.4 0 0"))
+    assert load_robot(path, base="omni").bare_links == ("forearm",)
+    robot = load_robot(path, base="omni", visual_as_collision="missing")
+    assert robot.bare_links == ()
+    assert not es.certify(robot, POST, [robot.home(), robot.home()]).certified
+
+
+@pytest.mark.parametrize("given", [["fore_arm"], ["empty"], "forearm", ["base", ""], None, 5])
 def test_links_that_have_nothing_to_take_are_refused(tmp_path: Path, given: list[str] | str) -> None:
     path = write(tmp_path, BASE, FOREARM, UPPER, link("empty"), joint("empty", "base", kind="fixed"))
     with pytest.raises(RobotError, match="visual_as_collision"):

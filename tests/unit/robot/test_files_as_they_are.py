@@ -176,7 +176,7 @@ DAE = """<?xml version="1.0"?>
 )
 @pytest.mark.parametrize("tag", ["collision", "visual"])
 def test_a_collada_file_is_as_large_as_its_unit_says(
-    tmp_path: Path, asset: str, scale: str, metre: float, tag: str
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, asset: str, scale: str, metre: float, tag: str
 ) -> None:
     (tmp_path / "part.dae").write_text(DAE.format(asset=asset))
     robot = load(tmp_path, one(f'<mesh filename="part.dae"{scale}/>', tag=tag))
@@ -184,6 +184,7 @@ def test_a_collada_file_is_as_large_as_its_unit_says(
     shape = next(item.geometry for item in geometry if item.name == "arm_0")
     points = np.array(shape.vertices())
     np.testing.assert_allclose(np.ptp(points, axis=0), metre * np.array([10.0, 20.0, 30.0]), rtol=1e-6)
+    assert ("nonsense" in caplog.text) == ("nonsense" in asset)
     if tag == "collision" and "nonsense" not in asset:
         assert agrees(robot)
 
@@ -198,6 +199,7 @@ def test_a_collada_file_is_as_large_as_its_unit_says(
         ("utf-8-sig", "utf-8", "Kübel"),
         ("utf-8", "", "Kübel"),
         ("shift_jis", "Shift_JIS", "アーム"),
+        ("latin-1", "latin-1", "Kübel"),  # a name that Python knows and libxml2 does not
     ],
 )
 def test_a_file_is_decoded_as_it_declares(tmp_path: Path, encoding: str, declared: str, name: str) -> None:

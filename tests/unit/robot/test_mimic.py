@@ -288,6 +288,7 @@ def test_what_a_locked_joint_mimics_is_held_where_that_puts_it(tmp_path, locked,
         ({"joints": ["thumb"], "locked": {"tip": 0.1}}, "'tip'.*'thumb'"),
         ({"locked": {"finger": 0.05}}, "'finger'.*'thumb'"),
         ({"locked": {"finger": 0.3, "tip": 0.3, "second": 0.9}}, "'lift'"),
+        ({"locked": {"tip": 0.1, "thumb": 0.2}}, "'tip'.*'finger'.*'thumb'"),  # which disagree on what is between them
     ],
 )
 def test_a_follower_is_not_locked_against_its_leader(tmp_path, options, names):

@@ -248,6 +248,15 @@ def test_a_pair_that_an_srdf_asks_for_is_looked_at_though_a_joint_joins_it(tmp_p
     assert not certified(asked, asked.home(), asked.home(lean=1.2))
 
 
+@pytest.mark.parametrize("name", ["r", "", "another_one"])
+def test_an_srdf_of_another_robot_is_said(tmp_path, caplog, name):
+    """Links of the same names may be other links."""
+    path = srdf(tmp_path, '<disable_collisions link1="arm" link2="mast"/>')
+    path.write_text(path.read_text().replace('name="r"', f'name="{name}"'))
+    load_robot(mast(tmp_path), base="omni", srdf=path)
+    assert ("is written for a robot" in caplog.text) == (name == "another_one")
+
+
 def test_elements_of_an_srdf_that_are_not_known_are_said(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, logger="elastic_strips"):
         load_robot(mast(tmp_path), base="omni", srdf=srdf(tmp_path, '<forbid_collisions link1="arm"/>'))

@@ -178,6 +178,23 @@ def test_joints_that_cannot_be_planned_name_themselves(tmp_path):
     with pytest.raises(RobotError, match=r"'hinge' is a JointModelFreeFlyer with 6.*Lock it"):
         load_robot(path)
     assert load_robot(path, locked={"hinge": 0.0}).joint_names == ()
+    with pytest.raises(RobotError, match="'hinge' has 6 degrees of freedom"):
+        load_robot(path, locked={"hinge": 0.3})
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar"])
+def test_a_joint_without_one_value_that_mimics_or_is_mimicked_is_held_with_a_word(tmp_path, caplog, kind):
+    more = f'{LIMIT}<mimic joint="{{}}"/>'
+    hinge, tray = joint(more=more.format("tray")), joint("tray", "base", "tray", kind, more.format("hinge"))
+    for pair, told in (
+        ((hinge, joint("tray", "base", "tray", kind, "")), "hinge"),
+        ((joint(more=LIMIT), tray), "tray"),
+    ):
+        caplog.clear()
+        loaded = load_robot(write(tmp_path, robot(BASE, link(), link("tray"), *pair)), base="omni")
+        assert told in loaded.locked
+        assert any(told in record.getMessage() and "held" in record.getMessage() for record in caplog.records)
+        assert "yourdfpy" not in caplog.text
 
 
 def turning(name: str, parent: str, axis: str, at: str = "0 0 0", rpy: str = "0 0 0") -> str:

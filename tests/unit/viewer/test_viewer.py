@@ -237,6 +237,16 @@ def test_a_strip_of_one_node_and_of_two(robot, scene, make_report):
         assert viewer.alive
 
 
+def test_a_robot_that_cannot_move_is_drawn(tmp_path):
+    path, box = tmp_path / "post.urdf", '<geometry><box size="0.1 0.1 1"/></geometry>'
+    path.write_text(f'<robot name="post"><link name="post"><collision>{box}</collision></link></robot>')
+    post = es.load_robot(path, base="fixed")
+    with Viewer(server=False) as viewer:
+        viewer.show(post, es.Scene(), post.home_q[None])
+        viewer._flush()
+        assert viewer.alive
+
+
 def test_a_killed_server_is_reported_once_and_disturbs_nobody(viewer, robot, scene, make_report, caplog, tmp_path):
     viewer.show(robot, scene, make_report())
     viewer._flush()
