@@ -268,7 +268,7 @@ class Near:
         clearance = float(getattr(params, self.bound))
         if self.distance < 0:
             slight = self.what == "start" and -self.distance < MOST_DEPTH
-            way = "; start_depth=… [m] has a start left that touches by so much (--start-depth)" if slight else ""
+            way = "; start_depth=… [m] of plan has such a start left (run --start-depth)" if slight else ""
             raise ConfigurationError(
                 f"{self.what} is in collision: {self.one!r} is {-self.distance * 1000:.1f} mm deep in {self.two!r}{way}"
             )

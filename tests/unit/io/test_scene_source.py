@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 
@@ -195,6 +196,21 @@ def test_a_start_or_goal_that_no_map_shows_is_refused(folder, where):
             read_scenario(folder / "s.yaml")
     (folder / "s.yaml").write_text(f"robot: jackal-box\nscene: {{file: m.yaml, outside: free}}\n{where}\n")
     assert read_scenario(folder / "s.yaml").scene.names == ("map",)
+
+
+def test_walls_are_as_high_as_what_the_robot_holds_gets(folder):
+    """A pole in the hand reaches over walls that are as high as the hand."""
+    placed = {"position": {"x": 0, "y": 0, "z": 1.0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    pole = {"primitives": [{"type": 1, "dimensions": [0.04, 0.04, 1.6]}], "primitive_poses": [placed]}
+    thing = {"link_name": "panda_hand", "object": {"id": "pole", "header": {"frame_id": "panda_hand"}, **pole}}
+    state = {"attached_collision_objects": [thing]}
+    (folder / "held.json").write_text(json.dumps({"robot_state": state, "world": {"collision_objects": []}}))
+    robot = es.load_robot("panda")
+    for paths in ([folder / "m.yaml", folder / "held.json"], [folder / "held.json", folder / "m.yaml"]):
+        found = read_scene_file(paths, robot=robot)
+        reach = highest_reach(found.held_by(robot))
+        assert reach > highest_reach(robot) + 0.5
+        assert top(found.world.scene) >= reach - 1e-9
 
 
 def test_two_maps_do_not_block_each_other(folder):
