@@ -33,9 +33,7 @@ _MODES = ("trinary", "scale", "raw")
 _FULL = 100.0  # occupancy of a cell that is certainly occupied
 WALL_HEIGHT = 3.0
 """Height [m] of a map's walls where neither it nor the robot is known: more than mobile manipulators reach."""
-_FAR = (
-    20_000.0  # [m] to which the outside of a map is filled: robots stay within 10 km of the origin, proofs take no more
-)
+_FAR = 20_000.0  # [m] to which a map's outside is filled: robots stay within 10 km of the origin; proofs take no more
 _LEAST_EDGE = 2.0  # [m] of a map that is as large itself
 _SEAM = 0.01  # [m] a gap between two maps that is narrower is none
 _TURN = 2.0 * math.pi
@@ -88,7 +86,7 @@ class MapArea:
         middle, size = 0.5 * (low + high), high - low
         place = self.T_world_map @ (*middle, 0.5 * (self.low + self.high) - self.T_world_map[2, 3], 1.0)
         at, quat, height = place[:3], quaternion_of(self.T_world_map[:3, :3]), self.high - self.low
-        if len(outline) == 4 and np.isin(outline, (low, high)).all():
+        if len(outline) == 4 == len(np.unique(outline, axis=0)) and ((outline == low) | (outline == high)).all():
             return Box((*size, height), at=at, quat=quat, name=name)
         ends = [np.column_stack((outline - middle, np.full(len(outline), z))) for z in (-0.5 * height, 0.5 * height)]
         return ConvexHull(np.vstack(ends), at=at, quat=quat, name=name)
