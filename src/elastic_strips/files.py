@@ -57,6 +57,11 @@ def command_files() -> Iterator[None]:
         _command = before
 
 
+def inputs_read() -> list[str]:
+    """The files that the command has read so far, by absolute names: for the process that this one works for."""
+    return [] if _command is None else [os.path.abspath(name) for name in _command.read.values()]
+
+
 def note_input(path: str | os.PathLike[str]) -> None:
     """Remember a file that something else reads by its name, or would read."""
     with suppress(OSError, ValueError):

@@ -127,6 +127,16 @@ def test_of_drive(folder, capsys, option):
     _refused(folder, capsys, "drive", "scenario.yaml", "--time-limit", 0.2, option, name)
 
 
+def test_of_a_sweep(folder, capsys):
+    """Whose runs read the robot in processes of their own."""
+    name = "hull.stl"
+    Path("sweep.yaml").write_text("kind: plan\nscenarios: [scenario.yaml]\nseeds: [0]\n")
+    before = Path(name).read_bytes()
+    assert call("sweep", "sweep.yaml", "--json", name) == 2
+    assert "Traceback" not in capsys.readouterr().err
+    assert Path(name).read_bytes() == before
+
+
 def test_two_outputs_are_two_files(folder, capsys):
     Path("here").symlink_to(".")
     _refused(folder, capsys, *CERTIFY, "--json", "new.json", "--proof", "here/new.json")

@@ -180,6 +180,9 @@ def drive(
     outcome = conclude(problem, driven, result, plant=plant, seed=number)
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
     _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
+    unwritten = next((event.reason for event in result.events if log and event.reason.startswith(f"{log}: ")), None)
+    if unwritten is not None:  # a log with a hole is not to be taken for whole
+        output.say(("note:", output.NOTE), f" {unwritten}", err=True)
     if json_file is not None:
         output.write_document("result", json_file, drive_document(outcome))
     if record_file is not None:

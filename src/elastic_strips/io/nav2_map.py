@@ -8,7 +8,8 @@ import logging
 import math
 import os
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import ScenarioError, missing_extra
 from elastic_strips.files import read_input
-from elastic_strips.scene import Box, Obstacle, Scene, Voxels
+from elastic_strips.scene import Box, ConvexHull, Obstacle, Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
 from elastic_strips.scene.quantities import check_pose, quaternion_of
 from elastic_strips.validation import check_choice, check_number, shown
@@ -32,7 +33,9 @@ _MODES = ("trinary", "scale", "raw")
 _FULL = 100.0  # occupancy of a cell that is certainly occupied
 WALL_HEIGHT = 3.0
 """Height [m] of a map's walls where neither it nor the robot is known: more than mobile manipulators reach."""
-_EDGE = 2.0  # [m] thickness of what stands for all that is outside of a map
+_FAR = 20_000.0  # [m] to which a map's outside is filled: robots stay within 10 km of the origin; proofs take no more
+_LEAST_EDGE = 2.0  # [m] of a map that is as large itself
+_SEAM = 0.01  # [m] a gap between two maps that is narrower is none
 _TURN = 2.0 * math.pi
 
 
@@ -56,22 +59,96 @@ class MapArea:
         local = (np.asarray(points, dtype=float) - self.T_world_map[:2, 3]) @ self.T_world_map[:2, :2]
         return np.all((local >= 0.0) & (local <= self.size), axis=1)
 
+    def corners(self) -> Array:
+        """Its corners (4, 2) in the world [m], anticlockwise."""
+        local = self.size * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        return local @ self.T_world_map[:2, :2].T + self.T_world_map[:2, 3]
+
     def edges(self) -> list[Obstacle]:
-        """Four boxes around it: who leaves the map meets one of them."""
-        (x, y), z = self.size.tolist(), 0.5 * (self.low + self.high) - self.T_world_map[2, 3]
-        height, far = self.high - self.low, 0.5 * _EDGE
-        boxes = {
-            "left": ((_EDGE, y + 2.0 * _EDGE), (-far, 0.5 * y)),
-            "right": ((_EDGE, y + 2.0 * _EDGE), (x + far, 0.5 * y)),
-            "lower": ((x, _EDGE), (0.5 * x, -far)),
-            "upper": ((x, _EDGE), (0.5 * x, y + far)),
-        }
-        quat = quaternion_of(self.T_world_map[:3, :3])
-        made: list[Obstacle] = []
-        for name, (size, at) in boxes.items():
-            place = self.T_world_map @ (*at, z, 1.0)
-            made.append(Box((*size, height), at=place[:3], quat=quat, name=f"outside-of-map-{name}"))
-        return made
+        """Four boxes around it, about 19 km wide: who leaves the map, or was never on it, meets one of them."""
+        return [
+            self.block(f"outside-of-map-{name}", np.array([low, (low[0], high[1]), (high[0], low[1]), high]))
+            for name, (low, high) in self.beyond().items()
+        ]
+
+    def beyond(self) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
+        """Low and high corners [m] of rectangles around it, in its own frame; like the sails of a windmill."""
+        x, y = self.size.tolist()
+        far = max(_FAR - max(x, y), _LEAST_EDGE)
+        return {
+            "left": ((-far, -far), (0.0, y)), "right": ((x, 0.0), (x + far, y + far)),
+            "lower": ((0.0, -far), (x + far, 0.0)), "upper": ((-far, y), (x, y + far)),
+        }  # fmt: skip
+
+    def block(self, name: str, outline: Array) -> Obstacle:
+        """An obstacle as high as its walls over a convex outline (K, 2) in its own frame [m]."""
+        low, high = outline.min(axis=0), outline.max(axis=0)
+        middle, size = 0.5 * (low + high), high - low
+        place = self.T_world_map @ (*middle, 0.5 * (self.low + self.high) - self.T_world_map[2, 3], 1.0)
+        at, quat, height = place[:3], quaternion_of(self.T_world_map[:3, :3]), self.high - self.low
+        if len(outline) == 4 == len(np.unique(outline, axis=0)) and ((outline == low) | (outline == high)).all():
+            return Box((*size, height), at=at, quat=quat, name=name)
+        ends = [np.column_stack((outline - middle, np.full(len(outline), z))) for z in (-0.5 * height, 0.5 * height)]
+        return ConvexHull(np.vstack(ends), at=at, quat=quat, name=name)
+
+
+def outside_of(areas: Sequence[MapArea]) -> list[Obstacle]:
+    """Obstacles that stand for all that no map shows: four boxes around one map; what is left of them beside others."""
+    first = areas[0]
+    if len(areas) == 1:
+        return first.edges()
+    all_high = replace(first, low=min(area.low for area in areas), high=max(area.high for area in areas))
+    found: list[Obstacle] = []
+    for (x, y), (x_end, y_end) in first.beyond().values():
+        outlines = [np.array([(x, y), (x_end, y), (x_end, y_end), (x, y_end)])]
+        for area in areas[1:]:
+            hole = (area.corners() - first.T_world_map[:2, 3]) @ first.T_world_map[:2, :2]
+            outlines = [rest for outline in outlines for rest in _without(outline, hole)]
+        found += [
+            all_high.block(f"outside-of-map-{number}", outline)
+            for number, outline in enumerate(outlines, len(found) + 1)
+        ]
+    return found
+
+
+def _without(outline: Array, hole: Array) -> list[Array]:
+    """What is left of a convex outline (K, 2) without a convex hole (M, 2), as convex outlines; anticlockwise."""
+    found: list[Array] = []
+    for start, end in zip(hole, np.roll(hole, -1, axis=0), strict=True):
+        along = (end - start) / np.linalg.norm(end - start)
+        outward = np.array([along[1], -along[0]])
+        beyond, outline = (_clipped(outline, sign * outward, sign * float(outward @ start)) for sign in (1.0, -1.0))
+        if _width(beyond) > _SEAM:
+            found.append(beyond)
+        if _width(outline) <= _SEAM:
+            break
+    return found
+
+
+def _clipped(outline: Array, normal: Array, least: float) -> Array:
+    """The part of a convex outline (K, 2) where ``normal`` · x ≥ ``least``."""
+    kept: list[Array] = []
+    depth = outline @ normal - least
+    for k, (one, here) in enumerate(zip(outline, depth, strict=True)):
+        two, there = outline[(k + 1) % len(outline)], depth[(k + 1) % len(outline)]
+        if here >= 0.0:
+            kept.append(one)
+        if (here > 0.0 > there) or (here < 0.0 < there):
+            kept.append(one + here / (here - there) * (two - one))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _width(outline: Array) -> float:
+    """How wide a convex outline (K, 2) is where it is narrowest [m]."""
+    if len(outline) < 3:
+        return 0.0
+    along = np.roll(outline, -1, axis=0) - outline
+    length = np.linalg.norm(along, axis=1)
+    along = along[length > 1e-6] / length[length > 1e-6, None]
+    if len(along) < 3:
+        return 0.0
+    normals = np.column_stack((-along[:, 1], along[:, 0]))
+    return float(np.ptp(normals @ outline.T, axis=1).min())
 
 
 def load_nav2_map(
@@ -90,7 +167,7 @@ def load_nav2_map(
     how many cells are left out that are unknown, or between free and occupied, and which keys are not known.
 
     A map says nothing of what is outside of it: four boxes, ``outside-of-map-left``, ``-right``, ``-lower`` and
-    ``-upper``, surround it, so that nothing that leaves it is certified or planned.
+    ``-upper``, surround it, to about 19 km, so that nothing that leaves it or is beyond it is certified or planned.
 
     Args:
         path: The map's YAML file; it names the image, a PGM, PNG or BMP file. All but PGM need the extra ``ros``.

@@ -12,7 +12,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import RobotError, SceneError, nearest_name
 from elastic_strips.files import read_input_text
 from elastic_strips.robot import RobotModel
+from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Box, Cone, ConvexHull, Cylinder, Mesh, Obstacle, Scene, Sphere
 from elastic_strips.scene.quantities import check_pose, pose_of, quaternion_of
 from elastic_strips.summary import Summary
@@ -81,12 +82,42 @@ class PlanningScene(Summary):
         attached: what the robot holds.
         joints: the robot's joints in the scene's state, by name [rad or m].
         base: (x, y, yaw) of the robot's base in it [m, m, rad], or None.
+        frame: the frame that is taken as the world, "" where none is named.
     """
 
     scene: Scene
     attached: tuple[AttachedObject, ...] = ()
     joints: Mapping[str, float] = field(default_factory=dict)
     base: tuple[float, float, float] | None = None
+    frame: str = ""
+
+    def pose_of_frame(self, robot: RobotModel, q: Array | None) -> Array | None:
+        """Pose (4, 4) of ``frame`` in the world, where it is one of the robot's own; None where it is the world.
+
+        Args:
+            robot: the robot.
+            q: (nq,) where it stood when the scene was seen, or None.
+
+        Raises:
+            SceneError: the frame moves, and it is not known where it was.
+        """
+        index = None if self.frame in _USUAL_WORLDS else find_frame(robot.model, self.frame)
+        if index is None:
+            return None
+        if robot.model.frames[index].parentJoint != 0 and q is None:
+            raise SceneError(
+                f"the scene is in the frame {self.frame!r}, which moves with the robot: 'at' or where the robot stood "
+                "has to be given"
+            )
+        return robot.frame_pose(robot.home_q if q is None else q, self.frame)
+
+    def attached_at(self, pose: Array) -> tuple[AttachedObject, ...]:
+        """What the robot holds, where the scene's frame has the pose (4, 4)."""
+        return tuple(
+            replace(thing, shapes=tuple(shape.moved(pose @ shape.pose) for shape in thing.shapes))
+            if thing.frame is None else thing
+            for thing in self.attached
+        )  # fmt: skip
 
     def held_by(self, robot: RobotModel) -> RobotModel:
         """The robot with what it holds in the scene: `RobotModel.attached` for every shape.
@@ -224,7 +255,8 @@ class _Reader:
             obstacles.append(one.named(name))
         joints, base = _state(state)
         self._say(entries)
-        return PlanningScene(self._root.checked(Scene, obstacles), tuple(attached), joints, base)
+        frame = next(iter(sorted(self._worlds - {""})), "")
+        return PlanningScene(self._root.checked(Scene, obstacles), tuple(attached), joints, base, frame)
 
     def _unknown(self, entries: Mapping[str, Node], known: Sequence[str]) -> None:
         self._dropped += [f"the key {shown(key)}" for key in entries if key not in known]
@@ -245,7 +277,8 @@ class _Reader:
                     + (" m: a clearance of as much holds as well" if what == "padding" else "")
                 )
         matrix = entries["allowed_collision_matrix"] if _given(entries, "allowed_collision_matrix") else None
-        names = {n.value for n in _list(matrix.mapping(), "entry_names")} if matrix is not None else set()
+        keys = ("entry_names", "default_entry_names") if matrix is not None else ()
+        names = {n.value for key in keys if matrix is not None for n in _list(matrix.mapping(), key)}
         if allowed := sorted(set(self._objects) & {n for n in names if isinstance(n, str)}):
             self._dropped.append(f"that something may touch {', '.join(allowed[:6])}: nothing may")
         if self._dropped:
@@ -410,11 +443,18 @@ class _Reader:
         thing = inner.mapping(what="a collision object")
         self._unknown(thing, _OBJECT_KEYS)
         name = thing["id"].text() if "id" in thing else inner.fail("the object has no 'id'")
+        if _operation(thing) in (_REMOVE, _MOVE):
+            thing["operation"].fail(f"{shown(name)} is let go of, or moved: a scene after that is needed")
         shapes, frame = self._shapes(thing), _frame_of(thing)
         pose = _pose(thing["pose"]) if _given(thing, "pose") else np.eye(4)
         if not shapes and name in self._objects:  # one of the world's, which is taken up
             old = self._objects.pop(name)
             shapes, frame, pose = old.shapes, None, old.pose
+        elif name in self._objects:  # it is taken up, as MoveIt has it: an object is in one place
+            self._dropped.append(f"{shown(name)} of the world, which the robot holds")
+            del self._objects[name]
+        if frame is None:
+            pass
         elif frame != link:
             T = np.eye(4) if frame in _USUAL_WORLDS and frame not in self._frames else self._in_world(frame)
             frame, pose = (frame, pose) if T is None else (None, T @ pose)

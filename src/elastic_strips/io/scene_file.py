@@ -7,6 +7,7 @@ import logging
 import math
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
@@ -17,6 +18,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, ScenarioError, SceneError
 from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.robot import LoadOptions, RobotModel
+from elastic_strips.robot.reach import highest_reach
 from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.scene.quantities import pose_of
 from elastic_strips.validation import check_type
@@ -119,6 +121,20 @@ def read_scene_file(
             raise SceneError(
                 f"{key!r} is of one file, and {len(paths)} are given: name them under 'sources' of a scene file"
             )
+    found = _parts(paths, kinds, said, reading)
+    if found.held and robot is not None:
+        with suppress(InputError):  # it holds nothing that another robot holds
+            held = found.held_by(robot)
+            if highest_reach(held) > highest_reach(robot) or "own_points" in said:
+                return _parts(paths, kinds, said, Reading(held, q))  # walls are as high as what it holds gets
+    return found
+
+
+def _parts(
+    paths: Sequence[str | os.PathLike[str]], kinds: Sequence[tuple[str, Node | None]], said: SceneOptions,
+    reading: Reading,
+) -> SceneFile:  # fmt: skip
+    """All files as one scene."""
     parts = []
     for each, (kind, root) in zip(paths, kinds, strict=True):
         own = said if len(paths) == 1 else {key: value for key, value in said.items() if key in OF_KIND[kind]}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypedDict
 
@@ -25,7 +25,7 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_choice, check_number, shown
 
 from .moveit_scene import read_moveit_scene
-from .nav2_map import WALL_HEIGHT, MapArea, read_map
+from .nav2_map import WALL_HEIGHT, MapArea, outside_of, read_map
 from .nodes import Node
 from .octomap import read_octomap
 from .planning_scene import PlanningScene, is_planning_scene, load_message, planning_scene_of
@@ -221,8 +221,12 @@ def read_foreign(path: Path, kind: str, root: Node | None, options: SceneOptions
         return SceneFile(placed(World(read_moveit_scene(path, planes=planes)), pose))
     assert root is not None
     message = planning_scene_of(root, planes=planes)
-    if message.attached and pose is not None and any(thing.frame is None for thing in message.attached):
-        raise SceneError(f"{path}: what the robot holds is given in the world, which 'at' would move")
+    if pose is None and reading.robot is not None:
+        pose = message.pose_of_frame(reading.robot, reading.q)
+        if pose is not None and not np.array_equal(pose, np.eye(4)):
+            _log.warning("%s: the robot has the frame %s: it is where the path begins", path, shown(message.frame))
+    if pose is not None:
+        message = replace(message, attached=message.attached_at(pose))
     return SceneFile(placed(World(message.scene), pose), (message,) if message.attached else ())
 
 
@@ -341,13 +345,8 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
 
 
 def bounded(found: SceneFile) -> SceneFile:
-    """The same with boxes around its map; where maps lie side by side there are none, for one could block another."""
-    if len(found.areas) != 1:
-        if found.areas:
-            _log.warning("%d maps: what is outside of them counts as free between start and goal", len(found.areas))
+    """The same with what stands for the outside of its maps."""
+    if not found.areas:
         return found
-    taken = set(found.world.scene.names)
-    edges = [edge for edge in found.areas[0].edges() if edge.name not in taken]
-    scene = Scene([*found.world.scene, *edges], time=found.world.scene.time)
-    world = World(scene, found.world.appears, found.world.vanishes)
+    world = joined([SceneFile(World(Scene(outside_of(found.areas))))], found.world).world
     return SceneFile(world, found.held, found.areas, found.assumed_height)

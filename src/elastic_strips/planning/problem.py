@@ -30,6 +30,7 @@ from .leaving import MOST_DEPTH
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
 _FAR = 200.0  # [m] a warning is logged for a goal farther away
+_ENDLESS = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
 _HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
 _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
@@ -267,7 +268,7 @@ class Near:
         clearance = float(getattr(params, self.bound))
         if self.distance < 0:
             slight = self.what == "start" and -self.distance < MOST_DEPTH
-            way = "; start_depth=… [m] has a start left that touches by so much (--start-depth)" if slight else ""
+            way = "; start_depth=… [m] of plan has such a start left (run --start-depth)" if slight else ""
             raise ConfigurationError(
                 f"{self.what} is in collision: {self.one!r} is {-self.distance * 1000:.1f} mm deep in {self.two!r}{way}"
             )
@@ -335,6 +336,8 @@ def _warn_of_size(scene: Scene) -> None:
         k = int(np.argmax(np.where(huge, size.max(axis=1), 0.0)))
         x, y, z = size[k]
         name = scene.names[int(table.obstacle_index[k])]
+        if name.startswith("outside-of-map"):  # it is made so, and is the largest there is
+            return
         _warn_once(f"obstacle {name!r} is {x:.6g} m × {y:.6g} m × {z:.6g} m large: lengths are in metres")
 
 
@@ -383,7 +386,7 @@ class Region:
         outer, height = np.max(postures, axis=0)
         table = scene.table
         low, high = table.center - table.half_extents, table.center + table.half_extents
-        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR)
+        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR) & ((high - low).max(axis=1, initial=0.0) < _ENDLESS)
         least, room = max(_LEAST, outer + _ROOM), outer + _ROOM
         corners = np.vstack(
             (self.endpoints - least, self.endpoints + least, low[counts, :2] - room, high[counts, :2] + room)

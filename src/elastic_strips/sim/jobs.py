@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeVar, cast
 
 from elastic_strips._version import __version__
 from elastic_strips.errors import ElasticStripsError, ParameterError, missing_extra
+from elastic_strips.files import command_files, inputs_read, note_input
 from elastic_strips.validation import check_count, check_type, shown
 
 _LOG = logging.getLogger(__name__)
@@ -121,7 +122,7 @@ def run_jobs(
     waiting: deque[int] = deque(range(len(tasks)))
     suspects: deque[int] = deque()  # were on their way when a process ended: one of them may have been the reason
     alone: set[int] = set()  # suspects that run again, without others beside them
-    running: dict[Future[_Made], int] = {}
+    running: dict[Future[tuple[_Made, list[str]]], int] = {}
     try:
         while waiting or suspects or running:
             most = 1 if suspects or any(k in alone for k in running.values()) else 2 * count
@@ -144,8 +145,13 @@ def run_jobs(
             for future in done:
                 k = running.pop(future)
                 error = future.exception()
-                if not isinstance(error, BrokenProcessPool):
-                    yield Finished(k, None if error else future.result(), error)
+                if error is None:
+                    made, read = future.result()
+                    for name in read:
+                        note_input(name)
+                    yield Finished(k, made)
+                elif not isinstance(error, BrokenProcessPool):
+                    yield Finished(k, error=error)
                 elif k in alone:
                     yield Finished(
                         k, error=WorkerDied("the process of the job ended: crashed, killed or out of memory")
@@ -170,11 +176,11 @@ class _LocalPool:
     def _made(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._count, mp_context=self._context, initializer=_enter, initargs=(self._reader,))
 
-    def submit(self, work: Callable[[_Task], _Made], task: _Task) -> Future[_Made]:
+    def submit(self, work: Callable[[_Task], _Made], task: _Task) -> Future[tuple[_Made, list[str]]]:
         """Begin a job. Processes that are started for it leave Ctrl-C to this one, from their first moment on."""
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it
         try:
-            return self._executor.submit(work, task)
+            return self._executor.submit(_noted, work, task)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -193,6 +199,12 @@ class _LocalPool:
         self._writer.close()
         self._executor.shutdown(wait=True, cancel_futures=True)
         self._reader.close()
+
+
+def _noted(work: Callable[[_Task], _Made], task: _Task) -> tuple[_Made, list[str]]:
+    """What a job made, and the files that it read, which the command must not overwrite."""
+    with command_files():
+        return work(task), inputs_read()
 
 
 def _enter(alive: Connection) -> None:

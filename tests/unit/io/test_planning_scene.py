@@ -114,6 +114,36 @@ def test_what_cannot_be_held_is_refused(tmp_path, panda):
         read_planning_scene(write(tmp_path, attached=(held("gripper", link_name="gripper"),))).held_by(panda)
 
 
+def test_what_is_held_is_not_in_the_world_as_well(tmp_path):
+    """As MoveIt has it, which takes an object of that name out of the world."""
+    bar = {**held()["object"], "header": {"frame_id": "world"}, "pose": pose(3.0)}
+    message = read_planning_scene(write(tmp_path, bar, box("table"), attached=(held(),)))
+    assert message.scene.names == ("table",)
+    assert [thing.name for thing in message.attached] == ["bar"]
+
+
+@pytest.mark.parametrize("operation", [1, "\x01", 3])
+def test_what_is_let_go_of_is_not_held(tmp_path, operation):
+    thing = {**held()["object"], "operation": operation}
+    with pytest.raises(SceneError, match="bar"):
+        read_planning_scene(write(tmp_path, attached=(held(object=thing),)))
+
+
+def test_a_scene_in_a_frame_of_the_robot_stands_where_that_is(tmp_path, panda):
+    """A frame that moves with the robot is not the world: it is where the robot stood, or is refused, or is said."""
+    q = panda.home()
+    T = panda.frame_pose(q, "panda_hand")
+    path = write(tmp_path, box("a", "panda_hand", pose(z=0.3)), attached=(held("panda_link0"),), state={})
+    with pytest.raises(SceneError, match="panda_hand"):
+        read_scene(path, robot=panda)
+    found = read_scene_file(path, robot=panda, q=q)
+    np.testing.assert_allclose(found.world.scene.obstacle("a").pose[:3, 3], (T @ [0, 0, 0.3, 1])[:3], atol=1e-9)
+    said = read_scene(path, robot=panda, options={"at": (1.0, 2.0, 3.0)})
+    np.testing.assert_allclose(said.obstacle("a").pose[:3, 3], [1, 2, 3.3], atol=1e-9)
+    rooted = read_scene(write(tmp_path, box("a", "panda_link0", pose(1.0))), robot=panda)
+    np.testing.assert_allclose(rooted.obstacle("a").pose[:3, 3], [1, 0, 0], atol=1e-9)
+
+
 def test_frames_that_hang_on_each_other(tmp_path, caplog):
     """On a transform that is listed later, on an object, on a subframe of one; an unknown one is refused."""
     frames = [transform("shelf", "bin", 10.0), transform("map", "shelf", 100.0)]
@@ -168,6 +198,11 @@ def test_what_is_not_taken_over_is_said(tmp_path, caplog):
     for what in ("floor", "is_diff", "1 colours", "0.02", "surprise"):
         assert what in caplog.text
     assert "scale" not in caplog.text
+    caplog.clear()
+    usual = {"default_entry_names": ["lamp"], "default_entry_values": [True]}
+    with caplog.at_level(logging.WARNING):
+        read_scene(write(tmp_path, box("lamp"), allowed_collision_matrix=usual))
+    assert "lamp" in caplog.text
 
 
 def test_the_answer_of_a_service_and_a_world_alone(tmp_path):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import elastic_strips as es
+from elastic_strips.collision import prove
 from elastic_strips.errors import ScenarioError, SceneError
 from elastic_strips.io import (
     PointCloud,
@@ -22,7 +25,7 @@ from elastic_strips.io import (
     read_world,
     without_robot,
 )
-from elastic_strips.io.nav2_map import WALL_HEIGHT
+from elastic_strips.io.nav2_map import WALL_HEIGHT, MapArea, outside_of
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.reach import highest_reach
 from elastic_strips.sim.scenarios import get_scenario
@@ -195,11 +198,90 @@ def test_a_start_or_goal_that_no_map_shows_is_refused(folder, where):
     assert read_scenario(folder / "s.yaml").scene.names == ("map",)
 
 
+def test_walls_are_as_high_as_what_the_robot_holds_gets(folder):
+    """A pole in the hand reaches over walls that are as high as the hand."""
+    placed = {"position": {"x": 0, "y": 0, "z": 1.0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    pole = {"primitives": [{"type": 1, "dimensions": [0.04, 0.04, 1.6]}], "primitive_poses": [placed]}
+    thing = {"link_name": "panda_hand", "object": {"id": "pole", "header": {"frame_id": "panda_hand"}, **pole}}
+    state = {"attached_collision_objects": [thing]}
+    (folder / "held.json").write_text(json.dumps({"robot_state": state, "world": {"collision_objects": []}}))
+    robot = es.load_robot("panda")
+    for paths in ([folder / "m.yaml", folder / "held.json"], [folder / "held.json", folder / "m.yaml"]):
+        found = read_scene_file(paths, robot=robot)
+        reach = highest_reach(found.held_by(robot))
+        assert reach > highest_reach(robot) + 0.5
+        assert top(found.world.scene) >= reach - 1e-9
+
+
 def test_two_maps_do_not_block_each_other(folder):
     (folder / "all.yaml").write_text("sources: [m.yaml, {file: m.yaml, at: [4, 0, 0]}]\n")
     found = read_scene_file(folder / "all.yaml")
-    assert found.world.scene.names == ("map", "map-2")
+    assert found.world.scene.names[:2] == ("map", "map-2")
     assert found.outside([(0, 0), (5, 0), (7, 0), (0, 2.1)]).tolist() == [2, 3]
+    assert not inside(found.world.scene, [(-1, 0, 1), (2, 0, 1), (4.5, 0, 1)]).any()
+
+
+def inside(scene: es.Scene, points) -> np.ndarray:
+    """Which points [m] are in something, by Coal."""
+    table, found = scene.table, np.zeros(len(points), dtype=bool)
+    for part, R, at in zip(table.parts, table.rotation, table.translation, strict=True):
+        for shape, shift in part.boxes if part.geometry is None else [(part.geometry, np.zeros(3))]:
+            here = coal.Transform3s(np.asarray(R), at + R @ np.asarray(shift))
+            for k, point in enumerate(np.asarray(points, dtype=float)):
+                there = coal.Transform3s(np.eye(3), point)
+                found[k] |= (
+                    coal.collide(shape, here, coal.Sphere(1e-6), there, coal.CollisionRequest(), coal.CollisionResult())
+                    > 0
+                )
+    return found
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_what_no_map_shows_is_filled_near_and_far(count):
+    """Points anywhere are in one of the obstacles exactly where they are on no map; robots stay within 10 km."""
+    rng = np.random.default_rng(count)
+    areas = []
+    for _ in range(count):
+        pose = np.eye(4)
+        angle = rng.uniform(-4.0, 4.0)
+        pose[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+        pose[:2, 3] = rng.uniform(-8.0, 8.0, 2) + 1000.0 * rng.integers(0, 2)
+        areas.append(MapArea(pose, rng.uniform(3.0, 30.0, 2), 0.0, 2.0))
+    scene = es.Scene(outside_of(areas))
+    near = areas[0].T_world_map[:2, 3] + rng.uniform(-40.0, 40.0, (150, 2))
+    xy = np.vstack((near, rng.uniform(-1e4, 1e4, (40, 2))))
+    held = np.any([area.holds(xy) for area in areas], axis=0)
+    clear = np.all([~edge_of(area, xy) for area in areas], axis=0)
+    found = inside(scene, np.column_stack((xy, rng.uniform(0.1, 1.9, len(xy)))))
+    assert (found[clear] == ~held[clear]).all()
+    assert held[clear].any()
+
+
+def edge_of(area: MapArea, xy: np.ndarray) -> np.ndarray:
+    """Which points are within 2 cm of its edge: gaps of 1 cm between maps are filled, or not."""
+    local = (xy - area.T_world_map[:2, 3]) @ area.T_world_map[:2, :2]
+    return np.abs(np.column_stack((local, local - area.size))).min(axis=1) < 0.02
+
+
+@pytest.mark.parametrize("at", [(30.0, 0.0), (4.5, 0.0), (-9000.0, 4000.0)])
+@pytest.mark.parametrize("kept", [["m.yaml"], ["m.yaml", "far.yaml"]])
+def test_a_path_that_is_nowhere_on_a_map_is_not_certified(folder, at, kept):
+    """Of the scene alone, too; between two maps that do not touch; and there is no proof of it."""
+    (folder / "far.yaml").write_text("sources: [{file: m.yaml, at: [20, 0, 0]}]\n")
+    robot = es.load_robot("jackal-box")
+    scene = read_scene([folder / name for name in kept], robot=robot)
+    (x, y), still = at, es.certify(robot, scene, [robot.home(-0.9, 0.0, 0.0), robot.home(-0.6, 0.0, 0.0)])
+    assert still.certified
+    path = [robot.home(x, y, 0.0), robot.home(x + 0.4, y, 0.0)]
+    assert not es.certify(robot, scene, path).certified
+    assert prove(robot, scene, path) is None
+
+
+def test_a_name_that_an_edge_has_is_no_reason_to_leave_it_out(folder):
+    post = "{shape: sphere, name: outside-of-map-left, radius: 0.1, at: [0, 0, 1]}"
+    (folder / "all.yaml").write_text(f"sources: [m.yaml]\nobstacles: [{post}]\n")
+    scene = read_scene(folder / "all.yaml")
+    assert inside(scene, [(0, 0, 1), (-2.5, 0, 1), (5, 0, 1), (0, -3, 1), (0, 3, 1)]).all()
 
 
 # Octrees

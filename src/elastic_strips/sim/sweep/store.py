@@ -19,7 +19,7 @@ from typing import Any
 from elastic_strips._version import __version__
 from elastic_strips.arrays import Document
 from elastic_strips.errors import InputError, missing_extra, nearest_name
-from elastic_strips.files import atomic_write, check_writable, read_input
+from elastic_strips.files import atomic_write, check_writable, read_input, refuse_input
 from elastic_strips.sim.jobs import run_jobs
 from elastic_strips.validation import check_type, shown
 
@@ -150,6 +150,7 @@ class SweepStore:
                 f"{self.path}: is there, but the journal of its sweep ({self.journal.name}) is not; it would be "
                 "overwritten: give another name, or remove it"
             )
+        refuse_input(self.journal)
         while True:
             try:
                 stream = os.open(self.journal, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
