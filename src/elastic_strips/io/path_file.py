@@ -119,10 +119,11 @@ def load_path(
         starts_at = check_number("starts_at", starts_at, low=-1e9, high=1e9, unit="s")
     ignore = (ignore,) if isinstance(ignore, str) else tuple(ignore)
     if suffix == ".json":
-        table = message_table([load_json(file, what="path file", error=ConfigurationError)], source)
+        root = load_json(file, what="path file", error=ConfigurationError)
+        table, ignore = message_table([root], source, ignore)
     elif suffix in (".yaml", ".yml"):
         text = read_input_text(file, "path file", MAX_JSON_BYTES, ConfigurationError)
-        table = message_table(parse_documents(text, source), source)
+        table, ignore = message_table(parse_documents(text, source), source, ignore)
     elif suffix in (".npz", ".npy"):
         table, ignore = _arrays(file, robot, source, ignore)
     else:
