@@ -19,15 +19,19 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import PathTable, heading_of, of_something_else
+from .path_table import PathTable, heading_of, of_something_else, words_of
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
 _BASE_JOINT = re.compile(r"(?:.*[_/])?(?:base|world|virtual|planar|odom|position|mobile|root|map)\w*(?:/\w*)?", re.I)
 _WORLDS = ("", "world", "map", "odom", "odom_combined")
 """Frames of a base's poses that are taken for the world."""
-_UNREAD = ("poses", "position", "positions", "transforms", "waypoints", "path", "states")
-"""Keys of lists that say where something is; what else a message has is of no path."""
+_UNREAD = {
+    "poses", "pose", "position", "positions", "transforms", "waypoints", "path", "states", "base", "odom", "odometry",
+    "gripper",
+}  # fmt: skip
+"""Words in keys of what says where something is; what else a message has is of no path."""
+_SHAPES = {"primitive", "mesh", "plane", "subframe", "constraint"}
 _JOIN = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
 _MOST_DOCUMENTS = 100
 
@@ -157,6 +161,7 @@ def message_table(roots: list[Node], source: Source, ignore: Collection[str] = (
         lambda k: (nodes[k].key or "the document", nodes[k].line),
         np.array(times) if timed else None,
         from_start=True,
+        metres=True,
         stamp=trajectories[0].stamp,
         start=frozenset(names) - {name for part in trajectories for name in part.names},
         notes=tuple(dict.fromkeys(notes)),
@@ -218,20 +223,24 @@ def _look(root: Node, found: _Found) -> None:
             for key, entry in reversed(entries.items()):
                 if key in used or not isinstance(entry.value, (list, dict)):
                     continue
-                if key in _UNREAD and isinstance(entry.value, list) and _is_told(entry.value):
+                told = set(words_of(key)) & _UNREAD and not set(words_of(key)) & _SHAPES and not of_something_else(key)
+                if told and _is_told(entry.value):
                     found.unread.append(entry)
                 else:
                     todo.append(entry)
 
 
-def _is_told(values: list[object]) -> bool:
-    """Whether a list has numbers, or poses."""
-    return (
-        any(isinstance(value, (int, float)) for value in values)
-        or any(
-            isinstance(value, dict) and bool({"pose", "position", "translation", "x"} & set(value)) for value in values
-        )
-        or any(isinstance(value, list) and any(isinstance(v, (int, float)) for v in value) for value in values)
+def _is_told(value: list[object] | dict[str, object]) -> bool:
+    """Whether a value is a place that is not 0, or a list of places or numbers."""
+    if isinstance(value, dict):
+        inner = value.get("pose", value)
+        place = inner.get("position", inner) if isinstance(inner, dict) else None
+        return isinstance(place, dict) and {"x", "y"} <= set(place) and any(place.values())
+    return any(
+        isinstance(entry, (int, float))
+        or (isinstance(entry, dict) and bool({"pose", "position", "translation", "x"} & set(entry)))
+        or (isinstance(entry, list) and any(isinstance(number, (int, float)) for number in entry))
+        for entry in value
     )
 
 

@@ -22,15 +22,19 @@ from .nodes import Source
 
 Angles = Literal["rad", "deg"]
 TIMES = (
-    "time", "times", "t", "ts", "time_from_start", "seconds", "sec", "timestamp", "stamp", "elapsed", "elapsed_time",
+    "time", "times", "t", "ts", "time_from_start", "seconds", "sec", "secs", "timestamp", "stamp", "elapsed",
+    "elapsed_time",
 )  # fmt: skip
 _UNIT_LENGTH = 1e-3  # by which a quaternion's length may be off: files round to three digits
+_CLOCKS = ("nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds")
+_OF_CLOCKS = {"header", "ros", "sim", "wall", "stamp", "time", "log", "recording", "rec", "elapsed", "unix", "field"}
 MAX_ANGLE = 1e4
 """Largest yaw, or value of a joint without limits [rad]."""
 _MAX_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
 _NOW = 1e-9  # [s]
 _TURNS = 4.0 * np.pi  # [rad] what turns farther, of a file that names no unit, may be in degrees
-_BASE = ("x", "y", "yaw")
+_WIDE = 500.0  # [m] what goes farther, of a file that names no unit, may be in millimetres
+BASE_NAMES = ("x", "y", "yaw")
 _COORDINATES = {
     **dict.fromkeys(("x", "px", "tx"), 0), **dict.fromkeys(("y", "py", "ty"), 1),
     **dict.fromkeys(("yaw", "theta", "heading", "th", "t", "phi", "psi", "rz", "orientation"), 2),
@@ -84,6 +88,7 @@ class PathTable:
         times: (N,) [s], or None.
         units: (C,) units of the columns that a line below the names has; empty where there is none.
         from_start: whether times are counted from where the robot sets off, as in a JointTrajectory.
+        metres: whether lengths are in metres, as in messages of ROS.
         stamp: when it sets off, in the file's own time [s].
         start: names of which the file has the start state alone.
         notes, doubts, time_doubts: what the reader has to say, as of ``PathFile``.
@@ -96,6 +101,7 @@ class PathTable:
     times: Array | None = None
     units: tuple[str, ...] = ()
     from_start: bool = False
+    metres: bool = False
     stamp: float = 0.0
     start: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
@@ -271,12 +277,12 @@ def _place_base(
         if not open_:
             table.source.fail(f"places the base itself; base_at={tuple(base_at)} (--base-at) is one place too many")
         placed.coordinates[:, open_] = [base_at[k] for k in open_]
-        named = ", ".join(f"{_BASE[k]} = {base_at[k]:.6g}" for k in open_)
+        named = ", ".join(f"{BASE_NAMES[k]} = {base_at[k]:.6g}" for k in open_)
         placed.notes.append(f"base at {named}, as was asked")
     elif open_:
         placed.doubts.append(
-            f"the file does not say {', '.join(_BASE[k] for k in open_)} of the base, which can move: taken for 0. "
-            "Place it (--base-at X Y YAW, base_at=), or let it not move (--base fixed) where it stands at the origin"
+            f"the file does not say {', '.join(BASE_NAMES[k] for k in open_)} of the base, which can move: taken for "
+            "0. Place it (--base-at X Y YAW, base_at=), or let it not move (--base fixed) where it stands at the origin"
         )
 
 
@@ -307,7 +313,7 @@ def _identified(table: PathTable, robot: RobotModel, ignore: Collection[str]) ->
                 column = _Column(k, name, "joint", unit, joints[stem])
             elif stem in robot.locked or stem in robot.followers:
                 column = _Column(k, stem, "held", unit)
-            elif stem.lower() in TIMES:
+            elif is_time(stem):
                 column = _Column(k, name, "time", unit)
             else:
                 said = _pose(stem)
@@ -333,6 +339,15 @@ def _identified(table: PathTable, robot: RobotModel, ignore: Collection[str]) ->
     return sorted(found, key=lambda c: c.index)
 
 
+def is_time(stem: str) -> bool:
+    """Whether a name is that of times: ``t``, ``header.stamp``, ``sim_time``."""
+    words = words_of(stem)
+    if stem.lower() in TIMES or (len(words) == 1 and words[0] in _CLOCKS):
+        return True
+    last = ("time", "stamp", "timestamp", "sec", "secs", *_CLOCKS)
+    return len(words) > 1 and words[-1] in last and set(words[:-1]) <= _OF_CLOCKS
+
+
 def is_unit(text: str) -> bool:
     """Whether a cell below a name is a unit that is known."""
     return text.strip().strip("[]()").strip().lower() in _UNITS
@@ -344,14 +359,14 @@ def known_name(name: str, robot: RobotModel) -> bool:
     return any(stem in own or _pose(stem) for stem, _ in _readings(_clean(name)))
 
 
-def _words(name: str) -> list[str]:
+def words_of(name: str) -> list[str]:
     """A name's words: ``robot1/baseX`` has robot1, base and x."""
     return [word.lower() for word in _WORDS.findall(name)]
 
 
 def _pose(stem: str) -> tuple[str, int] | None:
     """Whose coordinate a name says, and which; None where it is no coordinate of a pose."""
-    words = _words(stem)
+    words = words_of(stem)
     if len(words) == 2 and words[0] in _COORDINATES and words[1] == "base":
         words.reverse()
     while len(words) > 1 and words[-1] in ("joint", "axis"):
@@ -368,7 +383,7 @@ def _pose(stem: str) -> tuple[str, int] | None:
 
 def _quaternion(name: str) -> tuple[str, str] | None:
     """Whose quaternion a name says, and which of x, y, z and w of it."""
-    words = _words(name)
+    words = words_of(name)
     last = words[-1] if words else ""
     if not (last in ("qx", "qy", "qz", "qw") or (len(last) == 1 and last in "xyzw" and _TURNS_OF & set(words))):
         return None
@@ -425,10 +440,10 @@ def _namesake(name: str, joints: Collection[str]) -> str:
 
     Empty where there is none.
     """
-    words = _words(name)
+    words = words_of(name)
     best = ""
     for joint in joints:
-        own = _words(joint)
+        own = words_of(joint)
         within = any(words[k : k + len(own)] == own for k in range(len(words) - len(own) + 1))
         ending = len(words) < len(own) and own[-len(words) :] == words
         if words and own and (within or ending) and len(joint) > len(best):
@@ -436,9 +451,15 @@ def _namesake(name: str, joints: Collection[str]) -> str:
     return best
 
 
+def of_base(name: str) -> bool:
+    """Whether a name is made of the words by which bases go."""
+    words = set(words_of(name))
+    return bool(words) and words <= _OF_BASES
+
+
 def of_something_else(name: str) -> bool:
     """Whether a name says that it is of a goal, a tool, an object …, and so not of the base."""
-    return bool(set(_words(name)) & _OF_OTHERS)
+    return bool(set(words_of(name)) & _OF_OTHERS)
 
 
 def _clean(name: str) -> str:
@@ -482,7 +503,7 @@ def _base_columns(table: PathTable, poses: list[tuple[_Column, str, int]], plana
             same = np.abs(table.rows[:, column.index] - table.rows[:, other.index]).max(initial=0.0) <= LIMIT_TOLERANCE
             if not same or column.unit != other.unit:
                 table.source.fail(
-                    f"names a joint twice: {_BASE[number]} of the base is in the columns {other.name!r} and "
+                    f"names a joint twice: {BASE_NAMES[number]} of the base is in the columns {other.name!r} and "
                     f"{column.name!r}, which differ; one of them can be left out (ignore=, --ignore)"
                 )
     return [*out, *first.values()]
@@ -520,13 +541,33 @@ def _factor(table: PathTable, column: _Column, of: str, angles: Angles | None = 
 
 def _clock(table: PathTable, columns: list[_Column], placed: PlacedPath) -> None:
     """Times from their column, where the reader has found none."""
-    clock = next((c for c in columns if c.kind == "time"), None)
-    if clock is None or placed.times is not None:
-        return
     assert table.names is not None
-    placed.from_start = "from_start" in clock.name.lower()
-    nanoseconds = clock.unit is None and str(table.names[clock.index]).strip().startswith("%")  # rostopic echo -p
-    placed.times = table.rows[:, clock.index] * (1e-9 if nanoseconds else _factor(table, clock, "time"))
+    clocks = [(_split(c.name), c, table.rows[:, c.index]) for c in columns if c.kind == "time"]
+    parts = {of: (column, values) for (of, fine), column, values in clocks if fine}
+    found: list[tuple[_Column, Array]] = []
+    for (of, fine), column, values in clocks:
+        if fine and any(of == whole for (whole, other), _, _ in clocks if not other):
+            continue  # it belongs to the seconds beside it
+        plain = column.unit is None and str(table.names[column.index]).strip().startswith("%")  # rostopic echo -p
+        factor = 1e-9 if fine or plain else _factor(table, column, "time")
+        more = parts[of][1] * 1e-9 if of in parts and not fine else 0.0
+        found.append((column, values * factor + more))
+    if not found:
+        return
+    if placed.times is None:
+        placed.from_start = "from_start" in found[0][0].name.lower()
+        placed.times = found[0][1]
+    since = placed.times - placed.times[0]
+    for column, times in found:
+        if np.abs(times - times[0] - since).max() > 1e-3:
+            placed.time_doubts.append(f"the times of {column.name} go otherwise than those of {found[0][0].name}")
+
+
+def _split(name: str) -> tuple[str, bool]:
+    """What a column of times is of; and whether it has the nanoseconds of those alone."""
+    words = words_of(name)
+    fine = words[-1] in _CLOCKS
+    return " ".join(words[:-1] if fine or words[-1] in ("sec", "secs") else words), fine
 
 
 def _left_out(
@@ -609,7 +650,7 @@ def _span(values: Array) -> str:
 
 
 def _said(base_at: Sequence[float]) -> str:
-    return ", ".join(f"{name} = {value:.6g}" for name, value in zip(_BASE, base_at, strict=True))
+    return ", ".join(f"{name} = {value:.6g}" for name, value in zip(BASE_NAMES, base_at, strict=True))
 
 
 def _angular(robot: RobotModel) -> Mask:
@@ -625,8 +666,9 @@ def _check_values(
 ) -> None:
     """Values within bounds and limits; what is beyond these by what files round is taken to the limit."""
     values, space, angular = placed.coordinates, robot.space, _angular(robot)
-    names = (*_BASE[: space.base_nv], *robot.joint_names)
-    unsaid = np.array([angles is None and units.get(k) is None for k in range(space.nv)], dtype=bool)
+    names = (*BASE_NAMES[: space.base_nv], *robot.joint_names)
+    unnamed = np.array([units.get(k) is None for k in range(space.nv)], dtype=bool)
+    unsaid = unnamed & (angles is None)
     endless = np.isinf(space.upper) & angular
     for far, bound, unit in (
         (np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m"), (endless, MAX_ANGLE, "rad"),
@@ -665,6 +707,11 @@ def _check_values(
     if len(jumps):
         named = ", ".join(names[i] for i in jumps)
         placed.notes.append(f"changes by more than half a turn from one configuration to the next: {named}")
+    wide = float(np.ptp(values[:, :2], axis=0).max()) if space.planar else 0.0
+    if wide > _WIDE and not table.metres and unnamed[:2].any():
+        placed.doubts.append(
+            f"millimetres? The base goes {wide:.6g} m, and the file names no unit. Name it (x_m, y_m or x_mm, y_mm)"
+        )
     turning = [names[i] for i in np.flatnonzero(endless & unsaid) if np.abs(values[:, i]).max() > _TURNS]
     if turning:
         placed.doubts.append(
