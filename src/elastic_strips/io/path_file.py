@@ -46,6 +46,7 @@ from .path_table import (
     is_unit,
     known_name,
     of_base,
+    of_robot,
     place_table,
 )
 
@@ -209,7 +210,7 @@ def _arrays(
             rows = _numbers(arrays[name], source)
             when = next((n for n in TIMES if n in arrays), None)
             times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
-            named = _names_of(arrays, rows.shape, source)
+            named = _names_of(arrays, rows.shape, robot, source)
             names = None if named is None else tuple(str(n) for n in arrays[named].reshape(-1))
             rows = _upright(rows, len(names) if names is not None else robot.nv, times)
             doubts, beside = [], {}
@@ -233,22 +234,31 @@ def _arrays(
     if names is None and beside and rows.shape[1] == robot.nv:
         names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
         notes = (*notes, "columns without names: taken in the robot's order")
-    if names is not None:  # one number for each configuration is one column more
-        names, rows = (*names, *beside), np.column_stack((rows, *beside.values()))
-    elif beside:
-        changing = [other for other, values in beside.items() if np.ptp(values) > LIMIT_TOLERANCE]
-        doubts += [f"the array {other} changes and is left out, for the path is {name}" for other in changing]
+    if names is not None and len(names) == rows.shape[1]:  # one number for each configuration is one column more
+        columns = dict(zip(names, rows.T, strict=True))
+        for other, values in beside.items():
+            if other not in columns or np.abs(values - columns[other]).max() > LIMIT_TOLERANCE:
+                names, rows = (*names, other), np.column_stack((rows, values))
+    elif names is None:
+        doubts += [
+            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, for the path is {name}"
+            for other, values in beside.items()
+            if np.ptp(values) > LIMIT_TOLERANCE or (of_robot(other, robot) and bool(values.any()))
+        ]
     table = PathTable(
         source, names, rows, _row, times, from_start=when == "time_from_start", notes=notes, doubts=tuple(doubts)
     )
     return table, tuple(each for each in ignore if each not in asked)
 
 
-def _names_of(arrays: NpzArrays, shape: tuple[int, ...], source: Source) -> str | None:
+def _names_of(arrays: NpzArrays, shape: tuple[int, ...], robot: RobotModel, source: Source) -> str | None:
     """The array of names: that called so, or the only one of texts that has one for each column."""
     if "joint_names" in arrays:
         return "joint_names"
-    found = [n for n in arrays if arrays[n].dtype.kind == "U" and arrays[n].size > 1 and arrays[n].size in shape]
+    texts = {n: arrays[n] for n in arrays if arrays[n].dtype.kind == "U" and arrays[n].size in shape}
+    found = [
+        n for n, names in texts.items() if names.size == shape[1] or any(known_name(str(t), robot) for t in names.flat)
+    ]
     if len(found) > 1:
         source.fail(f"has several arrays of names: {', '.join(sorted(found))}; call the columns' joint_names")
     return found[0] if found else None

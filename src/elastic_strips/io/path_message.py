@@ -31,7 +31,7 @@ _UNREAD = {
     "gripper",
 }  # fmt: skip
 """Words in keys of what says where something is; what else a message has is of no path."""
-_SHAPES = {"primitive", "mesh", "plane", "subframe", "constraint"}
+_SHAPES = {"primitive", "mesh", "plane", "subframe", "constraint", "constraints"}
 _JOIN = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
 _MOST_DOCUMENTS = 100
 
@@ -221,10 +221,11 @@ def _look(root: Node, found: _Found) -> None:
                     if key in entries and isinstance(entries[key].value, dict):
                         found.parts += _robot_state(entries[key])
             for key, entry in reversed(entries.items()):
-                if key in used or not isinstance(entry.value, (list, dict)):
+                words = set(words_of(key))
+                if key in used or not isinstance(entry.value, (list, dict)) or words & _SHAPES:
                     continue
-                told = set(words_of(key)) & _UNREAD and not set(words_of(key)) & _SHAPES and not of_something_else(key)
-                if told and _is_told(entry.value):
+                mine = "gripper" in words or not of_something_else(key)
+                if words & _UNREAD and mine and _is_told(entry.value):
                     found.unread.append(entry)
                 else:
                     todo.append(entry)

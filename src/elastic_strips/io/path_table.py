@@ -44,7 +44,7 @@ _COORDINATES = {
 _TURNS_OF = {"orientation", "rot", "rotation", "quaternion", "quat"}
 _FILLERS = {*_TURNS_OF, "position", "pos", "trans", "translation", "joint", "axis"}
 """What a coordinate's name may have beside that of whose it is."""
-_NAME = re.compile(r"[\w/.:\[\]\s~%-]+", re.ASCII)  # else it has a unit, or what is not known
+_NAME = re.compile(r"[\w/.:\s~%][\w/.:\[\]\s~%-]*", re.ASCII)  # else it has a unit, or what is not known
 _WORDS = re.compile(r"[A-Z]?[a-z]+\d*|[A-Z]+\d*(?![a-z])|\d+")
 _OF_BASES = {
     "base", "odom", "odometry", "position", "pos", "world", "virtual", "planar", "mobile", "root", "robot", "map",
@@ -411,7 +411,7 @@ def _headed(table: PathTable, ignore: Collection[str]) -> PathTable:
         kept = [k for k in range(len(table.names)) if k not in at.values()]
         table = replace(
             table,
-            names=(*(table.names[k] for k in kept), f"{whose} yaw".strip()),
+            names=(*(table.names[k] for k in kept), f"{whose} orientation yaw".strip()),
             units=(*(table.units[k] for k in kept), "rad") if len(table.units) == len(table.names) else table.units,
             rows=np.column_stack((table.rows[:, kept], np.unwrap(yaw))),
         )
@@ -449,6 +449,13 @@ def _namesake(name: str, joints: Collection[str]) -> str:
         if words and own and (within or ending) and len(joint) > len(best):
             best = joint
     return best
+
+
+def of_robot(name: str, robot: RobotModel) -> bool:
+    """Whether a name may be that of a joint of the robot, or of its base."""
+    found = _pose(name)
+    own = {*robot.joint_names, *robot.locked, *robot.followers}
+    return bool(_namesake(name, own)) or (found is not None and set(found[0].split()) <= _OF_BASES)
 
 
 def of_base(name: str) -> bool:
