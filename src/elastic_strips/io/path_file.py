@@ -113,7 +113,7 @@ def load_path(
         base_at: where the base stands, x, y [m], yaw [rad], of what the file does not say.
         angles: unit of angles where the file names none: ``"rad"`` or ``"deg"``; None: radians, with a doubt where
             they turn by more than two turns.
-        ignore: names of columns that do not matter.
+        ignore: names of columns, of arrays (NPZ), of keys (messages) that do not matter.
         starts_at: when the first configuration is reached [s], in the scene's time; the others follow as in the file.
 
     Raises:

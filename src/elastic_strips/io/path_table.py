@@ -398,25 +398,26 @@ def _headed(table: PathTable, ignore: Collection[str]) -> PathTable:
         found = _quaternion(_clean(name))
         if found is not None and _clean(name) not in ignore:
             parts.setdefault(found[0], {}).setdefault(found[1], k)
-    for whose, at in parts.items():
-        if not {"z", "w"} <= set(at) or set(whose.split()) & _OF_OTHERS:
-            continue
+    parts = {p: at for p, at in parts.items() if {"z", "w"} <= set(at) and not set(p.split()) & _OF_OTHERS}
+    if not parts:
+        return table
+    yaws = np.empty((len(table.rows), len(parts)))
+    for column, at in zip(yaws.T, parts.values(), strict=True):
         turns = np.column_stack([table.rows[:, at[k]] if k in at else np.zeros(len(table.rows)) for k in "xyzw"])
-        yaw = np.empty(len(turns))
         for row, turn in enumerate(turns):
             try:
-                yaw[row] = heading_of(turn)
+                column[row] = heading_of(turn)
             except ConfigurationError as problem:
-                table.fail(row, str(problem))
-        kept = [k for k in range(len(table.names)) if k not in at.values()]
-        table = replace(
-            table,
-            names=(*(table.names[k] for k in kept), f"{whose} orientation yaw".strip()),
-            units=(*(table.units[k] for k in kept), "rad") if len(table.units) == len(table.names) else table.units,
-            rows=np.column_stack((table.rows[:, kept], np.unwrap(yaw))),
-        )
-        return _headed(table, ignore)
-    return table
+                table.fail(row, f"{table.names[at['w']]}: {problem}")
+    gone = {k for at in parts.values() for k in at.values()}
+    kept = [k for k in range(len(table.names)) if k not in gone]
+    named = len(table.units) == len(table.names)
+    return replace(
+        table,
+        names=(*(table.names[k] for k in kept), *(f"{whose} orientation yaw".strip() for whose in parts)),
+        units=(*(table.units[k] for k in kept), *("rad" for _ in parts)) if named else table.units,
+        rows=np.column_stack((table.rows[:, kept], np.unwrap(yaws, axis=0))),
+    )
 
 
 def heading_of(turn: Array) -> float:
