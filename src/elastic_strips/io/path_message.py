@@ -19,7 +19,7 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import PathTable, heading_of, of_something_else, words_of
+from .path_table import MAX_NAME, PathTable, heading_of, of_something_else, words_of
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
@@ -290,6 +290,9 @@ def _names(node: Node) -> list[str]:
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
         node["joint_names"].fail(f"names a joint twice: {', '.join(twice)[:200]}")
+    longest = max(names, key=len, default="")
+    if len(longest) > MAX_NAME:
+        node["joint_names"].fail(f"has a name of {len(longest)} characters; at most {MAX_NAME} are read")
     return names
 
 

@@ -28,6 +28,7 @@ TIMES = (
 _UNIT_LENGTH = 1e-3  # by which a quaternion's length may be off: files round to three digits
 _CLOCKS = ("nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds")
 _OF_CLOCKS = {"header", "ros", "sim", "wall", "stamp", "time", "log", "recording", "rec", "elapsed", "unix", "field"}
+MAX_NAME = 300  # characters
 MAX_ANGLE = 1e4
 """Largest yaw, or value of a joint without limits [rad]."""
 _MAX_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
@@ -171,6 +172,9 @@ def place_table(
         table.source.fail(f"has {table.rows.shape[1]} columns for {len(table.names)} names")
     if base_at is not None:
         base_at = _checked_base(robot, base_at)
+    longest = max(table.names or ("",), key=len)
+    if len(longest) > MAX_NAME:
+        table.source.fail(f"has a name of {len(longest)} characters, {longest[:40]}…; at most {MAX_NAME} are read")
     if table.names is not None:
         table = _headed(table, ignore)
     said = (list(table.notes), list(table.doubts), list(table.time_doubts))
@@ -477,7 +481,7 @@ def _clean(name: str) -> str:
 def _readings(name: str) -> list[tuple[str, str | None]]:
     """A name as it stands, and without the unit at its end."""
     readings: list[tuple[str, str | None]] = [(name, None)]
-    for pattern in (_BRACKETS, _SUFFIX):
+    for pattern in (_BRACKETS, _SUFFIX) if len(name) <= MAX_NAME else ():  # they take long where there is much
         match = pattern.fullmatch(name)
         if match is not None and match["stem"].strip():
             readings.append((match["stem"].strip(), match["unit"].strip()))
