@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     "--angles", type=click.Choice(["rad", "deg"]),
     help="Unit of the path's angles where it names none; radians by default.",
 )  # fmt: skip
-@click.option("--ignore", multiple=True, metavar="NAME", help="A column that does not matter. May be given again.")
+@click.option("--ignore", multiple=True, metavar="NAME", help="A column, array or key that does not matter.")
 @click.option(
     "--starts-at", type=options.Finite(-1e9, 1e9), metavar="SECONDS",
     help="When the first configuration is reached, in the scene's time; as the path has it by default.",

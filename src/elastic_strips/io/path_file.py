@@ -37,7 +37,18 @@ from elastic_strips.validation import check_choice, check_number
 from .nodes import MAX_JSON_BYTES, Source, load_json
 from .npy_source import NpyError, NpzArrays, read_npy
 from .path_message import message_table, parse_documents
-from .path_table import TIMES, Angles, PathTable, check_times, is_unit, known_name, place_table
+from .path_table import (
+    BASE_NAMES,
+    TIMES,
+    Angles,
+    PathTable,
+    check_times,
+    is_unit,
+    known_name,
+    of_base,
+    of_robot,
+    place_table,
+)
 
 _MAX_BYTES = 50_000_000
 _MAX_ROWS = 200_000
@@ -102,7 +113,7 @@ def load_path(
         base_at: where the base stands, x, y [m], yaw [rad], of what the file does not say.
         angles: unit of angles where the file names none: ``"rad"`` or ``"deg"``; None: radians, with a doubt where
             they turn by more than two turns.
-        ignore: names of columns that do not matter.
+        ignore: names of columns, of arrays (NPZ), of keys (messages) that do not matter.
         starts_at: when the first configuration is reached [s], in the scene's time; the others follow as in the file.
 
     Raises:
@@ -119,10 +130,11 @@ def load_path(
         starts_at = check_number("starts_at", starts_at, low=-1e9, high=1e9, unit="s")
     ignore = (ignore,) if isinstance(ignore, str) else tuple(ignore)
     if suffix == ".json":
-        table = message_table([load_json(file, what="path file", error=ConfigurationError)], source)
+        root = load_json(file, what="path file", error=ConfigurationError)
+        table, ignore = message_table([root], source, ignore)
     elif suffix in (".yaml", ".yml"):
         text = read_input_text(file, "path file", MAX_JSON_BYTES, ConfigurationError)
-        table = message_table(parse_documents(text, source), source)
+        table, ignore = message_table(parse_documents(text, source), source, ignore)
     elif suffix in (".npz", ".npy"):
         table, ignore = _arrays(file, robot, source, ignore)
     else:
@@ -198,28 +210,70 @@ def _arrays(
             rows = _numbers(arrays[name], source)
             when = next((n for n in TIMES if n in arrays), None)
             times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
-            names = tuple(str(n) for n in arrays["joint_names"].reshape(-1)) if "joint_names" in arrays else None
+            named = _names_of(arrays, rows.shape, robot, source)
+            names = None if named is None else tuple(str(n) for n in arrays[named].reshape(-1))
             rows = _upright(rows, len(names) if names is not None else robot.nv, times)
-            doubts: list[str] = []
-            for other in sorted(set(arrays) - {name, when, "joint_names", *ignore} - _RATES):
+            doubts, beside = [], {}
+            for other in sorted(set(arrays) - {name, when, named, *ignore} - _RATES):
                 values = arrays[other]
-                if len(rows) in values.shape and values.dtype.kind in "fiu":
-                    along = np.moveaxis(values, values.shape.index(len(rows)), 0).astype(float)
-                    if not (np.abs(along - along[:1]) <= LIMIT_TOLERANCE).all():
-                        doubts.append(
-                            f"the array {other} changes and is left out, for the path is {name}. Say that it does not "
-                            "matter (--ignore NAME, ignore=), or make it columns of that with joint_names"
-                        )
+                if values.dtype.kind not in "fiu":
+                    continue
+                if values.size in (1, len(rows)):
+                    beside[other] = np.broadcast_to(values.reshape(-1).astype(float), len(rows))
+                elif _tells(other, values, rows):
+                    doubts.append(
+                        f"the array {other} is left out, for the path is {name}. Say that it does not matter (--ignore "
+                        "NAME, ignore=), or make it columns of that with joint_names"
+                    )
         except (NpyError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as problem:
             if isinstance(problem, ConfigurationError):
                 raise
             source.fail(f"the path file {problem}")
     asked = [each for each in ignore if each in arrays]
     notes = (f"not looked at, as was asked: {', '.join(asked)}",) if asked else ()
+    if names is None and beside and rows.shape[1] == robot.nv:
+        names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
+        notes = (*notes, "columns without names: taken in the robot's order")
+    if names is not None and len(names) == rows.shape[1]:  # one number for each configuration is one column more
+        columns = dict(zip(names, rows.T, strict=True))
+        for other, values in beside.items():
+            if other not in columns or np.abs(values - columns[other]).max() > LIMIT_TOLERANCE:
+                names, rows = (*names, other), np.column_stack((rows, values))
+    elif names is None:
+        doubts += [
+            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, for the path is {name}"
+            for other, values in beside.items()
+            if np.ptp(values) > LIMIT_TOLERANCE or (of_robot(other, robot) and bool(values.any()))
+        ]
     table = PathTable(
         source, names, rows, _row, times, from_start=when == "time_from_start", notes=notes, doubts=tuple(doubts)
     )
     return table, tuple(each for each in ignore if each not in asked)
+
+
+def _names_of(arrays: NpzArrays, shape: tuple[int, ...], robot: RobotModel, source: Source) -> str | None:
+    """The array of names: that called so, or the only one of texts that has one for each column."""
+    if "joint_names" in arrays:
+        return "joint_names"
+    texts = {n: arrays[n] for n in arrays if arrays[n].dtype.kind == "U" and arrays[n].size in shape}
+    found = [
+        n for n, names in texts.items() if names.size == shape[1] or any(known_name(str(t), robot) for t in names.flat)
+    ]
+    if len(found) > 1:
+        source.fail(f"has several arrays of names: {', '.join(sorted(found))}; call the columns' joint_names")
+    return found[0] if found else None
+
+
+def _tells(name: str, values: np.ndarray, rows: Array) -> bool:
+    """Whether an array that is left out may say where the robot is: it changes with the path, or is called so."""
+    if name in _POSITIONS:
+        return not np.array_equal(values, rows)
+    if (of_base(name) or name.lower() in ("gripper", "fingers")) and bool(np.any(values)):
+        return True
+    if len(rows) not in values.shape:
+        return False
+    along = np.moveaxis(values, values.shape.index(len(rows)), 0).astype(float)
+    return not bool((np.abs(along - along[:1]) <= LIMIT_TOLERANCE).all())
 
 
 def _upright(rows: Array, columns: int, times: Array | None) -> Array:

@@ -8,22 +8,30 @@ begin there, and says where the joints are that no trajectory names.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import NoReturn
 
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import PathTable
+from .path_table import MAX_NAME, PathTable, heading_of, of_something_else, words_of
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
 _BASE_JOINT = re.compile(r"(?:.*[_/])?(?:base|world|virtual|planar|odom|position|mobile|root|map)\w*(?:/\w*)?", re.I)
-_UNIT_LENGTH = 1e-3  # by which a quaternion's length may be off: files round to three digits
+_WORLDS = ("", "world", "map", "odom", "odom_combined")
+"""Frames of a base's poses that are taken for the world."""
+_UNREAD = {
+    "poses", "pose", "position", "positions", "transforms", "waypoints", "path", "states", "base", "odom", "odometry",
+    "gripper",
+}  # fmt: skip
+"""Words in keys of what says where something is; what else a message has is of no path."""
+_SHAPES = {"primitive", "mesh", "plane", "subframe", "constraint", "constraints"}
 _JOIN = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
 _MOST_DOCUMENTS = 100
 
@@ -43,6 +51,8 @@ class _Part:
     heading: str | None = None
     start: bool = False
     doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    stamp: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,14 +77,25 @@ def parse_documents(text: str, source: Source) -> list[Node]:
     return found or [parse_yaml("", source)]
 
 
-def message_table(roots: list[Node], source: Source) -> PathTable:
-    """All trajectories of some documents in their order.
+@dataclass(slots=True)
+class _Found:
+    """What a document has: its parts, and the lists beside them that are not read."""
+
+    parts: list[_Part] = field(default_factory=list)
+    unread: list[Node] = field(default_factory=list)
+
+
+def message_table(roots: list[Node], source: Source, ignore: Collection[str] = ()) -> tuple[PathTable, tuple[str, ...]]:
+    """All trajectories of some documents in their order; and what of ``ignore`` is no key of theirs.
 
     Raises:
         ConfigurationError: there is none, one does not begin where the one before has ended, or a pose of the base is
             not on the floor.
     """
-    parts = [part for root in roots for part in _parts(root)]
+    found = _Found()
+    for root in roots:
+        _look(root, found)
+    parts = found.parts
     trajectories = [part for part in parts if not part.start]
     if not trajectories:
         source.fail("has no JointTrajectory: a mapping with joint_names and points is needed")
@@ -84,7 +105,18 @@ def message_table(roots: list[Node], source: Source) -> PathTable:
     rows, nodes, times = [], [], []
     timed = all(part.times is not None for part in trajectories)
     clock = 0.0
+    keys = {_key(node) for node in found.unread}
+    left = tuple(name for name in ignore if name not in keys)
+    unread = [node for node in found.unread if _key(node) not in ignore]
+    if any(part.heading for part in parts):  # the same once more, as write_trajectory has it
+        unread = [node for node in unread if not _same_drive(node, parts)]
     doubts = [doubt for part in parts for doubt in part.doubts]
+    if unread:
+        shown = ", ".join(node.key for node in unread[:5])
+        doubts.append(
+            f"the file says more of where something is, which is not read: {shown}. Make it a trajectory, or say that "
+            f"it does not matter (--ignore {_key(unread[0])}, ignore=)"
+        )
     for part in parts:
         at = [column[name] for name in part.names]
         table = np.tile(now, (len(part.rows), 1))
@@ -117,18 +149,44 @@ def message_table(roots: list[Node], source: Source) -> PathTable:
         now = table[-1].copy()
     table = _filled(np.array(rows))
     several = timed and len(trajectories) > 1
-    return PathTable(
+    notes = [note for part in parts for note in part.notes]
+    if len(trajectories) > 1:
+        notes.append(f"{len(trajectories)} trajectories, one after the other")
+    if len(left) < len(tuple(ignore)):
+        notes.append(f"not looked at, as was asked: {', '.join(name for name in ignore if name not in left)}")
+    result = PathTable(
         source,
         tuple(names),
         table,
         lambda k: (nodes[k].key or "the document", nodes[k].line),
         np.array(times) if timed else None,
         from_start=True,
+        metres=True,
+        stamp=trajectories[0].stamp,
         start=frozenset(names) - {name for part in trajectories for name in part.names},
-        notes=(f"{len(trajectories)} trajectories, one after the other",) if len(trajectories) > 1 else (),
+        notes=tuple(dict.fromkeys(notes)),
         doubts=tuple(dict.fromkeys(doubts)),
         time_doubts=("the file does not say when the trajectories after the first begin",) if several else (),
     )
+    return result, left
+
+
+def _key(node: Node) -> str:
+    """The last name of a node's place."""
+    return re.sub(r"(\[\d+\])+$", "", node.key).rsplit(".", 1)[-1]
+
+
+def _same_drive(node: Node, parts: list[_Part]) -> bool:
+    """Whether a list of poses is where the trajectories have the base."""
+    driven = np.vstack([part.rows[:, :2] for part in parts if part.heading and not part.start] or [np.empty((0, 2))])
+    if _key(node) != "poses" or len(node.items()) != len(driven):
+        return False
+    for pose, (x, y) in zip(node.items(), driven.tolist(), strict=True):
+        inner = pose.mapping().get("pose", pose) if isinstance(pose.value, dict) else pose
+        at = inner.value.get("position") if isinstance(inner.value, dict) else None
+        if not isinstance(at, dict) or not (at.get("x") == x and at.get("y") == y):
+            return False
+    return True
 
 
 def _filled(table: Array) -> Array:
@@ -140,7 +198,7 @@ def _filled(table: Array) -> Array:
     return table
 
 
-def _parts(root: Node) -> Iterator[_Part]:
+def _look(root: Node, found: _Found) -> None:
     """Start states and trajectories in the order of the document; a message's start state before its trajectories."""
     todo = [root]
     while todo:
@@ -151,16 +209,40 @@ def _parts(root: Node) -> Iterator[_Part]:
             entries = node.mapping()
             halves = [entries[h] if h in entries and isinstance(entries[h].value, dict) else None for h in _HALVES]
             if any(halves):
-                yield from _robot_trajectory(node, *halves)
+                found.parts += _robot_trajectory(node, *halves)
+                used = _HALVES
             elif isinstance(node.value.get("points"), list) and "joint_names" in node.value:
                 poses = any(isinstance(p, dict) and "transforms" in p for p in node.value["points"])
-                yield from _robot_trajectory(node, *((None, node) if poses else (node, None)))
+                found.parts += _robot_trajectory(node, *((None, node) if poses else (node, None)))
+                used = ("points", "joint_names")
             else:
+                used = _STARTS
                 for key in _STARTS:
                     if key in entries and isinstance(entries[key].value, dict):
-                        yield from _robot_state(entries[key])
-                inner = [entry for key, entry in entries.items() if key not in _STARTS]
-                todo += [entry for entry in reversed(inner) if isinstance(entry.value, (list, dict))]
+                        found.parts += _robot_state(entries[key])
+            for key, entry in reversed(entries.items()):
+                words = set(words_of(key))
+                if key in used or not isinstance(entry.value, (list, dict)) or words & _SHAPES:
+                    continue
+                mine = "gripper" in words or not of_something_else(key)
+                if words & _UNREAD and mine and _is_told(entry.value):
+                    found.unread.append(entry)
+                else:
+                    todo.append(entry)
+
+
+def _is_told(value: list[object] | dict[str, object]) -> bool:
+    """Whether a value is a place that is not 0, or a list of places or numbers."""
+    if isinstance(value, dict):
+        inner = value.get("pose", value)
+        place = inner.get("position", inner) if isinstance(inner, dict) else None
+        return isinstance(place, dict) and {"x", "y"} <= set(place) and any(place.values())
+    return any(
+        isinstance(entry, (int, float))
+        or (isinstance(entry, dict) and bool({"pose", "position", "translation", "x"} & set(entry)))
+        or (isinstance(entry, list) and any(isinstance(number, (int, float)) for number in entry))
+        for entry in value
+    )
 
 
 def _robot_trajectory(node: Node, joints: Node | None, base: Node | None) -> Iterator[_Part]:
@@ -177,7 +259,10 @@ def _robot_trajectory(node: Node, joints: Node | None, base: Node | None) -> Ite
             two.nodes[k].fail(f"is at {two.times[k]:.9g} s, and the joints' point at {one.times[k]:.9g} s")
         times = two.times if one.times is None else one.times
         rows = np.hstack((two.rows, one.rows))
-        yield _Part([*two.names, *one.names], rows, times, one.nodes, node, two.heading, doubts=two.doubts)
+        yield _Part(
+            [*two.names, *one.names], rows, times, one.nodes, node, two.heading,
+            doubts=two.doubts, notes=two.notes, stamp=one.stamp or two.stamp,
+        )  # fmt: skip
     else:
         yield halves[0]
 
@@ -187,7 +272,17 @@ def _joint_part(node: Node) -> _Part | None:
     names, points = _names(node), node["points"].items()
     if not points or not names:
         return None
-    return _Part(names, np.array([p["positions"].vector(len(names)) for p in points]), _times(points), points, node)
+    rows = np.array([p["positions"].vector(len(names)) for p in points])
+    return _Part(names, rows, _times(points), points, node, stamp=_stamp(node))
+
+
+def _stamp(node: Node) -> float:
+    """Stamp of a message's header [s]; 0 where there is none."""
+    header = node.mapping().get("header")
+    stamp = header.value.get("stamp") if header is not None and isinstance(header.value, dict) else None
+    if header is None or not isinstance(stamp, (dict, int, float)) or not stamp:
+        return 0.0
+    return _seconds(header["stamp"], most=1e10)
 
 
 def _names(node: Node) -> list[str]:
@@ -195,6 +290,9 @@ def _names(node: Node) -> list[str]:
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
         node["joint_names"].fail(f"names a joint twice: {', '.join(twice)[:200]}")
+    longest = max(names, key=len, default="")
+    if len(longest) > MAX_NAME:
+        node["joint_names"].fail(f"has a name of {len(longest)} characters; at most {MAX_NAME} are read")
     return names
 
 
@@ -206,14 +304,30 @@ def _base_part(node: Node) -> _Part | None:
     names = _names(node)
     transforms = [_transforms(p["transforms"], names) for p in points]
     base = _base_of(node, names)
-    doubts = tuple(
+    doubts = [
         f"the transform of {name} changes, and {name} is not taken for the base's joint"
         for k, name in enumerate(names)
         if k != base and any(_numbers(t[k]) != _numbers(transforms[0][k]) for t in transforms)
-    )
+    ]
+    if not doubts and base is None:
+        doubts += _placed_elsewhere(transforms[0], names)
+    notes = []
+    header = node.mapping().get("header")
+    frame = header.value.get("frame_id", "") if header is not None and isinstance(header.value, dict) else ""
+    frame = str(frame or "").strip("/")
+    if base is not None and frame.rsplit("/", 1)[-1] not in _WORLDS:
+        doubts.append(
+            f"the base's poses are in the frame {frame!r}, and nothing says where that is; of the world they are in "
+            f"{', '.join(_WORLDS[1:])}"
+        )
+    elif base is not None and "odom" in frame:
+        notes.append(f"the base's poses are in the frame {frame!r}, which is taken for the world")
     rows = np.array([[] if base is None else _planar(t[base]) for t in transforms])
     own = [] if base is None else _pose_names(names[base])
-    return _Part(own, rows, _times(points), points, node, own[2] if own else None, doubts=doubts)
+    return _Part(
+        own, rows, _times(points), points, node, own[2] if own else None,
+        doubts=tuple(doubts), notes=tuple(notes), stamp=_stamp(node),
+    )  # fmt: skip
 
 
 def _pose_names(joint: str) -> list[str]:
@@ -233,7 +347,19 @@ def _base_of(node: Node, names: list[str]) -> int | None:
     found = [k for k, name in enumerate(names) if _BASE_JOINT.fullmatch(name)]
     if len(found) > 1:
         node["joint_names"].fail(f"has several joints that may be the base's: {', '.join(names[k] for k in found)}")
+    if not found and len(names) == 1 and not of_something_else(names[0]):
+        return 0  # a robot has one joint that is no number
     return found[0] if found else None
+
+
+def _placed_elsewhere(transforms: list[Node], names: list[str]) -> list[str]:
+    """What to say of joints with a pose that nobody reads, where that is not none."""
+    there = [_numbers(node) for node in transforms]
+    return [
+        f"the transform of {name} is not looked at, and {name} is not taken for the base's joint"
+        for name, at in zip(names, there, strict=True)
+        if any(abs(value) > LIMIT_TOLERANCE for key, value in at.items() if key != "rotation.w")
+    ]
 
 
 def _robot_state(node: Node) -> Iterator[_Part]:
@@ -253,13 +379,15 @@ def _robot_state(node: Node) -> Iterator[_Part]:
         state = entries["multi_dof_joint_state"]
         joints = _names(state) if "joint_names" in state.mapping() else []
         base = _base_of(state, joints) if joints else None
-        if base is not None:
+        if base is None and joints:
+            doubts = tuple(_placed_elsewhere(_transforms(state["transforms"], joints), joints))
+        elif base is not None:
             own = [name for name in _pose_names(joints[base]) if name not in names]
             if len(own) == 3:
                 pose = _planar(_transforms(state["transforms"], joints)[base])
                 names, row, heading = [*own, *names], [*pose, *row], own[2]
     if "attached_collision_objects" in entries and entries["attached_collision_objects"].value:
-        doubts = (
+        doubts += (
             "the file's start state has objects that the robot carries (attached_collision_objects), and they are not "
             "looked at: give the robot what it holds (RobotModel.attached)",
         )
@@ -273,15 +401,15 @@ def _times(points: list[Node]) -> Array | None:
     return np.array([_seconds(p["time_from_start"]) for p in points])
 
 
-def _seconds(node: Node) -> float:
-    """A duration as a number, or as ROS writes it."""
+def _seconds(node: Node, most: float = 1e9) -> float:
+    """A duration, or a time, as a number, or as ROS writes it."""
     if not isinstance(node.value, dict):
-        return node.number(low=0.0, high=1e9, unit="s")
+        return node.number(low=0.0, high=most, unit="s")
     whole = next((k for k in ("sec", "secs") if k in node.value), None)
     part = next((k for k in ("nanosec", "nsecs", "nsec") if k in node.value), None)
     if whole is None:
         node.fail("has neither sec nor secs")
-    return node[whole].number(low=0.0, high=1e9, unit="s") + (
+    return node[whole].number(low=0.0, high=most, unit="s") + (
         1e-9 * node[part].number(low=0.0, high=1e9, unit="ns") if part else 0.0
     )
 
@@ -296,15 +424,11 @@ def _numbers(node: Node) -> Mapping[str, float]:
 def _planar(node: Node) -> list[float]:
     """x, y and yaw of a transform of a base that stands upright on the floor."""
     found = _numbers(node)
-    x, y, z, w = (found[f"rotation.{k}"] for k in "xyzw")
-    length = float(np.sqrt(x * x + y * y + z * z + w * w))
-    if abs(length - 1.0) > _UNIT_LENGTH:
-        node["rotation"].fail(f"is a quaternion of length {length:.6g}; 1 within {_UNIT_LENGTH:g} is needed")
-    x, y, z, w = x / length, y / length, z / length, w / length
-    tilt = float(2.0 * np.arctan2(np.hypot(x, y), np.hypot(z, w)))
-    if tilt > LIMIT_TOLERANCE:
-        node["rotation"].fail(f"tilts the base by {tilt:.6g} rad; it stands upright, within {LIMIT_TOLERANCE:g} rad")
+    try:
+        yaw = heading_of(np.array([found[f"rotation.{k}"] for k in "xyzw"]))
+    except ConfigurationError as problem:
+        node["rotation"].fail(str(problem))
     height = found["translation.z"]
     if abs(height) > LIMIT_TOLERANCE:
         node["translation"].fail(f"has z = {height:.6g} m; the base stands on the floor, within {LIMIT_TOLERANCE:g} m")
-    return [found["translation.x"], found["translation.y"], float(2.0 * np.arctan2(z, w))]
+    return [found["translation.x"], found["translation.y"], yaw]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NoReturn
 
 import numpy as np
@@ -22,29 +22,38 @@ from .nodes import Source
 
 Angles = Literal["rad", "deg"]
 TIMES = (
-    "time", "times", "t", "ts", "time_from_start", "seconds", "sec", "timestamp", "stamp", "elapsed", "elapsed_time",
+    "time", "times", "t", "ts", "time_from_start", "seconds", "sec", "secs", "timestamp", "stamp", "elapsed",
+    "elapsed_time",
 )  # fmt: skip
+_UNIT_LENGTH = 1e-3  # by which a quaternion's length may be off: files round to three digits
+_CLOCKS = ("nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds")
+_OF_CLOCKS = {"header", "ros", "sim", "wall", "stamp", "time", "log", "recording", "rec", "elapsed", "unix", "field"}
+MAX_NAME = 300  # characters
 MAX_ANGLE = 1e4
 """Largest yaw, or value of a joint without limits [rad]."""
 _MAX_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
 _NOW = 1e-9  # [s]
 _TURNS = 4.0 * np.pi  # [rad] what turns farther, of a file that names no unit, may be in degrees
-_BASE = ("x", "y", "yaw")
+_WIDE = 500.0  # [m] what goes farther, of a file that names no unit, may be in millimetres
+BASE_NAMES = ("x", "y", "yaw")
 _COORDINATES = {
-    "x": 0, "y": 1, "yaw": 2, "theta": 2, "heading": 2, "th": 2, "t": 2, "phi": 2, "rz": 2,
-    "z": 3, "roll": 3, "pitch": 3, "rx": 3, "ry": 3,
+    **dict.fromkeys(("x", "px", "tx"), 0), **dict.fromkeys(("y", "py", "ty"), 1),
+    **dict.fromkeys(("yaw", "theta", "heading", "th", "t", "phi", "psi", "rz", "orientation"), 2),
+    **dict.fromkeys(("z", "pz", "tz", "roll", "pitch", "rx", "ry"), 3),
 }  # fmt: skip
 """Column of a pose: x, y, yaw, or what has to be 0 of a base on the floor."""
-_POSE = re.compile(
-    r"(?:(?P<prefix>.+?)[/._\s])?(?P<what>" + "|".join(_COORDINATES) + r")(?:[_\s](?:joint|axis))?", re.IGNORECASE
-)
+_TURNS_OF = {"orientation", "rot", "rotation", "quaternion", "quat"}
+_FILLERS = {*_TURNS_OF, "position", "pos", "trans", "translation", "joint", "axis"}
+"""What a coordinate's name may have beside that of whose it is."""
+_NAME = re.compile(r"[\w/.:\s~%][\w/.:\[\]\s~%-]*", re.ASCII)  # else it has a unit, or what is not known
+_WORDS = re.compile(r"[A-Z]?[a-z]+\d*|[A-Z]+\d*(?![a-z])|\d+")
 _OF_BASES = {
     "base", "odom", "odometry", "position", "pos", "world", "virtual", "planar", "mobile", "root", "robot", "map",
     "chassis", "platform", "cart", "vehicle", "joint", "link", "footprint", "frame", "pose", "mobilebase",
     "floating", "state", "agv", "amr", "dummy",
 }  # fmt: skip
 _OF_OTHERS = {
-    "goal", "target", "cmd", "command", "desired", "ref", "reference", "ee", "eef", "tcp", "tool", "hand",
+    "goal", "target", "cmd", "twist", "command", "desired", "ref", "reference", "ee", "eef", "tcp", "tool", "hand",
     "gripper", "object", "obstacle", "camera", "error", "human", "person", "next", "previous", "wrist", "head",
     "neck", "torso", "waist", "arm", "leg", "foot",
 }  # fmt: skip
@@ -80,6 +89,8 @@ class PathTable:
         times: (N,) [s], or None.
         units: (C,) units of the columns that a line below the names has; empty where there is none.
         from_start: whether times are counted from where the robot sets off, as in a JointTrajectory.
+        metres: whether lengths are in metres, as in messages of ROS.
+        stamp: when it sets off, in the file's own time [s].
         start: names of which the file has the start state alone.
         notes, doubts, time_doubts: what the reader has to say, as of ``PathFile``.
     """
@@ -91,6 +102,8 @@ class PathTable:
     times: Array | None = None
     units: tuple[str, ...] = ()
     from_start: bool = False
+    metres: bool = False
+    stamp: float = 0.0
     start: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -124,14 +137,18 @@ class PlacedPath:
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A column, and what it is: ``joint`` or ``base`` (with its number in a row of coordinates), ``floor`` (what has to
-    be 0 of a base), ``held``, ``time``, ``rate``, ``counter`` or ``other``."""
+    """A column, and what it is: ``joint`` or ``base`` (with its number in a row of coordinates; 3 is what has to be 0),
+    ``floor`` (what has to be 0 of a base), ``held``, ``time``, ``rate``, ``counter`` or ``other``.
+
+    ``of`` is the joint that another column may mean.
+    """
 
     index: int
     name: str
     kind: str
     unit: str | None = None
     number: int = -1
+    of: str = ""
 
 
 def place_table(
@@ -155,6 +172,11 @@ def place_table(
         table.source.fail(f"has {table.rows.shape[1]} columns for {len(table.names)} names")
     if base_at is not None:
         base_at = _checked_base(robot, base_at)
+    longest = max(table.names or ("",), key=len)
+    if len(longest) > MAX_NAME:
+        table.source.fail(f"has a name of {len(longest)} characters, {longest[:40]}…; at most {MAX_NAME} are read")
+    if table.names is not None:
+        table = _headed(table, ignore)
     said = (list(table.notes), list(table.doubts), list(table.time_doubts))
     placed = PlacedPath(np.empty((0, 0)), table.times, table.from_start, *said)
     units: dict[int, str | None] = {}
@@ -192,7 +214,7 @@ def _unnamed(
         raise ConfigurationError(f"ignore={list(ignore)!r}: the columns of {table.source.path} have no names")
     if base_at is not None and rows.shape[1] == space.nv - 3:
         rows = np.column_stack((np.tile(base_at, (len(rows), 1)), rows))
-        placed.notes.append(f"base at {_pose(base_at)}, as was asked")
+        placed.notes.append(f"base at {_said(base_at)}, as was asked")
     elif base_at is not None:
         table.source.fail(
             f"has {rows.shape[1]} columns without names; with base_at= (--base-at) it has to have {space.nv - 3}, the "
@@ -259,12 +281,12 @@ def _place_base(
         if not open_:
             table.source.fail(f"places the base itself; base_at={tuple(base_at)} (--base-at) is one place too many")
         placed.coordinates[:, open_] = [base_at[k] for k in open_]
-        named = ", ".join(f"{_BASE[k]} = {base_at[k]:.6g}" for k in open_)
+        named = ", ".join(f"{BASE_NAMES[k]} = {base_at[k]:.6g}" for k in open_)
         placed.notes.append(f"base at {named}, as was asked")
     elif open_:
         placed.doubts.append(
-            f"the file does not say {', '.join(_BASE[k] for k in open_)} of the base, which can move: taken for 0. "
-            "Place it (--base-at X Y YAW, base_at=), or let it not move (--base fixed) where it stands at the origin"
+            f"the file does not say {', '.join(BASE_NAMES[k] for k in open_)} of the base, which can move: taken for "
+            "0. Place it (--base-at X Y YAW, base_at=), or let it not move (--base fixed) where it stands at the origin"
         )
 
 
@@ -295,14 +317,14 @@ def _identified(table: PathTable, robot: RobotModel, ignore: Collection[str]) ->
                 column = _Column(k, name, "joint", unit, joints[stem])
             elif stem in robot.locked or stem in robot.followers:
                 column = _Column(k, stem, "held", unit)
-            elif stem.lower() in TIMES:
+            elif is_time(stem):
                 column = _Column(k, name, "time", unit)
             else:
-                match = _POSE.fullmatch(stem)
-                if match is None or (match["what"].lower() == "t" and match["prefix"] is None):
+                said = _pose(stem)
+                if said is None:
                     continue
                 column = _Column(k, name, "other", unit)
-                pose = (column, (match["prefix"] or "").lower(), _COORDINATES[match["what"].lower()])
+                pose = (column, *said)
             break
         if pose is not None:
             poses.append(pose)
@@ -314,7 +336,20 @@ def _identified(table: PathTable, robot: RobotModel, ignore: Collection[str]) ->
         if c.kind == "joint" and taken[c.number] > 1:
             table.source.fail(f"names a joint twice: {c.name}")
     stems = {*joints, *robot.locked, *(name for _, name, _ in kept)}
-    return [_told_apart(c, table, stems) for c in sorted(found, key=lambda c: c.index)]
+    own = {*joints, *robot.locked, *robot.followers}
+    named = {stem for _, name, _ in kept for stem, _ in _readings(name)}
+    found = [_told_apart(c, table, stems, own) for c in found]
+    found = [replace(c, of=_namesake(c.name, own - named)) if c.kind == "other" else c for c in found]
+    return sorted(found, key=lambda c: c.index)
+
+
+def is_time(stem: str) -> bool:
+    """Whether a name is that of times: ``t``, ``header.stamp``, ``sim_time``."""
+    words = words_of(stem)
+    if stem.lower() in TIMES or (len(words) == 1 and words[0] in _CLOCKS):
+        return True
+    last = ("time", "stamp", "timestamp", "sec", "secs", *_CLOCKS)
+    return len(words) > 1 and words[-1] in last and set(words[:-1]) <= _OF_CLOCKS
 
 
 def is_unit(text: str) -> bool:
@@ -325,7 +360,118 @@ def is_unit(text: str) -> bool:
 def known_name(name: str, robot: RobotModel) -> bool:
     """Whether a name is one of the robot's, with or without a unit."""
     own = {*robot.joint_names, *robot.locked}
-    return any(stem in own or _POSE.fullmatch(stem) for stem, _ in _readings(_clean(name)))
+    return any(stem in own or _pose(stem) for stem, _ in _readings(_clean(name)))
+
+
+def words_of(name: str) -> list[str]:
+    """A name's words: ``robot1/baseX`` has robot1, base and x."""
+    return [word.lower() for word in _WORDS.findall(name)]
+
+
+def _pose(stem: str) -> tuple[str, int] | None:
+    """Whose coordinate a name says, and which; None where it is no coordinate of a pose."""
+    words = words_of(stem)
+    if len(words) == 2 and words[0] in _COORDINATES and words[1] == "base":
+        words.reverse()
+    while len(words) > 1 and words[-1] in ("joint", "axis"):
+        words.pop()
+    number = _COORDINATES.get(words[-1]) if words and _NAME.fullmatch(stem) else None
+    if words[-2:] in (["z", "rotation"], ["rot", "z"], ["rotation", "z"]):
+        number = 2
+    elif len(words) > 1 and number in (0, 1) and words[-2] in _TURNS_OF:
+        number = 3
+    if number is None or words == ["t"]:
+        return None
+    return " ".join(word for word in words[:-1] if word not in _FILLERS and word not in "xyz"), number
+
+
+def _quaternion(name: str) -> tuple[str, str] | None:
+    """Whose quaternion a name says, and which of x, y, z and w of it."""
+    words = words_of(name)
+    last = words[-1] if words else ""
+    if not (last in ("qx", "qy", "qz", "qw") or (len(last) == 1 and last in "xyzw" and _TURNS_OF & set(words))):
+        return None
+    return " ".join(word for word in words[:-1] if word not in _FILLERS), last[-1]
+
+
+def _headed(table: PathTable, ignore: Collection[str]) -> PathTable:
+    """The table with a yaw in the place of each quaternion: columns called after its x, y (or neither), z and w."""
+    assert table.names is not None
+    parts: dict[str, dict[str, int]] = {}
+    for k, name in enumerate(table.names):
+        found = _quaternion(_clean(name))
+        if found is not None and _clean(name) not in ignore:
+            parts.setdefault(found[0], {}).setdefault(found[1], k)
+    parts = {p: at for p, at in parts.items() if {"z", "w"} <= set(at) and not set(p.split()) & _OF_OTHERS}
+    if not parts:
+        return table
+    yaws = np.empty((len(table.rows), len(parts)))
+    for column, at in zip(yaws.T, parts.values(), strict=True):
+        turns = np.column_stack([table.rows[:, at[k]] if k in at else np.zeros(len(table.rows)) for k in "xyzw"])
+        for row, turn in enumerate(turns):
+            try:
+                column[row] = heading_of(turn)
+            except ConfigurationError as problem:
+                table.fail(row, f"{table.names[at['w']]}: {problem}")
+    gone = {k for at in parts.values() for k in at.values()}
+    kept = [k for k in range(len(table.names)) if k not in gone]
+    named = len(table.units) == len(table.names)
+    return replace(
+        table,
+        names=(*(table.names[k] for k in kept), *(f"{whose} orientation yaw".strip() for whose in parts)),
+        units=(*(table.units[k] for k in kept), *("rad" for _ in parts)) if named else table.units,
+        rows=np.column_stack((table.rows[:, kept], np.unwrap(yaws, axis=0))),
+    )
+
+
+def heading_of(turn: Array) -> float:
+    """Yaw [rad] of a quaternion (x, y, z, w) of a base that stands upright.
+
+    Raises:
+        ConfigurationError: its length is not 1 within 1e-3, or it tilts the base.
+    """
+    length = float(np.linalg.norm(turn))
+    if not abs(length - 1.0) <= _UNIT_LENGTH:
+        raise ConfigurationError(f"is a quaternion of length {length:.6g}; 1 within {_UNIT_LENGTH:g} is needed")
+    x, y, z, w = turn / length
+    tilt = float(2.0 * np.arctan2(np.hypot(x, y), np.hypot(z, w)))
+    if tilt > LIMIT_TOLERANCE:
+        raise ConfigurationError(f"tilts the base by {tilt:.6g} rad; it stands upright, within {LIMIT_TOLERANCE:g} rad")
+    return float(2.0 * np.arctan2(z, w))
+
+
+def _namesake(name: str, joints: Collection[str]) -> str:
+    """The joint that a name may mean which is not quite its own: in another namespace, other letters, with a word more.
+
+    Empty where there is none.
+    """
+    words = words_of(name)
+    best = ""
+    for joint in joints:
+        own = words_of(joint)
+        within = any(words[k : k + len(own)] == own for k in range(len(words) - len(own) + 1))
+        ending = len(words) < len(own) and own[-len(words) :] == words
+        if words and own and (within or ending) and len(joint) > len(best):
+            best = joint
+    return best
+
+
+def of_robot(name: str, robot: RobotModel) -> bool:
+    """Whether a name may be that of a joint of the robot, or of its base."""
+    found = _pose(name)
+    own = {*robot.joint_names, *robot.locked, *robot.followers}
+    return bool(_namesake(name, own)) or (found is not None and set(found[0].split()) <= _OF_BASES)
+
+
+def of_base(name: str) -> bool:
+    """Whether a name is made of the words by which bases go."""
+    words = set(words_of(name))
+    return bool(words) and words <= _OF_BASES
+
+
+def of_something_else(name: str) -> bool:
+    """Whether a name says that it is of a goal, a tool, an object …, and so not of the base."""
+    return bool(set(words_of(name)) & _OF_OTHERS)
 
 
 def _clean(name: str) -> str:
@@ -335,7 +481,7 @@ def _clean(name: str) -> str:
 def _readings(name: str) -> list[tuple[str, str | None]]:
     """A name as it stands, and without the unit at its end."""
     readings: list[tuple[str, str | None]] = [(name, None)]
-    for pattern in (_BRACKETS, _SUFFIX):
+    for pattern in (_BRACKETS, _SUFFIX) if len(name) <= MAX_NAME else ():  # they take long where there is much
         match = pattern.fullmatch(name)
         if match is not None and match["stem"].strip():
             readings.append((match["stem"].strip(), match["unit"].strip()))
@@ -351,20 +497,17 @@ def _base_columns(table: PathTable, poses: list[tuple[_Column, str, int]], plana
     for _, prefix, number in poses:
         sets.setdefault(prefix, set()).add(number)
 
-    def words(prefix: str) -> set[str]:
-        return set(re.split(r"[/._\s]+", prefix)) - {""}
-
-    own = {prefix for prefix in sets if words(prefix) <= _OF_BASES}
+    own = {prefix for prefix in sets if set(prefix.split()) <= _OF_BASES}
     if not any(number < 3 for prefix in own for number in sets[prefix]):
-        whole = [p for p, numbers in sets.items() if numbers == {0, 1, 2} and not words(p) & _OF_OTHERS]
+        whole = [p for p, numbers in sets.items() if numbers >= {0, 1, 2} and not set(p.split()) & _OF_OTHERS]
         own = set(whole) if len(whole) == 1 else set()
     out: list[_Column] = []
     first: dict[int, _Column] = {}
     for column, prefix, number in poses:
-        if prefix not in own or (number == 3 and not planar):
+        if prefix not in own:
             out.append(column)
         elif number == 3:
-            out.append(_Column(column.index, column.name, "floor", column.unit))
+            out.append(_Column(column.index, column.name, "floor" if planar else "base", column.unit, number))
         elif number not in first:
             first[number] = _Column(column.index, column.name, "base", column.unit, number)
         else:
@@ -372,13 +515,13 @@ def _base_columns(table: PathTable, poses: list[tuple[_Column, str, int]], plana
             same = np.abs(table.rows[:, column.index] - table.rows[:, other.index]).max(initial=0.0) <= LIMIT_TOLERANCE
             if not same or column.unit != other.unit:
                 table.source.fail(
-                    f"names a joint twice: {_BASE[number]} of the base is in the columns {other.name!r} and "
+                    f"names a joint twice: {BASE_NAMES[number]} of the base is in the columns {other.name!r} and "
                     f"{column.name!r}, which differ; one of them can be left out (ignore=, --ignore)"
                 )
     return [*out, *first.values()]
 
 
-def _told_apart(column: _Column, table: PathTable, stems: set[str]) -> _Column:
+def _told_apart(column: _Column, table: PathTable, stems: set[str], own: Collection[str]) -> _Column:
     """Rates and counters among the columns that are nothing of the robot."""
     if column.kind != "other":
         return column
@@ -387,8 +530,8 @@ def _told_apart(column: _Column, table: PathTable, stems: set[str]) -> _Column:
     for name in (column.name, plain):
         match = _RATES.fullmatch(name)
         stem = name if match is None else match["stem"]
-        pose = _POSE.fullmatch(stem) is not None
-        known = (match is not None and match["drawn"] is None) if pose else stem in stems
+        pose = _pose(stem) is not None
+        known = (match is not None and match["drawn"] is None) if pose else stem in stems or bool(_namesake(stem, own))
         if name in _BASE_RATES or (stem != name and known):
             kind = "rate"
     values = table.rows[:, column.index]
@@ -410,13 +553,33 @@ def _factor(table: PathTable, column: _Column, of: str, angles: Angles | None = 
 
 def _clock(table: PathTable, columns: list[_Column], placed: PlacedPath) -> None:
     """Times from their column, where the reader has found none."""
-    clock = next((c for c in columns if c.kind == "time"), None)
-    if clock is None or placed.times is not None:
-        return
     assert table.names is not None
-    placed.from_start = "from_start" in clock.name.lower()
-    nanoseconds = clock.unit is None and str(table.names[clock.index]).strip().startswith("%")  # rostopic echo -p
-    placed.times = table.rows[:, clock.index] * (1e-9 if nanoseconds else _factor(table, clock, "time"))
+    clocks = [(_split(c.name), c, table.rows[:, c.index]) for c in columns if c.kind == "time"]
+    parts = {of: (column, values) for (of, fine), column, values in clocks if fine}
+    found: list[tuple[_Column, Array]] = []
+    for (of, fine), column, values in clocks:
+        if fine and any(of == whole for (whole, other), _, _ in clocks if not other):
+            continue  # it belongs to the seconds beside it
+        plain = column.unit is None and str(table.names[column.index]).strip().startswith("%")  # rostopic echo -p
+        factor = 1e-9 if fine or plain else _factor(table, column, "time")
+        more = parts[of][1] * 1e-9 if of in parts and not fine else 0.0
+        found.append((column, values * factor + more))
+    if not found:
+        return
+    if placed.times is None:
+        placed.from_start = "from_start" in found[0][0].name.lower()
+        placed.times = found[0][1]
+    since = placed.times - placed.times[0]
+    for column, times in found:
+        if np.abs(times - times[0] - since).max() > 1e-3:
+            placed.time_doubts.append(f"the times of {column.name} go otherwise than those of {found[0][0].name}")
+
+
+def _split(name: str) -> tuple[str, bool]:
+    """What a column of times is of; and whether it has the nanoseconds of those alone."""
+    words = words_of(name)
+    fine = words[-1] in _CLOCKS
+    return " ".join(words[:-1] if fine or words[-1] in ("sec", "secs") else words), fine
 
 
 def _left_out(
@@ -429,18 +592,26 @@ def _left_out(
     said = [c.name for c in rest if c.name not in table.start and c.name not in robot.followers]
     if said:
         placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")
-    apart: dict[str, list[str]] = {"held": [], "base": [], "other": []}
+    apart: dict[str, list[str]] = {"held": [], "base": [], "other": [], "named": []}
     wheels: list[str] = []
     for column in rest:
         values, at = table.rows[:, column.index], _whereabouts(robot, column.name, placed.coordinates)
         if column.kind == "other":
-            if np.ptp(values) > LIMIT_TOLERANCE:
+            changes = bool(np.ptp(values) > LIMIT_TOLERANCE)
+            if column.of:
+                at = _whereabouts(robot, column.of, placed.coordinates)
+                scaled = values * _UNITS.get((column.unit or "").lower(), ("", 1.0))[1]
+                if changes or np.abs(scaled - at).max() > LIMIT_TOLERANCE:
+                    apart["named"].append(f"{column.name} ({_span(values)}), where {column.of} is {_span(at)} here")
+            elif changes:
                 apart["other"].append(f"{column.name} ({_span(values)})")
             continue
         known = column.unit is not None or angles != "deg"  # the kind of a joint that is held is not known here
         if column.unit is not None:
             of, factor = _UNITS.get(column.unit.lower(), ("time", 0.0))
-            if of == "time" or (column.kind == "base" and (of == "angle") != (column.number == 2)):
+            if of == "time" or (
+                column.kind == "base" and column.number < 3 and (of == "angle") != (column.number == 2)
+            ):
                 table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit that is known for it")
             values = values * factor
         if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or np.abs(at).max() <= LIMIT_TOLERANCE):
@@ -467,6 +638,8 @@ _UNLIKE = {
     "that move (--joints, joints=)",
     "base": "the base is fixed otherwise than in the file: {}. Let it move (--base omni or diff_drive), or say that "
     "these are not the base's (--ignore NAME, ignore=)",
+    "named": "columns may be joints of the robot, which are called otherwise: {}. Call them as the robot does, or say "
+    "that they do not matter (--ignore NAME, ignore=)",
     "other": "columns that are left out change: {}. Plan what they move (--joints, joints=), or say that they do not "
     "matter (--ignore NAME, ignore=)",
 }
@@ -474,7 +647,9 @@ _UNLIKE = {
 
 
 def _whereabouts(robot: RobotModel, name: str, coordinates: Array) -> Array:
-    """(N,) or (1,) where the robot has a joint that is held still or follows another; 0 for a base that is fixed."""
+    """(N,) or (1,) where the robot has a joint; 0 for a base that is fixed."""
+    if name in robot.joint_names:
+        return coordinates[:, robot.space.base_nv + robot.joint_names.index(name)]
     if name not in robot.followers:
         return np.array([robot.locked.get(name, 0.0)])
     leader, multiplier, constant = robot.followers[name]
@@ -486,8 +661,8 @@ def _span(values: Array) -> str:
     return f"{low:.6g}" if high - low <= LIMIT_TOLERANCE else f"{low:.6g} to {high:.6g}"
 
 
-def _pose(base_at: Sequence[float]) -> str:
-    return ", ".join(f"{name} = {value:.6g}" for name, value in zip(_BASE, base_at, strict=True))
+def _said(base_at: Sequence[float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in zip(BASE_NAMES, base_at, strict=True))
 
 
 def _angular(robot: RobotModel) -> Mask:
@@ -503,8 +678,9 @@ def _check_values(
 ) -> None:
     """Values within bounds and limits; what is beyond these by what files round is taken to the limit."""
     values, space, angular = placed.coordinates, robot.space, _angular(robot)
-    names = (*_BASE[: space.base_nv], *robot.joint_names)
-    unsaid = np.array([angles is None and units.get(k) is None for k in range(space.nv)], dtype=bool)
+    names = (*BASE_NAMES[: space.base_nv], *robot.joint_names)
+    unnamed = np.array([units.get(k) is None for k in range(space.nv)], dtype=bool)
+    unsaid = unnamed & (angles is None)
     endless = np.isinf(space.upper) & angular
     for far, bound, unit in (
         (np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m"), (endless, MAX_ANGLE, "rad"),
@@ -543,6 +719,11 @@ def _check_values(
     if len(jumps):
         named = ", ".join(names[i] for i in jumps)
         placed.notes.append(f"changes by more than half a turn from one configuration to the next: {named}")
+    wide = float(np.ptp(values[:, :2], axis=0).max()) if space.planar else 0.0
+    if wide > _WIDE and not table.metres and unnamed[:2].any():
+        placed.doubts.append(
+            f"millimetres? The base goes {wide:.6g} m, and the file names no unit. Name it (x_m, y_m or x_mm, y_mm)"
+        )
     turning = [names[i] for i in np.flatnonzero(endless & unsaid) if np.abs(values[:, i]).max() > _TURNS]
     if turning:
         placed.doubts.append(
@@ -585,3 +766,8 @@ def check_times(table: PathTable, placed: PlacedPath, starts_at: float | None) -
             "at 0 s, or say when the robot is there (--starts-at SECONDS, starts_at=)"
         )
         (placed.doubts if placed.from_start else placed.time_doubts).append(said)
+    elif abs(table.stamp) > _NOW:
+        placed.time_doubts.append(
+            f"the header's stamp is {table.stamp:.9g} s, which may be when the robot sets off; say when that is "
+            "(--starts-at SECONDS, starts_at=)"
+        )

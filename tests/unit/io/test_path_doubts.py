@@ -660,3 +660,161 @@ def test_an_archive_of_a_later_format_is_refused(cart, tmp_path):
     (tmp_path / "a.npz").write_bytes(data)
     with pytest.raises(ConfigurationError, match=r"a\.npz"):
         load_path(tmp_path / "a.npz", cart)
+
+
+# --- what is nearly known, and what lies beside the path -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "baseX,baseY,baseYaw", "base::x,base::y,base::yaw", "base-x,base-y,base-yaw", "base[x],base[y],base[yaw]",
+        "x_base,y_base,theta_base", "base_px,base_py,base_yaw", "tx,ty,rz", "base_trans_x,base_trans_y,base_rot_yaw",
+        "root_x_axis_joint,root_y_axis_joint,root_z_rotation_joint", "v/trans_x,v/trans_y,v/rot_z",
+        "robot1/base/x,robot1/base/y,robot1/base/theta", "x,y,psi",
+    ],
+)  # fmt: skip
+def test_a_base_is_found_by_less_usual_names(cart, cart_file, tmp_path, names):
+    file = table(tmp_path, f"{names},shoulder", "0,1,0.5,0.1", "2,1,0.7,0.2")
+    np.testing.assert_allclose(
+        cart.space.to_coordinates(load_path(file, cart).q)[:, :4], [[0, 1, 0.5, 0.1], [2, 1, 0.7, 0.2]], atol=1e-12
+    )
+    still = load_robot(cart_file, base="fixed", joints=["shoulder", "torso", "turntable"])
+    stays = load_path(table(tmp_path, f"{names},shoulder", "2,1,0.7,0.1", "2,1,0.7,0.2"), still)
+    assert verdict(still, stays) is Verdict.UNKNOWN
+
+
+@pytest.mark.parametrize("name", ["yaw [°]", "yaw_deg", "yaw (deg)"])
+def test_a_unit_of_other_letters_is_heeded(cart, tmp_path, name):
+    read = load_path(table(tmp_path, f"x,y,{name}", "0,0,0", "0,0,90"), cart)
+    assert cart.space.to_coordinates(read.q)[1, 2] == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize("name", ["-x", "x*1000", "x [1e-3 m]", "x_in"])
+def test_what_is_done_to_a_coordinate_is_not_overlooked(cart, tmp_path, name):
+    assert verdict(cart, load_path(table(tmp_path, f"{name},y,yaw", "0,0,0", "4,0,0"), cart)) is Verdict.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("Shoulder", 1.0), ("robot1/shoulder", 1.0), ("shoulder_position", 1.0), ("shoulder.pos", 1.0),
+        ("ShoulderPan", 1.0), ("Gripper", 0.04), ("ns/gripper", 0.04), ("gripper_width", 0.04),
+    ],
+)  # fmt: skip
+def test_a_joint_that_is_called_otherwise_is_doubted(cart, tmp_path, name, value):
+    """It does not change, and is not where the robot has it: home, or where it is held."""
+    read = load_path(table(tmp_path, f"x,y,yaw,{name}", f"0,0,0,{value}", f"1,0,0,{value}"), cart)
+    assert verdict(cart, read) is Verdict.UNKNOWN
+    assert name in read.doubts[0]
+    assert load_path(table(tmp_path, f"x,y,yaw,{name}", "0,0,0,0", "1,0,0,0"), cart).doubts == ()
+    beside = table(tmp_path, f"x,y,yaw,{name},shoulder,gripper", f"0,0,0,{value},0,0", f"1,0,0,{value},0,0")
+    assert load_path(beside, cart).doubts == ()
+
+
+def test_quaternions_in_columns_are_headings(cart, cart_file, tmp_path):
+    names, part = "x,y,z,qx,qy,qz,qw", np.sqrt(0.5)
+    good = table(tmp_path, names, "0,1,0,0,0,0,1", f"2,1,0,0,0,{part},{part}", f"2,1,0,0,0,{-part},{-part}")
+    found = cart.space.to_coordinates(load_path(good, cart).q)[:, :3]
+    np.testing.assert_allclose(found, [[0, 1, 0], [2, 1, np.pi / 2], [2, 1, np.pi / 2]], atol=1e-9)
+    order = table(tmp_path, "base.orientation.w,base.orientation.z,x,y", f"{part},{part},0,1", f"{part},{part},2,1")
+    np.testing.assert_allclose(cart.space.to_coordinates(load_path(order, cart).q)[:, 2], np.pi / 2, atol=1e-9)
+    for bad in ("0,0,0,0,0,0,0", "0,0,0,1,0,0,0", "0,0,0,0,0,1,1", "0,0,0.3,0,0,0,1", "0,0,0,0.1,0,0,0.99499"):
+        with pytest.raises(ConfigurationError, match=r"p\.csv:3:"):
+            load_path(table(tmp_path, names, "0,0,0,0,0,0,1", bad), cart)
+    still = load_robot(cart_file, base="fixed", joints=["shoulder"])
+    turned = table(tmp_path, "qz,qw,shoulder", f"{part},{part},0", f"{part},{part},1")
+    assert verdict(still, load_path(turned, still)) is Verdict.UNKNOWN
+    with pytest.raises(ConfigurationError):
+        load_path(table(tmp_path, "x,y,yaw,qz,qw", f"0,0,0,{part},{part}", f"1,0,0,{part},{part}"), cart)
+
+
+@pytest.mark.parametrize("names", ["sec,nanosec", "secs,nsecs", "header.stamp.sec,header.stamp.nanosec"])
+def test_times_in_two_columns(cart, tmp_path, names):
+    rows = ("0,0,0,0,0", "0,900000000,1,0,0", "1,100000000,2,0,0")
+    read = load_path(table(tmp_path, f"{names},x,y,yaw", *rows), cart)
+    np.testing.assert_allclose(read.times, [0.0, 0.9, 1.1])
+    assert read.doubts == read.time_doubts == ()
+
+
+def test_two_clocks_that_go_otherwise(cart, world, tmp_path):
+    same = load_path(table(tmp_path, "time,ros_time,x,y,yaw", "0,170,0,0,0", "1,171,1,0,0", "2,172,2,0,0"), cart)
+    assert settled(cart, same, world)
+    other = load_path(table(tmp_path, "time,stamp,x,y,yaw", "0,0,0,0,0", "1,50,1,0,0", "2,90,2,0,0"), cart)
+    assert not settled(cart, other, world)
+    assert verdict(cart, other) is Verdict.CERTIFIED
+
+
+def test_a_stamp_later_than_0_counts_where_something_moves(panda, world, tmp_path):
+    header = {"header": {"stamp": {"sec": 5, "nanosec": 0}, "frame_id": "map"}}
+    file = message(tmp_path, {**header, **trajectory(ARM, [arm(0.0), arm(0.4)])})
+    assert not settled(panda, load_path(file, panda), world)
+    assert verdict(panda, load_path(file, panda)) is Verdict.CERTIFIED
+    assert settled(panda, load_path(file, panda, starts_at=5.0), world)
+
+
+def test_the_frame_of_a_base_and_its_one_joint(cart, panda, tmp_path):
+    def driven(frame, name="world_joint"):
+        base = {"header": {"frame_id": frame}, **moving([name], [transform()], [transform(x=1.0)])}
+        return load_path(message(tmp_path, {"multi_dof_joint_trajectory": base}), cart)
+
+    assert all(driven(frame).doubts == () for frame in ("", "map", "/world", "robot1/odom"))
+    assert verdict(cart, driven("camera")) is verdict(cart, driven("base_link")) is Verdict.UNKNOWN
+    np.testing.assert_allclose(driven("map", "wobbly").q[:, 0], [0.0, 1.0])  # no other can be meant
+    for name, pose in (("wobbly", transform(x=2.0)), ("tool_joint", transform(turn=(0, 0, 1, 0)))):
+        document = {
+            "joint_trajectory": trajectory(ARM, [arm(0), arm(1)]),
+            "multi_dof_joint_trajectory": moving([name], [pose], [pose]),
+        }
+        assert verdict(panda, load_path(message(tmp_path, document), panda)) is Verdict.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        {"path": {"poses": [{"pose": {"position": {"x": x, "y": 0.0}}} for x in (0, 4)]}},
+        {"states": [{"name": ["gripper"], "position": [0.04]}]}, {"base_path": [[0, 0, 0], [4, 0, 0]]},
+        {"robot_pose": {"position": {"x": 2.0, "y": 0.0, "z": 0.0}}}, {"base_pose": {"x": 2.0, "y": 0.0, "yaw": 0.0}},
+    ],
+)  # fmt: skip
+def test_what_a_message_says_beside_its_trajectories(panda, tmp_path, beside):
+    document = {"joint_trajectory": trajectory(ARM, [arm(0), arm(1)])}
+    file = message(tmp_path, {"all": [document, beside]})
+    read = load_path(file, panda)
+    assert verdict(panda, read) is Verdict.UNKNOWN
+    key = {"path": "poses"}.get(next(iter(beside)), next(iter(beside)))
+    assert load_path(file, panda, ignore=[key]).doubts == ()
+
+
+def test_names_and_numbers_in_further_arrays(cart, cart_file, tmp_path):
+    rows = np.array([[0.0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0], [2, 0, 0, 0, 0, 0]])
+    order = [3, 1, 2, 0, 4, 5]
+    names = np.array(["x", "y", "yaw", "shoulder", "torso", "turntable"])[order]
+
+    def read(robot=cart, **arrays):
+        np.savez(tmp_path / "a.npz", **arrays)
+        return load_path(tmp_path / "a.npz", robot)
+
+    for key in ("joint_names", "names", "columns"):
+        np.testing.assert_allclose(read(q=rows[:, order], **{key: names}).q[:, 0], [0, 1, 2])
+    for beside in (
+        {"gripper": np.full(3, 0.04)}, {"gripper": np.array(0.04)}, {"base_pose": np.array([2.0, 0.0])},
+        {"waypoints": np.ones((7, 6))},
+    ):  # fmt: skip
+        assert verdict(cart, read(q=rows, **beside)) is Verdict.UNKNOWN
+    np.testing.assert_allclose(read(q=rows, time_ns=np.array([0, 10**9, 2 * 10**9])).times, [0, 1, 2])
+    assert read(q=rows, dt=np.array(0.1), gripper=np.zeros(3), x=rows[:, 0], cost=np.ones(2)).doubts == ()
+    with pytest.raises(ConfigurationError):
+        read(q=rows, x=rows[:, 0] + 1.0)
+    turned = np.column_stack((rows[:, :2], np.ones(3), np.zeros((3, 3)), np.ones(3), np.zeros(3)))
+    assert read(q=turned, Shoulder=np.ones(3)).doubts  # (cos, sin), which have no names
+    still = load_robot(cart_file, base="fixed", joints=["shoulder", "torso", "turntable"])
+    assert read(still, q=rows[:, 3:], base=np.array([2.0, 0.0])).doubts
+
+
+def test_lengths_that_may_be_millimetres_are_doubted(cart, tmp_path):
+    rows = ("0,0,0", "4000,0,0")
+    assert len(load_path(table(tmp_path, "x,y,yaw", *rows), cart).doubts) == 1
+    assert load_path(table(tmp_path, "x_m,y_m,yaw", *rows), cart).doubts == ()
+    assert load_path(table(tmp_path, "x_mm,y_mm,yaw", *rows), cart).q[1, 0] == 4.0
+    assert load_path(message(tmp_path, trajectory(("x", "y", "yaw"), [[0, 0, 0], [4000, 0, 0]])), cart).doubts == ()
