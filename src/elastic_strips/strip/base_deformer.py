@@ -85,6 +85,8 @@ class Workspace:
         kin: kinematics of the nodes.
         obstacles: the links' distances to the scene; self_pairs: to each other.
         self_home: (S,) lower bounds of the self pairs' distances [m] at the home configuration.
+        most_self_clearance: largest clearance [m] between its own links that can be certified: pairs that are proven to
+            keep more than that in every posture were left out.
         prediction: where moving obstacles will be, or None where they count as they stand.
     """
 
@@ -105,7 +107,8 @@ class Workspace:
         self.bounds: MotionBounds = MotionBounds(self.bodies)
         self.kin: Kinematics = Kinematics(robot.tree, 64)
         self.obstacles: ObstacleProximity = ObstacleProximity(self.bodies, influence=reach)
-        pairs = robot.pairs_within(params.self_clearance)  # the others keep more of themselves
+        self.most_self_clearance: float = params.self_clearance
+        pairs = robot.pairs_within(self.most_self_clearance)  # the others keep more of themselves
         home = SelfProximity(self.bodies, pairs, self.bounds, influence=self_reach)
         kin = Kinematics(robot.tree, 1)
         kin.update(robot.space.to_coordinates(robot.home_q)[None])
