@@ -17,6 +17,7 @@ from elastic_strips.summary import Summary, shortened
 
 from .coal_shapes import ShapeKind, shape_of, vertices
 from .cover import sticks_out
+from .free_posture import free_posture
 from .kinematics import find_frame
 from .second_reader import differences, shape_differences
 from .urdf import pinocchio_geometry, pinocchio_model
@@ -176,7 +177,11 @@ def _troubles(robot: RobotModel) -> list[str]:
         )
     hit = robot.self_collision(robot.home_q)
     if hit is not None:
-        found.append(f"home collides: {hit[0]} and {hit[1]}")
+        touching = free_posture(robot)[1]
+        found.append(
+            f"home collides: {hit[0]!r} and {hit[1]!r}"
+            + (f"; no posture was found without: at best {touching} are in each other" if touching else "")
+        )
     if len(robot.joint_names) > 20:
         found.append(f"{len(robot.joint_names)} joints are planned, which are many")
     return found

@@ -388,9 +388,10 @@ def _at_home(
         passed.append(f"in {what} {touching[0]!r} collides with {touching[1]!r}")
         first = first or robot
     assert first is not None
-    free = free_posture(first)
-    if free is None:
-        _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
+    free, touching = free_posture(first)
+    if touching:
+        _log.warning("%s: %s; home collides. No posture was found in which all links are apart: at best %s are in each "
+                     "other", first.name, "; ".join(passed), touching)  # fmt: skip
         return first
     changed = np.flatnonzero(np.abs(first.space.to_coordinates(free) - first.space.to_coordinates(first.home_q)) > 1e-9)
     names = [first.joint_names[k - first.space.base_nv] for k in changed]

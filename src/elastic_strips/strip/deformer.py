@@ -124,7 +124,8 @@ class Deformer(BaseDeformer[DeformReport]):
         most = self.workspace.most_self_clearance
         if params.self_clearance > most:
             raise ParameterError(
-                f"self_clearance={own:g} m is more than the {most:g} m that this deformer was made for; make another one"
+                f"self_clearance={own:g} m is more than the {most:g} m that this deformer was made for; "
+                "make another one"
             )
         self.params = self.workspace.params = params
 
