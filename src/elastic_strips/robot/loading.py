@@ -20,6 +20,7 @@ from elastic_strips.catalogue import find_robot, is_known, is_ours
 from elastic_strips.errors import RobotError, nearest_name
 
 from .coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, support, vertices
+from .collada import meant_turned, said_of_turned
 from .cover import sticks_out
 from .free_posture import free_posture
 from .mimic import Following, with_followers
@@ -141,6 +142,7 @@ def load_robot(
         unplanned = names - planned - set(following)
         model, source = _with_followers(model, source, following)
         collision = pinocchio_geometry(source, model, pin.COLLISION)
+        turned = meant_turned(source.document, model, collision)
         _thicken(collision, source)
         _check_shapes(collision, source)
         drawn = _drawn(source, model)
@@ -186,6 +188,8 @@ def load_robot(
             'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
             name, len(robot.bare_links), _all(robot.bare_links, 40),
         )  # fmt: skip
+    if turned:
+        _log.warning("%s: %s", name, said_of_turned(turned))
     _say_what_grew(robot, source.from_visual)
     if not is_ours(source.path):  # those are compared by the tests
         _say_what_differs(*described, name)
