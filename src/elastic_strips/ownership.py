@@ -31,6 +31,10 @@ class OneThread:
         self._inside = {}
         return self
 
+    def share_with(self, part: OneThread) -> None:
+        """Make a part of this workspace one with it: who is inside either of them is inside both."""
+        part._inside = self._inside
+
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "_inside"}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import pickle
@@ -9,26 +10,38 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from importlib import import_module
+from pkgutil import walk_packages
 from threading import Event
 
 import numpy as np
 import pytest
 
+from elastic_strips import collision, planning
+from elastic_strips import robot as robots
+from elastic_strips import strip as strips
+from elastic_strips import trajectory as trajectories
 from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
+from elastic_strips.collision.bounds import Displacement
 from elastic_strips.collision.motion_certificate import MotionCertifier
 from elastic_strips.collision.narrowphase import Narrowphase
 from elastic_strips.collision.strip_certificate import Certifier
+from elastic_strips.control import EvasionParams
+from elastic_strips.control.evasion import EvasivePlanner
 from elastic_strips.errors import ElasticStripsError, ThreadError
 from elastic_strips.native import twin
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.planning import straight_line
 from elastic_strips.planning.homotopy.strip_set import StripSet
-from elastic_strips.planning.validity import ValidityChecker
-from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.planning.validity import SatisfyingChecker, ValidityChecker
+from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
+from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseSolver
 from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Deformer, Strip
+from elastic_strips.strip import Deformer, OrientationConstraint, Strip
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.paper import PaperDeformer
+from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.trajectory import TrajectoryCertifier
 
 _HAMMER = """
@@ -128,11 +141,17 @@ def _workspaces(robot: RobotModel) -> list[OneThread]:
     bounds = MotionBounds(bodies)
     obstacles = ObstacleProximity(bodies, influence=0.3)
     own = SelfProximity(bodies, robot.self_pairs, bounds, influence=0.1)
+    level = ConstraintForce(robot, OrientationConstraint.from_configuration(robot, robot.home(), "hand_frame"))
+    rng = np.random.default_rng(0)
     return [
         Deformer(robot), PaperDeformer(robot), Kinematics(robot.tree), Narrowphase(bodies), obstacles, own,
         Certifier(bodies, bounds, obstacles, own), MotionCertifier(bodies, bounds, robot.self_pairs),
         TrajectoryCertifier(robot, clearance=0.05, self_clearance=0.01), StripSet(robot, robot.home(x=2.0)),
-        ValidityChecker(robot, Scene(), margin=0.0),
+        Deformer(robot).workspace, ValidityChecker(robot, Scene(), margin=0.0),
+        SatisfyingChecker(ValidityChecker(robot, Scene(), margin=0.0), level), Displacement(robot),
+        PlanarFootprint(robot), PoseSolver(robot, "hand_frame"),
+        PoseSearch(robot, "hand_frame", (0.5, 0.0, 1.0), None, near=None, within=np.zeros(3), rng=rng),
+        EvasivePlanner(robot, MotionLimits.for_robot(robot), EvasionParams(), dt=0.1, hold=0.1, clearance=0.0),
     ]  # fmt: skip
 
 
@@ -167,6 +186,48 @@ def test_every_workspace_turns_a_second_thread_away(silvermate: RobotModel) -> N
                 method: Callable[..., object] = getattr(workspace, name)
                 with pytest.raises(ThreadError, match=f"{type(workspace).__name__}.{name}"):
                     method()
+
+
+_PARTS = {"MovingParts", "PairSolver", "Bisection", "_Tools", "_Postures", "_Work", "AlternativesSearch"}
+"""They live in a guarded workspace, or within one call."""
+
+
+def test_no_workspace_of_the_kernel_s_rooms_is_left_open() -> None:
+    found = {
+        name: kind
+        for room in (collision, planning, robots, strips, trajectories)
+        for _, module, _ in walk_packages(room.__path__, f"{room.__name__}.")
+        for name, kind in vars(import_module(module)).items()
+        if inspect.isclass(kind) and kind.__module__ == module and (kind.__doc__ or "").startswith("Workspace")
+    }
+    assert {"ValidityChecker", "Certifier", "Kinematics", "PlanarFootprint", *_PARTS} <= set(found)
+    assert {name for name, kind in found.items() if not issubclass(kind, OneThread)} == _PARTS
+
+
+def test_a_deformer_s_nodes_are_not_replaced_from_without_while_it_deforms(silvermate: RobotModel) -> None:
+    """Between two of its parts nobody is inside of any, and what is certified would be the other thread's nodes."""
+    deformer, rows = Deformer(silvermate), silvermate.space.to_coordinates(silvermate.home_q)[None]
+    for one, other in ((deformer, deformer.workspace), (deformer.workspace, deformer)):
+        with _another_inside(one), pytest.raises(ThreadError):
+            other.reset()
+    with _another_inside(deformer), pytest.raises(ThreadError):
+        deformer.workspace.replace(rows, Scene())
+    deformer.workspace.replace(rows, Scene())
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_each_chart_of_a_checker_stays_its_own(silvermate: RobotModel, native: bool) -> None:
+    """A second one, another thread's perhaps, had taken the first one's place: a motion was asked of elsewhere."""
+    scene = Scene([Box((0.4, 0.4, 1.0), at=(2.0, 0.0, 0.5))])
+    with nullcontext() if native else twin():
+        checker = ValidityChecker(silvermate, scene, margin=0.0)
+    rows = [silvermate.space.to_coordinates(silvermate.home(x=x)[None])[0] for x in (0.0, 2.0)]
+    unit = np.ones(len(silvermate.joint_names))
+    free, blocked = (checker.in_chart(row, unit) for row in rows)
+    state = rows[0][-len(unit) :].tolist()
+    for _ in range(2):
+        assert free(state, state, 0.05)
+        assert not blocked(state, state, 0.05)
 
 
 class _Counter(OneThread):

@@ -17,6 +17,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices, by_rows
 from elastic_strips.native import kernel
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.coal_shapes import native_solid
 from elastic_strips.robot.geometry import link_labels
@@ -245,7 +246,7 @@ class MotionBounds:
         return np.ascontiguousarray(radius)  # by rows, as the kernel reads them
 
 
-class Displacement:
+class Displacement(OneThread):
     """Workspace: upper bounds of the displacement of any point of a robot between two configurations.
 
     A body lies within its capsule. A point of it is a point of the capsule's segment plus a vector of at most its
@@ -257,6 +258,7 @@ class Displacement:
         self._bodies = BodySet.links(robot)
         self._kin = Kinematics(robot.tree)  # of a, then of b: together they take little longer than one
 
+    @exclusive
     def __call__(self, a: Array, b: Array) -> Array:
         """Bounds (S,) [m] between the coordinate rows ``a`` and ``b`` (S, nv)."""
         n, bodies, kin = len(a), self._bodies, self._kin
@@ -268,6 +270,7 @@ class Displacement:
         turn = np.sqrt(((R_two - R_one) ** 2).sum(axis=(-2, -1)) * 0.5).T  # (S, njoints)
         return (way + bodies.radius * turn[:, bodies.joint]).max(axis=1, initial=0.0)
 
+    @exclusive
     def reach(self) -> float:
         """Largest horizontal distance [m] of a point of any body from the base's origin, at the last ``b``."""
         n = self._kin.n // 2

@@ -13,6 +13,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.collision import Forecast
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.space import wrap_angle
 from elastic_strips.scene import Scene
@@ -100,7 +101,7 @@ _STEADY = 0.15
 """Bonus [s] of the manoeuvre that was chosen last: it goes on unless another is better."""
 
 
-class EvasivePlanner:
+class EvasivePlanner(OneThread):
     """Workspace: compares manoeuvres of the base among the moving obstacles of a sensed scene.
 
     Args:
@@ -137,6 +138,7 @@ class EvasivePlanner:
             self._stopping = RollOuts(limits, part=params.acceleration, dt=_ROOM_STEP)
         self._last: Array | None = None
 
+    @exclusive
     def improved(
         self,
         result: PlanResult,
@@ -206,6 +208,7 @@ class EvasivePlanner:
         s = np.clip((passed - reached[i]) / np.maximum(reached[i + 1] - reached[i], 1e-9), 0.0, 1.0)
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)
 
+    @exclusive
     def look(self, scene: Scene, possible: Forecast, start: ReferenceState, strip: Array) -> bool:
         """Take in a scene, for :meth:`cost` and :meth:`options`.
 
@@ -239,6 +242,7 @@ class EvasivePlanner:
         self._ahead = path[np.minimum(ahead, len(path) - 1)]  # of each node, about a metre on
         return True
 
+    @exclusive
     def cost(self, rows: Array) -> tuple[float, float]:
         """Risk and cost [s] of coordinate rows (T, nv) at :attr:`time` after the start.
 

@@ -383,7 +383,7 @@ class _Search:
         work = Deformer(self.robot, self.params).workspace
         for row in source.touching[:_ASKED]:
             q = self.robot.space.from_coordinates(row)
-            near = nearest_things(self.robot, self.scene, (q, q), work)
+            near = nearest_things(work, self.robot, self.scene, (q, q))
             worst = min(near, key=lambda each: each.distance)
             counted[f"{worst.one} and {worst.two}"] += 1
         touching = tuple(name for name, _ in counted.most_common())

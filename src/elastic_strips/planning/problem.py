@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, SceneError
+from elastic_strips.ownership import exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import OrientationConstraint, Strip
@@ -155,7 +156,7 @@ class PlanningProblem:
         self.constraint: ConstraintForce | None = self.deformer.constraint
         self.params: DeformParams = self.deformer.params
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
-        nearest = nearest_things(robot, scene, (self.start, self.goal), self.deformer.workspace)
+        nearest = nearest_things(self.deformer.workspace, robot, scene, (self.start, self.goal))
         self.eased: str = ""
         if params is None and deformer is None:
             self.eased = ease(self.deformer, nearest)
@@ -227,7 +228,7 @@ def check_endpoints(
     """
     check_kinds(robot, scene)
     ends = _checked_ends(robot, start, goal, params)
-    for near in nearest_things(robot, scene, ends, (deformer or Deformer(robot, params)).workspace):
+    for near in nearest_things((deformer or Deformer(robot, params)).workspace, robot, scene, ends):
         near.check(params)
     return ends
 
@@ -280,7 +281,8 @@ class Near:
             )
 
 
-def nearest_things(robot: RobotModel, scene: Scene, ends: tuple[Array, Array], work: Workspace) -> list[Near]:
+@exclusive
+def nearest_things(work: Workspace, robot: RobotModel, scene: Scene, ends: tuple[Array, Array]) -> list[Near]:
     """The nearest obstacle and the nearest two links at start and goal, measured in a deformer's workspace."""
     _warn_of_size(scene)
     work.prediction = None

@@ -72,7 +72,7 @@ def plan_straight(
     deformer = Deformer(robot, ARM if params is None else params)
     eased = ""
     if params is None:
-        nearest = nearest_things(robot, scene, (ends[0], ends[1]), deformer.workspace)
+        nearest = nearest_things(deformer.workspace, robot, scene, (ends[0], ends[1]))
         eased = ease(deformer, nearest)
     report = deformer.assess(strip, scene)
     length = float(np.linalg.norm(offset))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import coal
@@ -52,6 +53,7 @@ class ValidityChecker(OneThread):
         self.bounds: MotionBounds = bounds or MotionBounds(BodySet.links(robot))
         self._checks = self._counted = 0
         self.native: _native.Validity | None = None
+        self._chart: tuple[Array, ...] = ()  # that the kernel has
         module, bodies = kernel(), self.bounds.bodies.native()
         if module is not None and bodies is not None:
             least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
@@ -105,12 +107,14 @@ class ValidityChecker(OneThread):
         """Configurations checked so far."""
         return self._checks if self.native is None else self.native.checks
 
+    @exclusive
     def count(self) -> None:
         """Count the checks since the last time as work of the calling thread."""
         checks = self.checks
         count_work(checks=checks - self._counted)
         self._counted = checks
 
+    @exclusive
     def __call__(self, q: Array) -> bool:
         """Whether the configuration (nq,) is valid."""
         if self.native is not None:
@@ -125,12 +129,14 @@ class ValidityChecker(OneThread):
             return False
         return self._manager is None or not self._hits_tree()
 
+    @exclusive
     def at(self, coordinates: Array) -> bool:
         """Whether the configuration with these coordinates (nv,) is valid."""
         if self.native is None:
             return self(self.robot.space.from_coordinates(coordinates))
         return self.native.valid(*by_rows(coordinates))
 
+    @exclusive
     def motion(self, a: Array, b: Array, step: float) -> bool:
         """Whether the motion between coordinates (nv,) is valid, but for its start: its end and places between.
 
@@ -161,9 +167,24 @@ class ValidityChecker(OneThread):
             unit: (K,) how much of the last K coordinates one unit of a state is.
         """
         if self.native is not None:
-            self.native.chart(*by_rows(row, unit))
-            return self.native.motion_in_chart
+            chart = tuple(array.copy() for array in by_rows(row, unit))
+            self._take(chart)
+            return partial(self._motion_in_chart, chart)
         return _in_chart(self.motion, row, unit)
+
+    @exclusive
+    def _motion_in_chart(self, chart: tuple[Array, ...], a: Sequence[float], b: Sequence[float], step: float) -> bool:
+        """:meth:`motion` of states in one of the charts that were asked for, which may be several."""
+        assert self.native is not None
+        if self._chart is not chart:
+            self._take(chart)
+        return self.native.motion_in_chart(a, b, step)
+
+    @exclusive
+    def _take(self, chart: tuple[Array, ...]) -> None:
+        assert self.native is not None
+        self.native.chart(*chart)
+        self._chart = chart
 
     def _hits_tree(self) -> bool:
         assert self._manager is not None
@@ -178,8 +199,8 @@ class ValidityChecker(OneThread):
         return False
 
 
-class SatisfyingChecker:
-    """Checks configurations after the joints have moved to where they satisfy a constraint.
+class SatisfyingChecker(OneThread):
+    """Workspace: checks configurations after the joints have moved to where they satisfy a constraint.
 
     A planner of the joints asks about straight motions, on which nothing satisfies it; what is meant is the motion that
     these are projected to, and the rows of its path are projected likewise.
@@ -194,14 +215,17 @@ class SatisfyingChecker:
         self.bounds: MotionBounds = valid.bounds
         self._valid, self._constraint = valid, constraint
 
+    @exclusive
     def count(self) -> None:
         """As :meth:`ValidityChecker.count`."""
         self._valid.count()
 
+    @exclusive
     def at(self, coordinates: Array) -> bool:
         """Whether the configuration that these coordinates (nv,) are projected to is valid."""
         return self._all(coordinates[None], np.inf)
 
+    @exclusive
     def motion(self, a: Array, b: Array, step: float) -> bool:
         """As :meth:`ValidityChecker.motion`, of the motion that the straight one is projected to."""
         space = self.robot.space
@@ -231,9 +255,9 @@ def _in_chart(
     motion: Callable[[Array, Array, float], bool], row: Array, unit: Array
 ) -> Callable[[Sequence[float], Sequence[float], float], bool]:
     """``motion`` of coordinates, for states that are the last of these in units of their own."""
-    one, two = row.copy(), row.copy()
 
     def of_states(a: Sequence[float], b: Sequence[float], step: float) -> bool:
+        one, two = row.copy(), row.copy()
         one[-len(unit) :], two[-len(unit) :] = np.multiply(a, unit), np.multiply(b, unit)
         return motion(one, two, step)
 

@@ -16,7 +16,9 @@ from elastic_strips.errors import RobotError
 from elastic_strips.summary import Summary, shortened
 
 from .coal_shapes import ShapeKind, shape_of, vertices
+from .collada import meant_turned, said_of_turned
 from .cover import sticks_out
+from .free_posture import free_posture
 from .kinematics import find_frame
 from .second_reader import differences, shape_differences
 from .urdf import pinocchio_geometry, pinocchio_model
@@ -176,7 +178,11 @@ def _troubles(robot: RobotModel) -> list[str]:
         )
     hit = robot.self_collision(robot.home_q)
     if hit is not None:
-        found.append(f"home collides: {hit[0]} and {hit[1]}")
+        touching = free_posture(robot)[1]
+        found.append(
+            f"home collides: {hit[0]!r} and {hit[1]!r}"
+            + (f"; no posture was found without: at best {touching} are in each other" if touching else "")
+        )
     if len(robot.joint_names) > 20:
         found.append(f"{len(robot.joint_names)} joints are planned, which are many")
     return found
@@ -266,13 +272,15 @@ def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
     try:
         model = pinocchio_model(source)
         joints = differences(source, model)
-        shapes = shape_differences(source, model, pinocchio_geometry(source, model, pin.COLLISION))
+        geometry = pinocchio_geometry(source, model, pin.COLLISION)
+        shapes, turned = shape_differences(source, model, geometry), meant_turned(source.document, model, geometry)
     except RobotError as error:  # the files have changed since
         return [], CardSection(title, columns, (), f"not asked: {error}")
     parts = (("joints and places", joints), ("shapes", shapes))
     note = "; ".join(f"{what}: {'compared' if each is not None else 'not read by it'}" for what, each in parts)
     found = [*(joints or ()), *(shapes or ())]
-    return found, CardSection(title, columns, tuple((each,) for each in found), note)
+    rows = tuple((each,) for each in found)
+    return [*found, *([said_of_turned(turned)] if turned else ())], CardSection(title, columns, rows, note)
 
 
 def _frames(robot: RobotModel) -> CardSection:

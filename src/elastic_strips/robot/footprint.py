@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.work import count_work
 
 from .coal_shapes import support, support_points
@@ -25,7 +26,7 @@ _OUTLINES: WeakKeyDictionary[RobotModel, dict[bytes, Array]] = WeakKeyDictionary
 _POSTURES = 64  # that are kept of a robot
 
 
-class PlanarFootprint:
+class PlanarFootprint(OneThread):
     """Workspace: a robot seen from above in one posture of its joints, in the frame of its base.
 
     There are two descriptions. The *boxes* hold each body, round ones as the polygons that hold them: they are for
@@ -54,6 +55,7 @@ class PlanarFootprint:
         footprint._place(q.copy())
         return footprint
 
+    @exclusive
     def update(self, coordinates: Array) -> None:
         """Take the posture of the joints from coordinates (nv,)."""
         row = np.array(coordinates, dtype=float)
@@ -73,6 +75,7 @@ class PlanarFootprint:
         pin.updateGeometryPlacements(robot.model, self._data, robot.collision_model, self._placed, self._q)
         return list(self._placed.oMg)
 
+    @exclusive
     def boxes(self) -> tuple[Array, Array, Array, Array]:
         """Centres and half sizes (K, 2), lowest and highest points (K,) of the boxes [m], less those within others."""
         if self._boxes is None:
@@ -140,6 +143,7 @@ class PlanarFootprint:
         at = (self.low <= high[:, None]) & (self.high >= low[:, None])
         return np.where(at, self._corner, 0.0).max(axis=1, initial=0.0)
 
+    @exclusive
     def outlines(self) -> Array:
         """How far [m] each body reaches from the base's origin: (bodies, DIRECTIONS + 2) all around, up, and down."""
         known = _OUTLINES.setdefault(self._robot, {})

@@ -10,19 +10,24 @@ from elastic_strips.arrays import Array
 from .model import RobotModel
 
 _APART = 2e-3  # [m] that the robot's own links keep in it: more than strips ask of them
-_ROUNDS = 8  # after each, fewer links are in each other
-_SCALES = np.linspace(0.05, 1.0, 40)  # parts of the joints' ranges that are tried in a round, the nearest first
-_TRIES = 4  # postures of each
+_SCALES = np.repeat(np.linspace(0.05, 1.0, 40), 4)  # parts of the joints' ranges that are tried, the nearest first
+_ROUNDS = 8  # of these from each start
+_MOST = 2_000_000  # distances that are measured from each start, or a little more
 _TURN = np.pi  # [rad or m] the range of a joint without limits, to either side
 
 
-def free_posture(robot: RobotModel) -> Array | None:
-    """A configuration (nq,) near home whose links keep apart, with few joints changed; None where none is found.
+def free_posture(robot: RobotModel) -> tuple[Array, str]:
+    """A configuration (nq,) near home whose links keep apart, with few joints changed; and which do not, for people.
 
-    The joints between links that are in each other are moved at random, ever further, until less is; what is found is
-    brought back to home joint by joint, as far as it stays free. The same at every call.
+    The joints between two links that are in each other are moved at random, ever further and at last anywhere within
+    their limits, until less is; a pair after another. Where that ends in a corner it begins anew from the middle of the
+    limits, and from somewhere. What is found is brought back to home joint by joint, as far as it stays free. The same
+    at every call.
+
+    Returns:
+        The configuration in which least was found to be in each other, and what: empty where it is free.
     """
-    space, rng = robot.space, np.random.default_rng(0)
+    space, rng, b = robot.space, np.random.default_rng(0), robot.space.base_nv
     data, geometry = robot.model.createData(), robot.collision_model.createData()
     home = space.to_coordinates(robot.home_q)
     low = np.where(np.isfinite(space.lower), space.lower, home - _TURN)
@@ -35,28 +40,37 @@ def free_posture(robot: RobotModel) -> Array | None:
         pin.computeDistances(robot.model, data, robot.collision_model, geometry, space.from_coordinates(row))
         return np.maximum(_APART - np.array([result.min_distance for result in geometry.distanceResults]), 0.0)
 
-    row, now = home, lacking(home)
-    for _ in range(_ROUNDS):
+    def apart_from(row: Array) -> tuple[Array, Array]:
+        """Coordinates (nv,) that are reached from others, and what is lacking there (S,)."""
+        now = lacking(row)
+        for scale in np.tile(_SCALES, int(np.clip(_MOST // (len(_SCALES) * max(len(now), 1)), 1, _ROUNDS))):
+            if not now.any():
+                break
+            moved = np.unique(robot.tree.coordinate[between[rng.choice(np.flatnonzero(now))]])
+            trial = row.copy()
+            trial[moved] = rng.uniform(row + scale * (low - row), row + scale * (high - row))[moved]
+            then = lacking(trial)
+            if then.sum() < now.sum():
+                row, now = trial, then
+        return row, now
+
+    row, now = apart_from(home)
+    for start in (0.5 * (low + high), rng.uniform(low, high)):
         if not now.any():
             break
-        moved = np.unique(robot.tree.coordinate[between[now > 0.0].any(axis=0)])
-        before, least = row, float(now.sum())
-        for scale in np.repeat(_SCALES, _TRIES):
-            trial = before.copy()
-            step = scale * rng.uniform(-0.5, 0.5, len(moved)) * (high - low)[moved]
-            trial[moved] = np.clip(before[moved] + step, low[moved], high[moved])
-            then = lacking(trial)
-            if then.sum() < least:
-                row, now, least = trial, then, float(then.sum())
-                if not now.any():
-                    break
-    if now.any():
-        return None
-    for k in np.argsort(np.abs(row - home)):
-        trial = row.copy()
-        trial[k] = home[k]
-        if not lacking(trial).any():
-            row = trial
+        start[:b] = home[:b]
+        row, now = min((row, now), apart_from(start), key=lambda found: float(found[1].sum()))
+    if not now.any():
+        for k in np.argsort(np.abs(row - home)):
+            trial = row.copy()
+            trial[k] = home[k]
+            if not lacking(trial).any():
+                row = trial
     q = space.from_coordinates(row)
     q.setflags(write=False)
-    return q if robot.self_collision(q) is None else None  # asked anew: what was measured began from the last answers
+    deep = [k for k in np.argsort(-now) if now[k] > _APART]
+    if not deep and (hit := robot.self_collision(q)) is not None:  # asked anew: distances began from the last answers
+        return q, f"{hit[0]!r} and {hit[1]!r}"
+    names = [[robot.geometries[i].name for i in robot.self_pairs[k]] for k in deep]
+    said = [f"{a!r} and {b!r} ({1e3 * (now[k] - _APART):.0f} mm)" for (a, b), k in zip(names, deep, strict=True)]
+    return q, ", ".join(said[:4]) + (f" and {len(said) - 4} more pairs" if len(said) > 4 else "")

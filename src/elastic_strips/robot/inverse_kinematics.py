@@ -211,7 +211,7 @@ def inverse_kinematics(
     return ReachResult(solutions[0], search.distance, search.angle, f"{frame!r} reaches it", solutions)
 
 
-class PoseSearch:
+class PoseSearch(OneThread):
     """Workspace: looks for configurations with a frame of the robot at a pose, a round of starts after the other.
 
     Args:
@@ -250,6 +250,7 @@ class PoseSearch:
         self._here = robot.space.to_coordinates(robot.home_q if near is None else robot.check_q(near, what="near"))
         self._rng, self._least, self._rounds = rng, np.inf, {False: 0, True: 0}
 
+    @exclusive
     def round(self, *, base: bool) -> Array:
         """Coordinate rows (K, nv) of another round that reach the target, the nearest first; ``base``: it may move."""
         solver, space, here = self._solver, self.robot.space, self._here

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import math
 import os
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -17,32 +15,35 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import find_robot, is_known, is_ours
-from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.errors import RobotError
 
-from .coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, support, vertices
-from .cover import sticks_out
+from .coal_shapes import ShapeKind, shape_of, vertices
+from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
-from .mimic import Following, with_followers
+from .holes import bare_links, drawn_alone, say_what_grew, thicken
 from .model import RobotModel, check_joint_names, reference_configuration
+from .planned_joints import (
+    compare_states,
+    following_planned,
+    held_still,
+    listed,
+    planned_joints,
+    resting_joints,
+    what_to_lock,
+    why_held,
+    with_leaders,
+    with_their_limits,
+)
 from .second_reader import differences
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
 from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
+from .wheels import round_wheels, wheel_joints
 from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
 _LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
-_LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher
-_LARGEST_RATIO = 1e6  # of a follower's speed and its leader's, or the other way round
-_SHEET = 1e-4  # [m]: what is drawn thinner than this gets this thickness as a collision shape
-_GROWN = 0.05  # [m] by which a piece of a drawn shape may reach out of it without a warning
-_SELDOM_PLANNED = (
-    "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
-    "ring_", "pinky", "little", "head", "neck", "eye",
-)  # fmt: skip
-"""In the names of joints that an arm's motion can do without."""
-_ROUND = 0.003  # [m] by how much a wheel may stick out farther on one side: its mesh has corners
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -131,26 +132,27 @@ def load_robot(
     if given_srdf and semantics is not None and semantics.name not in ("", source.name):
         _log.warning("%s is written for a robot that is called %.60r; this one is called %.60r: the pairs that it "
                      "leaves out may be another robot's", semantics.path, semantics.name, source.name)  # fmt: skip
-    planned = _planned(source, semantics, joints, group, locked)
+    planned = planned_joints(source, semantics, joints, group, locked)
     try:
         model = pinocchio_model(source, planar=kind.planar)
         check_joint_names(model, locked or {}, "locked")
-        wheels = _wheels(model, source)
-        resting = _resting(model, source)
-        names, held = frozenset(model.names[1:]) - {"root_joint"}, _with_leaders(source, locked or {})
+        wheels = wheel_joints(model, source)
+        resting = resting_joints(model, source)
+        names, held = frozenset(model.names[1:]) - {"root_joint"}, with_leaders(source, locked or {})
         told, described = planned, (source, model)
         if planned is None:
             planned = names - resting - set(held)
-        following = _following(source, planned, locked or {})
+        following = following_planned(source, planned, locked or {})
         unplanned = names - planned - set(following)
-        model, source = _with_followers(model, source, following)
+        model, source = with_their_limits(model, source, following)
         collision = pinocchio_geometry(source, model, pin.COLLISION)
-        _thicken(collision, source)
+        turned = meant_turned(source.document, model, collision)
+        thicken(collision, source)
         _check_shapes(collision, source)
-        drawn = _drawn(source, model)
+        drawn = drawn_alone(source, model)
 
         def still(home: Mapping[str, float]) -> dict[str, float]:
-            return _still(source, unplanned, held, home)
+            return held_still(source, unplanned, held, home)
 
         def build(home: Mapping[str, float]) -> RobotModel:
             values = still(home)
@@ -163,14 +165,14 @@ def load_robot(
                 control_points=control_points, hand_frame=hand,
                 states=None if semantics is None else semantics.states,
                 urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
-                held=_why_held(source, values, locked or {}, wheels, told),
+                held=why_held(source, values, locked or {}, wheels, told),
                 groups=None if semantics is None else semantics.groups, drawn=drawn, description=source,
                 round_wheels=rolling,
             )  # fmt: skip
 
-        rolling = _round_wheels(model, collision, resting & source.continuous)
+        rolling = round_wheels(model, collision, resting & source.continuous)
         robot = _at_home(build, still, home, semantics, source, resting)
-        robot = replace(robot, bare_links=_bare(source, robot, drawn))
+        robot = replace(robot, bare_links=bare_links(source, robot, drawn))
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
@@ -180,188 +182,22 @@ def load_robot(
             why = "; it is locked" if joint in (locked or {}) else ", outside of its limits; it is held"
             _log.warning("%s: joint %r mimics %r, which puts it at %.6g%s at %.6g",
                          name, joint, leader, wanted, why, robot.locked[joint])  # fmt: skip
-    _compare_states(name, semantics, robot.followers)
+    compare_states(name, semantics, robot.followers)
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning("%s plans %d joints, which are many: slow to plan and to deform. %s",
-                     name, len(robot.joint_names), _what_to_lock(robot))  # fmt: skip
+                     name, len(robot.joint_names), what_to_lock(robot))  # fmt: skip
     if robot.bare_links:
         _log.warning(
             "%s: %d links are drawn and have no collision shape, so nothing is proven of them: %s. "
             'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
-            name, len(robot.bare_links), _all(robot.bare_links, 40),
+            name, len(robot.bare_links), listed(robot.bare_links, 40),
         )  # fmt: skip
-    _say_what_grew(robot, source.from_visual)
+    if turned:
+        _log.warning("%s: %s", name, said_of_turned(turned))
+    say_what_grew(robot, source.from_visual)
     if not is_ours(source.path):  # those are compared by the tests
         _say_what_differs(*described, name)
     return robot
-
-
-def _planned(
-    source: UrdfSource, semantics: Srdf | None, joints: Iterable[str] | None, group: str | None,
-    locked: Mapping[str, float] | None,
-) -> frozenset[str] | None:  # fmt: skip
-    """The joints to plan, or None where all are planned but those that are locked."""
-    if joints is not None and group is not None:
-        raise RobotError(f"joints={joints!r} and group={group!r} both say what is planned; give one of them")
-    if group is not None:
-        groups = {} if semantics is None else semantics.groups
-        if group not in groups:
-            where = "no SRDF is given" if semantics is None else str(semantics.path)
-            raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
-        joints = []
-        for joint in groups[group]:
-            if why := _cannot_lead(source, joint):
-                _log.warning("group %r: joint %r is held still: %s", group, joint, why)
-            else:
-                joints.append(joint)
-        if not joints:
-            raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
-    if joints is None:
-        return None
-    if isinstance(joints, str):
-        raise RobotError(f"joints={joints!r} is one text; give a list of joint names")
-    movable = set(source.joint_limits) | set(source.continuous)
-    planned, following = list(joints), source.following()
-    for joint in planned:
-        if joint not in movable:
-            hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
-            raise RobotError(f"joints: cannot plan {joint!r}{hint}")
-        if why := _cannot_lead(source, joint):
-            raise RobotError(f"joints: cannot plan {joint!r}: {why}. Hold it still (locked={{{joint!r}: …}}, --lock)")
-        if joint in source.followers and following[joint].leader not in planned:
-            leader = following[joint].leader
-            raise RobotError(
-                f"joints: cannot plan {joint!r} alone: it has to <mimic> {leader!r}. Plan that one, and it follows; or "
-                f"hold that one still (locked={{{leader!r}: …}}, --lock), and it is held where that puts it"
-            )
-    planned = [joint for joint in planned if joint not in source.followers]
-    both = sorted(set(planned) & set(locked or {}))
-    if both:
-        raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
-    return frozenset(planned)
-
-
-def _resting(model: pin.Model, source: UrdfSource) -> frozenset[str]:
-    """The joints that are held still where nothing is said of any.
-
-    Of joints that others mimic, those that carry no more than these: grippers. A lift that carries an arm is planned.
-    """
-    wheels, following = _wheels(model, source), source.following()
-    resting, movable = wheels | source.mimic, {*source.joint_limits, *source.continuous}
-    held = set()
-    for leader in {follower.leader for follower in following.values()} - wheels:
-        own = [leader, *(name for name, follower in following.items() if follower.leader == leader)]
-        ids = [model.getJointId(name) for name in own if model.existJointName(name)]
-        carries = leader in movable and {model.names[k] for i in ids for k in model.subtrees[i]} - set(own) - resting
-        why = _cannot_lead(source, leader)
-        if carries and why:
-            _log.warning("%s: joint %r is held still: %s", source.path, leader, why)
-        if why or not carries:
-            held.add(leader)
-    resting = resting | held
-    return frozenset(joint for joint in resting if model.existJointName(joint))
-
-
-def _cannot_lead(source: UrdfSource, leader: str) -> str:
-    """Why joints cannot follow a leader wherever it goes; empty where they can, or none has to."""
-    low, high = source.joint_limits.get(leader, (-math.inf, math.inf))
-    for name, (first, multiplier, constant) in source.following().items():
-        if first != leader or multiplier == 0.0:
-            continue
-        if not (1.0 / _LARGEST_RATIO <= abs(multiplier) <= _LARGEST_RATIO and abs(constant) <= MAX_LENGTH):
-            return f"{name!r} has to <mimic> it {multiplier:g} times plus {constant:g}: neither gear nor lift does that"
-        if leader in source.continuous and not (name in source.continuous and multiplier == round(multiplier)):
-            how = f"{multiplier:g} times" if name in source.continuous else "within limits"
-            return f"it is continuous, and {name!r}, which has to <mimic> it {how}, would not go around with it"
-        if name in source.joint_limits:
-            least, most = sorted((limit - constant) / multiplier for limit in source.joint_limits[name])
-            low, high = max(low, least), min(high, most)
-            if low > high:
-                return f"{name!r}, which has to <mimic> it, is within its own limits nowhere"
-    return ""
-
-
-def _with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, float]:
-    """Locked values, with those that the locked joints' leaders have to have.
-
-    Raises:
-        RobotError: there are none, or they are outside of the leader's limits.
-    """
-    found: dict[str, float] = {}
-    for first in locked:
-        name, value = first, locked[first]
-        while name in source.followers and source.followers[name][0] not in locked:
-            leader, multiplier, constant = source.followers[name]
-            where = f"locked: joint {first!r} at {locked[first]:.6g} mimics {leader!r}, which"
-            if multiplier == 0.0 or leader not in {*source.joint_limits, *source.continuous}:
-                if abs(value - constant) > LIMIT_TOLERANCE:
-                    raise RobotError(f"{where} holds it at {constant:.6g}")
-                break
-            name, value = leader, (value - constant) / multiplier + 0.0  # no −0
-            if not within_limits(value, source, leader):
-                low, high = source.joint_limits[leader]
-                raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
-            if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
-                raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
-            above, multiplier, constant = source.followers.get(leader, ("", 0.0, 0.0))
-            if above in locked and abs(multiplier * locked[above] + constant - value) > LIMIT_TOLERANCE:
-                put = multiplier * locked[above] + constant
-                raise RobotError(f"{where} would be at {value:.6g} for it; {above!r}, locked too, puts it at {put:.6g}")
-    return {**found, **locked}
-
-
-def _following(source: UrdfSource, planned: frozenset[str], locked: Mapping[str, float]) -> dict[str, Following]:
-    """The joints that follow planned ones.
-
-    Raises:
-        RobotError: one of them is to be held still.
-    """
-    following = {name: f for name, f in source.following().items() if f.leader in planned and f.multiplier != 0.0}
-    for name, follower in following.items():
-        if name in locked:
-            raise RobotError(
-                f"locked: {name!r} follows {follower.leader!r}, which is planned: lock that one, or neither"
-            )
-    return following
-
-
-def _with_followers(
-    model: pin.Model, source: UrdfSource, following: Mapping[str, Following]
-) -> tuple[pin.Model, UrdfSource]:
-    """The model in which joints follow, and the description with the limits that they leave their leaders."""
-    if not following:
-        return model, source
-    model, limits = with_followers(model, following), dict(source.joint_limits)
-    for leader in {follower.leader for follower in following.values()} & set(limits):
-        k = model.joints[model.getJointId(leader)].idx_q
-        limits[leader] = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
-    return model, replace(source, joint_limits=limits)
-
-
-def _compare_states(robot: str, semantics: Srdf | None, followers: Mapping[str, Following]) -> None:
-    """Warn of states that have followers elsewhere than their leaders put them."""
-    for state, values in ({} if semantics is None else semantics.states).items():
-        for name, (leader, multiplier, constant) in followers.items():
-            wanted = multiplier * values.get(leader, np.nan) + constant
-            if name in values and abs(values[name] - wanted) > LIMIT_TOLERANCE:
-                _log.warning("%s: state %r has %r at %.6g; it follows %r, which puts it at %.6g",
-                             robot, state, name, values[name], leader, wanted)  # fmt: skip
-
-
-def _still(
-    source: UrdfSource, names: frozenset[str], locked: Mapping[str, float], home: Mapping[str, float]
-) -> dict[str, float]:
-    """Values of the joints that are held still: given ones, where those put what mimics them, and those of home."""
-
-    def value(joint: str) -> float:
-        if joint in locked:
-            return locked[joint]
-        if joint not in source.followers:
-            return _clip(home.get(joint, 0.0), source, joint)
-        leader, multiplier, offset = source.followers[joint]
-        return _clip(multiplier * value(leader) + offset, source, joint)
-
-    return {joint: value(joint) for joint in sorted(names - set(locked))} | dict(locked)
 
 
 def _at_home(
@@ -396,9 +232,10 @@ def _at_home(
         passed.append(f"in {what} {touching[0]!r} collides with {touching[1]!r}")
         first = first or robot
     assert first is not None
-    free = free_posture(first)
-    if free is None:
-        _log.warning("%s: %s; home collides", first.name, "; ".join(passed))
+    free, touching = free_posture(first)
+    if touching:
+        _log.warning("%s: %s; home collides. No posture was found in which all links are apart: at best %s are in each "
+                     "other", first.name, "; ".join(passed), touching)  # fmt: skip
         return first
     changed = np.flatnonzero(np.abs(first.space.to_coordinates(free) - first.space.to_coordinates(first.home_q)) > 1e-9)
     names = [first.joint_names[k - first.space.base_nv] for k in changed]
@@ -422,68 +259,6 @@ def _homes(
     for name in states:
         if name not in likely:
             yield f"state {name!r}", {**home, **states[name]}
-
-
-def _wheels(model: pin.Model, source: UrdfSource) -> set[str]:
-    """Continuous joints that are called wheel or caster, or are those of a base that moves by what hangs on them.
-
-    A wheel turns about a level axis, hangs on the root link by fixed joints, and carries nothing that moves. A caster
-    turns about an upright one and carries nothing but wheels, no higher than the others; without others there are
-    two of them at least. So an arm's own first joint is neither, nor is the head that pans and tilts.
-    """
-    named = {j for j in source.continuous if any(word in j.lower() for word in ("wheel", "caster", "castor"))}
-    if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
-        return named
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    upright = {i: abs(float(data.J[5, model.joints[i].idx_v])) for i in range(2, model.njoints)}  # z of its axis
-    height = [float(pose.translation[2]) for pose in data.oMi]
-    turning = {i for i in upright if model.names[i] in source.continuous}
-
-    def carried(i: int) -> list[int]:
-        return [k for k in model.subtrees[i] if k != i and model.names[k] not in source.mimic]
-
-    rolling = {i for i in turning if upright[i] < _LEVEL and not carried(i)}
-    wheels = {i for i in rolling if model.parents[i] == 1}
-    casters = {
-        i for i in turning
-        if model.parents[i] == 1 and upright[i] > 1.0 - _LEVEL and carried(i) and rolling.issuperset(carried(i))
-    }  # fmt: skip
-    top = max((height[i] for i in wheels), default=float("inf") if len(casters) > 1 else -float("inf"))
-    for i in casters:
-        if max(height[k] for k in carried(i)) <= top + _LEVEL:
-            wheels |= {i, *carried(i)}
-    return named | {model.names[i] for i in wheels}
-
-
-def _round_wheels(model: pin.Model, collision: pin.GeometryModel, wheels: Iterable[str]) -> frozenset[str]:
-    """The joints whose collision shapes are bodies of revolution about their axes, within 3 mm."""
-    round_, elevation = set(), np.linspace(-1.2, 1.2, 7)[:, None]
-    turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    for name in wheels:
-        i = model.getJointId(name)
-        if model.joints[i].nv != 1 or len(model.subtrees[i]) > 1:  # what swivels carries its wheel about
-            continue
-        axis = np.asarray(model.joints[i].createData().S).ravel()[3:]
-        side = np.linalg.svd(axis[None])[2][1:]
-        flat = np.cos(turn)[:, None] * side[0] + np.sin(turn)[:, None] * side[1]
-        directions = np.cos(elevation)[..., None] * flat + np.sin(elevation)[..., None] * axis
-        shapes = [obj for obj in collision.geometryObjects if obj.parentJoint == i]
-        if all(
-            np.ptp(_extent(shape, directions.reshape(-1, 3)).reshape(directions.shape[:2]), axis=1).max() <= _ROUND
-            for shape in shapes
-        ):
-            round_.add(name)
-    return frozenset(round_)
-
-
-def _extent(shape: pin.GeometryObject, directions: Array) -> Array:
-    """How far a shape extends along directions (K, 3) from its joint [m]."""
-    local = directions @ shape.placement.rotation
-    if shape_of(shape.geometry)[0] is ShapeKind.MESH and not len(vertices(shape.geometry)):
-        return np.zeros(len(directions))
-    few = np.array_split(local, len(local) // 8)  # a mesh of a million corners has as many numbers for each direction
-    return np.concatenate([support(shape.geometry, d) for d in few]) + directions @ shape.placement.translation
 
 
 def _check_shapes(collision: pin.GeometryModel, source: UrdfSource) -> None:
@@ -527,99 +302,9 @@ def _check_size(shape: pin.GeometryObject, points: Array) -> None:
         )  # fmt: skip
 
 
-def _all(names: tuple[str, ...], most: int = 4) -> str:
-    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def _drawn(source: UrdfSource, model: pin.Model) -> pin.GeometryModel | None:
-    """Visual geometry of the links that have no collision shape; None where it cannot be read."""
-    try:
-        return pinocchio_geometry(source, model, pin.VISUAL, only=source.bare)
-    except RobotError as error:
-        _log.warning("%s", error)
-        return None
-
-
-def _bare(source: UrdfSource, robot: RobotModel, drawn: pin.GeometryModel | None) -> tuple[str, ...]:
-    """The links that are drawn and not covered: of what cannot be read nobody knows that it is."""
-    if drawn is None:
-        return source.bare
-    return tuple(link for link in source.bare if link in robot.bare_links or link in source.undrawn)
-
-
-def _thicken(collision: pin.GeometryModel, source: UrdfSource) -> None:
-    """What is drawn may be a sheet, which has no hull: as a collision shape it is the box about it, 0.1 mm thick."""
-    for shape in collision.geometryObjects:
-        if shape.name.rsplit("_", 1)[0] in source.from_visual and shape_of(shape.geometry)[0] is ShapeKind.MESH:
-            points = vertices(shape.geometry)
-            if not len(points) or not np.isfinite(points).all():
-                continue  # which is refused
-            thin = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][-1]
-            if np.ptp(points @ thin) < _SHEET:
-                half = np.maximum(0.5 * np.ptp(points, axis=0), 0.5 * _SHEET)
-                middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
-                shape.geometry = convex_from_vertices(middle + SIGNS * half, name=shape.name)
-
-
-def _say_what_grew(robot: RobotModel, links: tuple[str, ...]) -> None:
-    """Warn of the pieces of some links that reach far out of the shapes that they stand for."""
-    assert robot.shapes is not None
-    for piece in robot.geometries if links else ():
-        far = sticks_out(robot.model, robot.shapes, piece) if set(piece.links) & set(links) else 0.0
-        if far > _GROWN:
-            _log.warning("%s: the convex piece %r of what is drawn reaches %.0f mm out of it, so more is refused than "
-                         "need be", robot.name, piece.name, 1e3 * far)  # fmt: skip
-
-
 def _say_what_differs(source: UrdfSource, model: pin.Model, name: str) -> None:
     """Warn of what another reader finds otherwise in the file."""
     found = differences(source, model)
     if found:
         more = f"; and {len(found) - 6} more" if len(found) > 6 else ""
         _log.warning("%s: yourdfpy reads the file otherwise: %s%s", name, "; ".join(found[:6]), more)
-
-
-def _what_to_lock(robot: RobotModel) -> str:
-    """Which of a robot's many joints may rather be held still."""
-    names, model = robot.joint_names, robot.model
-    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)]
-    if not ends:  # what branches off several times from one body at the end of a chain, as fingers do
-        first = model.njoints - len(names)
-        leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
-        chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
-        parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
-        roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
-        ends = [model.names[k] for i in roots for k in (i, *leaves[i])]
-    said = f"Name those to plan with joints=[…]{' or group=…' if robot.groups else ''}, or hold some still: "
-    if ends:
-        return f"{said}locked={{{', '.join(f'{name!r}: {0.0:g}' for name in ends[:12])}{', …' * (len(ends) > 12)}}}"
-    if robot.groups:
-        return f"{said}the SRDF's groups are {_all(tuple(robot.groups), 12)}"
-    return f"{said}locked={{…}}, of {_all(names, 40)}"
-
-
-def _why_held(
-    source: UrdfSource, still: Mapping[str, float], locked: Mapping[str, float], wheels: set[str],
-    planned: frozenset[str] | None,
-) -> dict[str, str]:  # fmt: skip
-    """Why each joint that is held still is."""
-
-    def why(joint: str) -> str:
-        if joint in locked:
-            return "locked by who loads it"
-        if joint in wheels:
-            return "a wheel or a caster"
-        if joint in source.followers:
-            return f"mimics {source.followers[joint][0]}"
-        if joint in source.mimic:
-            return "mimics a joint that is not there"
-        if followers := [name for name, follower in source.following().items() if follower.leader == joint]:
-            return f"mimicked by {', '.join(followers)}"
-        return "not among the joints to plan" if planned is not None else "held still"
-
-    return {joint: why(joint) for joint in still}
-
-
-def _clip(value: float, source: UrdfSource, joint: str) -> float:
-    low, high = source.joint_limits.get(joint, (-float("inf"), float("inf")))
-    return min(max(value, low), high)

@@ -24,6 +24,7 @@ from elastic_strips.files import check_input, note_input, read_input
 from elastic_strips.packages import package_of
 from elastic_strips.summary import shortened
 
+from .collada import mesh_unit
 from .mimic import Following
 
 _log = logging.getLogger(__name__)
@@ -241,33 +242,6 @@ def resolve_mesh(
     if candidate.is_absolute():
         return candidate if os.path.isfile(candidate) else None
     return next((f / name for f in [source.parent, *folders] if os.path.isfile(f / name)), None)
-
-
-def mesh_unit(path: Path) -> float:
-    """The unit of length [m] of a mesh file: what a Collada file states, which Coal passes over; else a metre.
-
-    Its ``<up_axis>`` is passed over, as RViz does: URDF files are written for that.
-    """
-    if path.suffix.lower() != ".dae":
-        return 1.0
-    try:
-        events = etree.iterparse(str(path), events=("end",), resolve_entities=False, no_network=True, huge_tree=False)
-        for _, element in events:
-            parent = element.getparent()
-            outermost = parent is not None and parent.getparent() is None
-            if outermost and etree.QName(element).localname == "asset":
-                unit = element.find("{*}unit")
-                stated = "1" if unit is None else unit.get("meter", "1")
-                value = float(stated) if _NUMBER.fullmatch(stated.strip()) else math.nan
-                if math.isfinite(value) and value > 0.0:
-                    return value
-                _log.warning("%s: its <unit> of %.40r m is no length; taken as a metre", path, stated)
-                return 1.0
-            if outermost:  # the asset comes first, or not at all
-                return 1.0
-    except (etree.XMLSyntaxError, OSError, ValueError):  # who reads the mesh will say so
-        pass
-    return 1.0
 
 
 def _as_collision(root: etree._Element, source: Path, wanted: Collection[str] | str) -> tuple[str, ...]:

@@ -70,7 +70,7 @@ class TickResult:
     iterations: int = 0
 
 
-class Workspace:
+class Workspace(OneThread):
     """Mutable state of a deformer: the current nodes and everything that is known about them.
 
     Args:
@@ -85,6 +85,8 @@ class Workspace:
         kin: kinematics of the nodes.
         obstacles: the links' distances to the scene; self_pairs: to each other.
         self_home: (S,) lower bounds of the self pairs' distances [m] at the home configuration.
+        most_self_clearance: largest clearance [m] between its own links that can be certified: pairs that are proven to
+            keep more than that in every posture were left out.
         prediction: where moving obstacles will be, or None where they count as they stand.
     """
 
@@ -105,7 +107,8 @@ class Workspace:
         self.bounds: MotionBounds = MotionBounds(self.bodies)
         self.kin: Kinematics = Kinematics(robot.tree, 64)
         self.obstacles: ObstacleProximity = ObstacleProximity(self.bodies, influence=reach)
-        pairs = robot.pairs_within(params.self_clearance)  # the others keep more of themselves
+        self.most_self_clearance: float = params.self_clearance
+        pairs = robot.pairs_within(self.most_self_clearance)  # the others keep more of themselves
         home = SelfProximity(self.bodies, pairs, self.bounds, influence=self_reach)
         kin = Kinematics(robot.tree, 1)
         kin.update(robot.space.to_coordinates(robot.home_q)[None])
@@ -133,6 +136,7 @@ class Workspace:
         """Exact distance queries made so far."""
         return self.obstacles.narrow.queries + self.self_pairs.queries
 
+    @exclusive
     def reset(self) -> None:
         """Forget all that is known."""
         self._strip = None
@@ -143,6 +147,7 @@ class Workspace:
         """Whether the current nodes are those of this very strip."""
         return strip is self._strip
 
+    @exclusive
     def load(self, strip: Strip, scene: Scene, *, to_move: bool = False) -> None:
         """Make a strip current; cheap where it already is.
 
@@ -160,6 +165,7 @@ class Workspace:
         if not (to_move and current and self.prediction is not None and self.obstacles.knows(scene)):
             self._distances(scene)
 
+    @exclusive
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
         """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none); what is known stays."""
         if not self.holds(strip):
@@ -169,18 +175,21 @@ class Workspace:
         self.kin.update(new.coordinates)
         self._strip, self._ends = new, new.q[[0, -1]]
 
+    @exclusive
     def move(self, coordinates: Array, scene: Scene) -> float:
         """Move the nodes; returns how far the fastest base or joint moved [m or rad]."""
         moved = float(np.abs(coordinates - self.coordinates).max(initial=0.0))
         self.replace(coordinates, scene)
         return moved
 
+    @exclusive
     def replace(self, coordinates: Array, scene: Scene) -> None:
         """Make nodes (N, nv) current, however many there were; all is measured again."""
         self._strip = None
         self.kin.update(coordinates)
         self._distances(scene)
 
+    @exclusive
     def try_joints(self, coordinates: Array) -> None:
         """Make nodes (N, nv) current for the distances of the robot's own links alone; to be replaced."""
         self._strip = None
@@ -189,6 +198,7 @@ class Workspace:
         self.self_pairs.update(self.kin)
         self.clock.mark("self-collision")
 
+    @exclusive
     def edit(self, coordinates: Array, source: Indices, scene: Scene) -> None:
         """Make nodes (N, nv) current, whose node i was node ``source[i]`` (−1: none), with what is known."""
         self.obstacles.remap(source)
@@ -203,6 +213,7 @@ class Workspace:
         self.self_pairs.update(self.kin)
         self.clock.mark("self-collision")
 
+    @exclusive
     def certify(self, scene: Scene, known: Mask | None = None) -> Certificate:
         """Certify the segments between the current nodes, but for those (N−1,) that are known to be certified."""
         v = self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
@@ -214,6 +225,7 @@ class Workspace:
         self.clock.mark("certificate")
         return certificate
 
+    @exclusive
     def strip(self) -> Strip:
         """The current nodes as a frozen strip, which stays current."""
         self._strip = Strip.from_coordinates(self.robot, self.coordinates, ends=self._ends)
@@ -234,6 +246,7 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
         self.robot = robot
         self.clock: PhaseClock = PhaseClock()
         self.workspace: Workspace = Workspace(robot, params, self.clock, **reaches)
+        self.share_with(self.workspace)
         self._rest_step, self._max_ticks = params.rest_step, params.max_ticks
         self._rolling = False  # whether wheels have to follow the strip
         self._descends = False  # whether an iteration must not raise the energy

@@ -116,15 +116,18 @@ class Deformer(BaseDeformer[DeformReport]):
         """Keep another clearance [m] to obstacles from now on, and another one of the robot's own links if given.
 
         Raises:
-            ParameterError: it is negative, or not below the influence distance; or that of the own links is larger.
+            ParameterError: it is negative, or not below the influence distance; or that of the own links is larger
+                than what the deformer was made for.
         """
         own = self.params.self_clearance if self_clearance is None else self_clearance
-        if own > self.params.self_clearance:  # pairs were left out that are proven to keep the present one
+        params = self.params.replaced(clearance=clearance, self_clearance=own)
+        most = self.workspace.most_self_clearance
+        if params.self_clearance > most:
             raise ParameterError(
-                f"self_clearance={own:g} m is more than the {self.params.self_clearance:g} m that this deformer was "
-                "made for; make another one"
+                f"self_clearance={own:g} m is more than the {most:g} m that this deformer was made for; "
+                "make another one"
             )
-        self.params = self.workspace.params = self.params.replaced(clearance=clearance, self_clearance=own)
+        self.params = self.workspace.params = params
 
     @exclusive
     def step(

@@ -21,7 +21,8 @@ from elastic_strips.arrays import Array, Mask
 from elastic_strips.decompose import load_mesh
 from elastic_strips.errors import ParameterError, RobotError, SceneError, nearest_name
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.urdf import floats, mesh_unit, read_xml, resolve_mesh, search_folders
+from elastic_strips.robot.collada import mesh_unit
+from elastic_strips.robot.urdf import floats, read_xml, resolve_mesh, search_folders
 from elastic_strips.summary import Summary
 from elastic_strips.validation import NonNegative, check_fields, check_number, check_type
 

@@ -204,10 +204,15 @@ class TrajectoryCertifier(OneThread):
     ) -> None:
         self.robot: RobotModel = robot
         self.clearance: float = clearance
-        self.self_clearance: float = self_clearance
+        self._self_clearance = self_clearance
         self.settle_time = settle_time
         bodies = BodySet.links(robot)
         self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.pairs_within(self_clearance))
+
+    @property
+    def self_clearance(self) -> float:
+        """Distance [m] to keep between the robot's own links; fixed: pairs that always keep more were left out."""
+        return self._self_clearance
 
     @exclusive
     def reset(self) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -9,9 +11,10 @@ import pytest
 from shared_data import shared_data
 
 from elastic_strips import get_scenario, run_scenario
+from elastic_strips.catalogue import find_robot, is_ours
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning import check_endpoints, plan_report
-from elastic_strips.robot import load_robot
+from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.scene import Box, Cylinder, Scene
 from elastic_strips.sim.datasets import load_bridge
 from elastic_strips.strip import Deformer, DeformStatus
@@ -34,6 +37,19 @@ def _top(robot, q) -> float:
         gap = coal.distance(ceiling, at, shape.geometry, where, coal.DistanceRequest(), coal.DistanceResult())
         lowest = min(lowest, gap)
     return 9.5 - lowest
+
+
+@pytest.mark.parametrize("name", [name for name in robot_names() if is_ours(find_robot(name).urdf)])
+def test_the_project_s_own_robots_have_nothing_to_warn_of(name, caplog):
+    """Neither at load nor on the card: each link that is drawn has its shape, and home is free."""
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = load_robot(name)
+        card = robot.card()
+    assert not caplog.records, caplog.text
+    assert not robot.bare_links
+    assert not robot.unproven
+    assert robot.self_collision(robot.home_q) is None
+    assert not card.troubles
 
 
 def _collision_sizes(robot) -> list[tuple[float, ...]]:

@@ -190,6 +190,30 @@ def test_a_collada_file_is_as_large_as_its_unit_says(
 
 
 @pytest.mark.parametrize(
+    "axis, centre, told",
+    [("Y_UP", "3 -8 5", True), ("Y_UP", "3 5 8", False), ("Y_UP", "0 0 0", False), ("Z_UP", "3 -8 5", False),
+     ("", "3 -8 5", False)],
+)  # fmt: skip
+def test_meshes_that_were_meant_to_be_turned_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, axis: str, centre: str, told: bool
+) -> None:
+    """The file is of 10 x 20 x 30 m; y up would make of it 10 x 30 x 20 m, to the other side of y = 0."""
+    (tmp_path / "part.dae").write_text(DAE.format(asset=f"<up_axis>{axis}</up_axis>" if axis else ""))
+    mass = (
+        f'<inertial><origin xyz="{centre}"/><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    text = (
+        one('<mesh filename="part.dae"/>')
+        .replace('rpy="0.1 0.2 0.3"', "")
+        .replace("<collision>", mass + "<collision>", 2)
+    )
+    robot = load(tmp_path, text)
+    assert any("Y_UP" in record.getMessage() for record in caplog.records) == told
+    assert any("Y_UP" in trouble for trouble in robot.card().troubles) == told
+
+
+@pytest.mark.parametrize(
     "encoding, declared, name",
     [
         ("latin-1", "ISO-8859-1", "Kübel"),

@@ -354,6 +354,42 @@ def test_where_home_collides_one_near_it_is_taken(tmp_path, caplog):
     assert np.array_equal(robot.home_q, load_robot(path, base="fixed").home_q)
 
 
+def lever(folder: Path, *posts: tuple[str, str, str]) -> RobotModel:
+    """A lever that turns by 0 to 1.2 rad past posts: name, size, place."""
+    more = [part for name, size, at in posts for part in (link(name, box(size)), fixed(f"f_{name}", at, "base", name))]
+    return load_robot(
+        write(
+            folder, link("base", box("0.1 0.1 0.1"), "0 0 -0.1"), link("lever", box("0.6 0.04 0.04"), "0.3 0 0"),
+            joint("turn", "0 0 0", "base", "lever", span=(0, 1.2)), *more,
+        ),
+        base="fixed",
+    )  # fmt: skip
+
+
+def test_a_home_that_is_free_only_beyond_something_deeper_is_found(tmp_path):
+    """The lever touches the near end of the wall, and is free where it has gone through it."""
+    robot = lever(tmp_path, ("wall", "0.1 0.39 0.2", "0.3 0.205 0"))
+    assert robot.self_collision(robot.home_q) is None
+    assert robot.home_q[0] > 1.0
+
+
+def test_where_no_home_is_free_the_card_says_what_is_in_the_way(tmp_path, caplog):
+    """One post is left behind at 0.5 rad, and the other one is reached before."""
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = lever(tmp_path, ("near", "0.05 0.3 0.2", "0.5 0.09 0"), ("far", "0.1 0.6 0.2", "0.2 0.41 0"))
+    assert robot.self_collision(robot.home_q) is not None
+    assert robot.home_q[0] == 0.0
+    said = [record.getMessage() for record in caplog.records]
+    for told in (said, robot.card().troubles):
+        assert any("'lever_0'" in text and ("'near_0'" in text or "'far_0'" in text) for text in told), told
+
+
+@pytest.mark.parametrize("name", ["allegro_left_hand", "alex_nub_hands"])
+def test_robots_as_they_come_have_a_free_home(name):
+    robot = load_robot(name)
+    assert robot.self_collision(robot.home_q) is None
+
+
 def test_the_description_counts_what_is_not_looked_at(silvermate):
     assert str(len(silvermate.unchecked_pairs)) in repr(silvermate)
 

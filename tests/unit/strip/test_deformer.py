@@ -493,3 +493,22 @@ def test_a_low_ceiling_does_not_press_an_arm_into_itself(bridge_arm):
         strip = report.strip
     assert report.certified, report.reason
     assert min(self_distances(bridge_arm, q).min() for q in strip.q[1:-1]) > 0.004
+
+
+def test_a_clearance_that_was_eased_can_be_had_again_and_no_more_than_the_deformer_was_made_for(silvermate):
+    """Pairs that are proven to keep what it was made for are left out, whatever it keeps in between."""
+    deformer = Deformer(silvermate, DeformParams(self_clearance=4e-3))
+    deformer.keep_clearance(0.02, 5e-4)
+    deformer.keep_clearance(0.03)
+    assert deformer.params.self_clearance == 5e-4
+    for own in (4.1e-3, float("inf")):
+        with pytest.raises(ParameterError):
+            deformer.keep_clearance(0.03, own)
+    assert deformer.params.self_clearance == 5e-4  # what is refused changes nothing
+    deformer.keep_clearance(0.01, 4e-3)
+    line = Strip.from_coordinates(
+        silvermate, straight_line(silvermate, silvermate.home(), silvermate.home(x=1.0), spacing=0.25)
+    )
+    fresh = Deformer(silvermate, DeformParams(clearance=0.01, self_clearance=4e-3))
+    assert deformer.params == fresh.params
+    assert deformer.certify(line, Scene([])).certified == fresh.certify(line, Scene([])).certified is True

@@ -1,0 +1,247 @@
+"""Which joints are planned, which follow them, and which are held still, where, and why."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from elastic_strips.errors import RobotError, nearest_name
+
+from .mimic import Following, with_followers
+from .model import RobotModel
+from .space import LIMIT_TOLERANCE
+from .srdf import Srdf, within_limits
+from .urdf import MAX_LENGTH, UrdfSource
+from .wheels import wheel_joints
+
+_log = logging.getLogger(__name__)
+_LARGEST_RATIO = 1e6  # of a follower's speed and its leader's, or the other way round
+_SELDOM_PLANNED = (
+    "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
+    "ring_", "pinky", "little", "head", "neck", "eye",
+)  # fmt: skip
+"""In the names of joints that an arm's motion can do without."""
+
+
+def planned_joints(
+    source: UrdfSource, semantics: Srdf | None, joints: Iterable[str] | None, group: str | None,
+    locked: Mapping[str, float] | None,
+) -> frozenset[str] | None:  # fmt: skip
+    """The joints to plan, or None where all are planned but those that are locked."""
+    if joints is not None and group is not None:
+        raise RobotError(f"joints={joints!r} and group={group!r} both say what is planned; give one of them")
+    if group is not None:
+        groups = {} if semantics is None else semantics.groups
+        if group not in groups:
+            where = "no SRDF is given" if semantics is None else str(semantics.path)
+            raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
+        joints = []
+        for joint in groups[group]:
+            if why := _cannot_lead(source, joint):
+                _log.warning("group %r: joint %r is held still: %s", group, joint, why)
+            else:
+                joints.append(joint)
+        if not joints:
+            raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
+    if joints is None:
+        return None
+    if isinstance(joints, str):
+        raise RobotError(f"joints={joints!r} is one text; give a list of joint names")
+    movable = set(source.joint_limits) | set(source.continuous)
+    planned, following = list(joints), source.following()
+    for joint in planned:
+        if joint not in movable:
+            hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
+            raise RobotError(f"joints: cannot plan {joint!r}{hint}")
+        if why := _cannot_lead(source, joint):
+            raise RobotError(f"joints: cannot plan {joint!r}: {why}. Hold it still (locked={{{joint!r}: …}}, --lock)")
+        if joint in source.followers and following[joint].leader not in planned:
+            leader = following[joint].leader
+            raise RobotError(
+                f"joints: cannot plan {joint!r} alone: it has to <mimic> {leader!r}. Plan that one, and it follows; or "
+                f"hold that one still (locked={{{leader!r}: …}}, --lock), and it is held where that puts it"
+            )
+    planned = [joint for joint in planned if joint not in source.followers]
+    both = sorted(set(planned) & set(locked or {}))
+    if both:
+        raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
+    return frozenset(planned)
+
+
+def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
+    """The joints that are held still where nothing is said of any.
+
+    Of joints that others mimic, those that carry no more than these: grippers. A lift that carries an arm is planned.
+    """
+    wheels, following = wheel_joints(model, source), source.following()
+    resting, movable = wheels | source.mimic, {*source.joint_limits, *source.continuous}
+    held = set()
+    for leader in {follower.leader for follower in following.values()} - wheels:
+        own = [leader, *(name for name, follower in following.items() if follower.leader == leader)]
+        ids = [model.getJointId(name) for name in own if model.existJointName(name)]
+        carries = leader in movable and {model.names[k] for i in ids for k in model.subtrees[i]} - set(own) - resting
+        why = _cannot_lead(source, leader)
+        if carries and why:
+            _log.warning("%s: joint %r is held still: %s", source.path, leader, why)
+        if why or not carries:
+            held.add(leader)
+    resting = resting | held
+    return frozenset(joint for joint in resting if model.existJointName(joint))
+
+
+def _cannot_lead(source: UrdfSource, leader: str) -> str:
+    """Why joints cannot follow a leader wherever it goes; empty where they can, or none has to."""
+    low, high = source.joint_limits.get(leader, (-math.inf, math.inf))
+    for name, (first, multiplier, constant) in source.following().items():
+        if first != leader or multiplier == 0.0:
+            continue
+        if not (1.0 / _LARGEST_RATIO <= abs(multiplier) <= _LARGEST_RATIO and abs(constant) <= MAX_LENGTH):
+            return f"{name!r} has to <mimic> it {multiplier:g} times plus {constant:g}: neither gear nor lift does that"
+        if leader in source.continuous and not (name in source.continuous and multiplier == round(multiplier)):
+            how = f"{multiplier:g} times" if name in source.continuous else "within limits"
+            return f"it is continuous, and {name!r}, which has to <mimic> it {how}, would not go around with it"
+        if name in source.joint_limits:
+            least, most = sorted((limit - constant) / multiplier for limit in source.joint_limits[name])
+            low, high = max(low, least), min(high, most)
+            if low > high:
+                return f"{name!r}, which has to <mimic> it, is within its own limits nowhere"
+    return ""
+
+
+def with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, float]:
+    """Locked values, with those that the locked joints' leaders have to have.
+
+    Raises:
+        RobotError: there are none, or they are outside of the leader's limits.
+    """
+    found: dict[str, float] = {}
+    for first in locked:
+        name, value = first, locked[first]
+        while name in source.followers and source.followers[name][0] not in locked:
+            leader, multiplier, constant = source.followers[name]
+            where = f"locked: joint {first!r} at {locked[first]:.6g} mimics {leader!r}, which"
+            if multiplier == 0.0 or leader not in {*source.joint_limits, *source.continuous}:
+                if abs(value - constant) > LIMIT_TOLERANCE:
+                    raise RobotError(f"{where} holds it at {constant:.6g}")
+                break
+            name, value = leader, (value - constant) / multiplier + 0.0  # no −0
+            if not within_limits(value, source, leader):
+                low, high = source.joint_limits[leader]
+                raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
+            if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
+                raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
+            above, multiplier, constant = source.followers.get(leader, ("", 0.0, 0.0))
+            if above in locked and abs(multiplier * locked[above] + constant - value) > LIMIT_TOLERANCE:
+                put = multiplier * locked[above] + constant
+                raise RobotError(f"{where} would be at {value:.6g} for it; {above!r}, locked too, puts it at {put:.6g}")
+    return {**found, **locked}
+
+
+def following_planned(source: UrdfSource, planned: frozenset[str], locked: Mapping[str, float]) -> dict[str, Following]:
+    """The joints that follow planned ones.
+
+    Raises:
+        RobotError: one of them is to be held still.
+    """
+    following = {name: f for name, f in source.following().items() if f.leader in planned and f.multiplier != 0.0}
+    for name, follower in following.items():
+        if name in locked:
+            raise RobotError(
+                f"locked: {name!r} follows {follower.leader!r}, which is planned: lock that one, or neither"
+            )
+    return following
+
+
+def with_their_limits(
+    model: pin.Model, source: UrdfSource, following: Mapping[str, Following]
+) -> tuple[pin.Model, UrdfSource]:
+    """The model in which joints follow, and the description with the limits that they leave their leaders."""
+    if not following:
+        return model, source
+    model, limits = with_followers(model, following), dict(source.joint_limits)
+    for leader in {follower.leader for follower in following.values()} & set(limits):
+        k = model.joints[model.getJointId(leader)].idx_q
+        limits[leader] = float(model.lowerPositionLimit[k]), float(model.upperPositionLimit[k])
+    return model, replace(source, joint_limits=limits)
+
+
+def compare_states(robot: str, semantics: Srdf | None, followers: Mapping[str, Following]) -> None:
+    """Warn of states that have followers elsewhere than their leaders put them."""
+    for state, values in ({} if semantics is None else semantics.states).items():
+        for name, (leader, multiplier, constant) in followers.items():
+            wanted = multiplier * values.get(leader, np.nan) + constant
+            if name in values and abs(values[name] - wanted) > LIMIT_TOLERANCE:
+                _log.warning("%s: state %r has %r at %.6g; it follows %r, which puts it at %.6g",
+                             robot, state, name, values[name], leader, wanted)  # fmt: skip
+
+
+def held_still(
+    source: UrdfSource, names: frozenset[str], locked: Mapping[str, float], home: Mapping[str, float]
+) -> dict[str, float]:
+    """Values of the joints that are held still: given ones, where those put what mimics them, and those of home."""
+
+    def value(joint: str) -> float:
+        if joint in locked:
+            return locked[joint]
+        if joint not in source.followers:
+            return _clip(home.get(joint, 0.0), source, joint)
+        leader, multiplier, offset = source.followers[joint]
+        return _clip(multiplier * value(leader) + offset, source, joint)
+
+    return {joint: value(joint) for joint in sorted(names - set(locked))} | dict(locked)
+
+
+def what_to_lock(robot: RobotModel) -> str:
+    """Which of a robot's many joints may rather be held still."""
+    names, model = robot.joint_names, robot.model
+    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)]
+    if not ends:  # what branches off several times from one body at the end of a chain, as fingers do
+        first = model.njoints - len(names)
+        leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
+        chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
+        parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
+        roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
+        ends = [model.names[k] for i in roots for k in (i, *leaves[i])]
+    said = f"Name those to plan with joints=[…]{' or group=…' if robot.groups else ''}, or hold some still: "
+    if ends:
+        return f"{said}locked={{{', '.join(f'{name!r}: {0.0:g}' for name in ends[:12])}{', …' * (len(ends) > 12)}}}"
+    if robot.groups:
+        return f"{said}the SRDF's groups are {listed(tuple(robot.groups), 12)}"
+    return f"{said}locked={{…}}, of {listed(names, 40)}"
+
+
+def why_held(
+    source: UrdfSource, still: Mapping[str, float], locked: Mapping[str, float], wheels: set[str],
+    planned: frozenset[str] | None,
+) -> dict[str, str]:  # fmt: skip
+    """Why each joint that is held still is."""
+
+    def why(joint: str) -> str:
+        if joint in locked:
+            return "locked by who loads it"
+        if joint in wheels:
+            return "a wheel or a caster"
+        if joint in source.followers:
+            return f"mimics {source.followers[joint][0]}"
+        if joint in source.mimic:
+            return "mimics a joint that is not there"
+        if followers := [name for name, follower in source.following().items() if follower.leader == joint]:
+            return f"mimicked by {', '.join(followers)}"
+        return "not among the joints to plan" if planned is not None else "held still"
+
+    return {joint: why(joint) for joint in still}
+
+
+def _clip(value: float, source: UrdfSource, joint: str) -> float:
+    low, high = source.joint_limits.get(joint, (-float("inf"), float("inf")))
+    return min(max(value, low), high)
+
+
+def listed(names: tuple[str, ...], most: int = 4) -> str:
+    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
