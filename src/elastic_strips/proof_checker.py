@@ -118,7 +118,7 @@ class World:
     def __init__(self, robot: Part, scene: list[Part]) -> None:
         table([robot], ROBOT, "robot")
         joints, bodies, columns = table(robot["joints"], JOINT, "joints"), robot["bodies"], robot["columns"]
-        count, self.nv, shapes = len(robot["joints"]), len(columns), [*bodies, *scene]
+        count, self.nv, shapes, turns = len(robot["joints"]), len(columns), [*bodies, *scene], robot["circular"]
         demand(max(len(bodies) * len(scene), (len(shapes) + count) * count) <= MOST, "too many pairs, or joints")
         self.planar, self.parent, self.slides = robot["planar"], joints["parent"], np.array(joints["slides"])
         self.offset: Array = numbers(joints["offset"], (count, 3, 4), "offsets of the joints")
@@ -130,9 +130,8 @@ class World:
         moved, named = set(joints["column"][self.planar :]), {name for name in columns if type(name) is str}
         demand(moved == set(range(3 * self.planar, self.nv)) and len(named) == self.nv, "a column of no joint, or name")
         self.column: Whole = np.array([2] * self.planar + joints["column"][self.planar :])
-        turns = robot["circular"]  # columns that may wrap
         circular = [type(turn) for turn in turns] == [bool] * self.nv and not (self.planar and any(turns[:2]))
-        self.turns: NDArray[np.bool_] = np.array(turns) | (self.planar & (np.arange(self.nv) == 2))
+        self.turns: NDArray[np.bool_] = np.array(turns) | (self.planar & (np.arange(self.nv) == 2))  # may wrap
         wraps = ~self.slides & (self.factor == np.round(self.factor)) | ~self.turns[self.column]
         demand(circular and wraps.all(), "circular columns, or one of a joint that slides, or of parts of turns")
         table(scene, SHAPE, "scene")
@@ -284,9 +283,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         header, parts = read(given.proof)
         spare = check(header, **parts)
-        digests = {k: digest(header[k]) for k in ("robot", "scene")} | {
-            "path": path_digest(parts["rows"], header["way"])
-        }
+        digests = {what: digest(header[what]) for what in ("robot", "scene")}
+        digests["path"] = path_digest(parts["rows"], header["way"])
         for what, found in digests.items():
             demand(getattr(given, what) in (None, found), f"it is about another {what}: {found}")
     except Exception as problem:  # whatever breaks the checker is no proof
