@@ -2,13 +2,19 @@
 
 Each claim is of something false, and what is geometry in it is false by :func:`touches`, which walks the path by
 itself: nothing of the checker is in it. What is like them and is true is in :func:`true_claims`, and is taken.
+
+    python tests/oracle/more_forgeries.py     # makes all of them; each in a process of its own: seconds and memory
 """
 
 from __future__ import annotations
 
 import io
 import json
+import os
 import struct
+import subprocess
+import sys
+import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +23,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from forgeries import ALONG_X, TURN, Claim, Part, Robot, ball, beside, cart, claim, joint, rail, wheel
+
+from elastic_strips import proof_checker as checker
 
 Array = npt.NDArray[Any]
 Forge = Callable[[], Claim]
@@ -702,3 +710,43 @@ def true_claims() -> dict[str, Claim]:
         )(),
     }  # fmt: skip
     return out
+
+
+_MEASURED = """
+import resource, runpy, sys
+sys.argv = sys.argv[1:]
+try:
+    runpy.run_path(sys.argv[0], run_name="__main__")
+except SystemExit as code:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    print(f"{code} {used.ru_utime + used.ru_stime:.1f} s {used.ru_maxrss / 1000:.0f} MB", file=sys.stderr)
+"""
+
+
+def main() -> None:
+    """Peak memory of a process counts that of the one which started it: the files are made by one that has ended."""
+    if sys.argv[1:]:
+        folder = Path(sys.argv[1])
+        claims = {f"true {name}": made for name, made in true_claims().items()}
+        for kind, forges in {**GEOMETRY, **STATEMENTS, "crowds": CROWDS}.items():
+            claims.update({f"{kind}: {name}": forge() for name, forge in forges.items()})
+        for k, (name, made) in enumerate(claims.items()):
+            made.save(folder / f"{k:03d} {name.replace('/', ' ')}.npz")
+        archives(folder, large=True)
+        return
+    wrong = count = 0
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, __file__, folder], check=True, env=os.environ)
+        for file in sorted(Path(folder).iterdir()):
+            run = [sys.executable, "-c", _MEASURED, str(checker.__file__), str(file)]
+            done = subprocess.run(run, capture_output=True, text=True, check=False)
+            said, measured = done.stdout.splitlines()[0], done.stderr.splitlines()[-1].split()
+            bad = (measured[0] == "0") != (" true " in file.name) or float(measured[1]) > 10 or float(measured[3]) > 300
+            wrong, count = wrong + bad, count + 1
+            print("WRONG" if bad else "right", *measured, file.stem, "|", said[:100], flush=True)
+    print(f"{count} files, {wrong} wrong")
+    sys.exit(bool(wrong))
+
+
+if __name__ == "__main__":
+    main()
