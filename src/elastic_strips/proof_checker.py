@@ -234,7 +234,7 @@ def check(header: Part, rows: Array, segment: Whole, pair: Whole, span: Array, n
     demand(len(span) >= segments * pairs > 0 and min(clearance, own) >= 0.0, "too few intervals, or less than nothing")
     demand(((segment >= 0) & (segment < segments) & (pair >= 0) & (pair < pairs)).all(), "an interval of no pair")
     points, bodies = np.array([len(shape.points) for shape in world.shapes]), len(header["robot"]["bodies"])
-    work = (0.36 + bodies / 4000) * (len(world.parent) + 3) + 0.006 * points[world.pairs].sum(axis=1)[pair]  # [µs]
+    work = (0.36 + bodies / 4000) * (len(world.parent) + 3) + 0.012 * points[world.pairs].sum(axis=1)[pair]  # [µs]
     demand(max(len(span), rows.size) <= MOST and work.sum() < MOST_WORK, "too much for one proof: make it of parts")
     path, step = Path(world, rows, header["way"]), 400_000 // (len(world.parent) + 3) + 1
     order = np.lexsort((span[:, 0], segment, pair, world.pairs[pair, 1]))  # what is of one obstacle comes together

@@ -614,6 +614,7 @@ def archives(folder: Path, large: bool = False) -> dict[str, Path]:
         stream.truncate(scale * 16_000_000 * (20 if large else 1))
         stream.seek(0, 2)
         stream.write(zipped("end of another").read_bytes()[-22:])
+    out["end of another"].unlink()
     out["end of another"] = folder / "list.npz"
     return out
 
