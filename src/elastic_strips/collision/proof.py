@@ -33,7 +33,6 @@ from .bounds import BodySet
 from .path_rows import INTERPOLATIONS, PathLike, PathRows, column_names, path_rows
 
 _DEPTH = 24  # most halvings of a segment; what is still open then is not proven
-_MOST = 3_000_000  # intervals of a proof
 _GAIN = 2.0 * checker.ROUNDING  # that an interval has to spare
 
 
@@ -108,7 +107,7 @@ def prove(
         RobotError, SceneError: a shape that the checker does not know, or no scene.
         ConfigurationError: a path of another shape.
         ParameterError: a clearance below 0, or an unknown interpolation.
-        InputError: more intervals would be needed than a proof may have.
+        InputError: the proof would be larger than the checker takes, or would take it longer.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"scene is a {type(scene).__name__}; proofs are of a Scene, whose obstacles stand still")
@@ -122,6 +121,10 @@ def prove(
         "format": checker.FORMAT, "version": checker.VERSION, "way": way, "clearance": float(clearance),
         "self_clearance": float(self_clearance), "robot": robot_statement(robot), "scene": scene_statement(scene),
     }  # fmt: skip
+    pairs = len(header["robot"]["bodies"]) * len(header["scene"]) + len(header["robot"]["pairs"])
+    _bounded("pairs on segments", pairs * (len(given.rows) - 1), checker.MOST)
+    _bounded("numbers of the path", given.rows.size, checker.MOST)
+    _bounded("bytes of robot and scene", 4 * len(json.dumps(header)), checker.MOST_TEXT)
     try:
         work = _Work(robot, scene, header, given.rows)
         found = work.intervals()
@@ -131,7 +134,16 @@ def prove(
         return None
     segment, pair, span, normal, spare = found
     normal = normal.astype(np.float32).astype(float)  # as the file has them, and as they were looked at
+    try:
+        checker.check(header, given.rows, segment, pair, span, normal)
+    except checker.Refused as problem:
+        raise InputError(f"the checker does not take the proof: {problem}") from None
     return PathProof(header, given.rows, segment, pair, span, normal, spare)
+
+
+def _bounded(what: str, count: int, most: int) -> None:
+    if count > most:
+        raise InputError(f"the proof would have {count} {what}; at most {most}: prove the path in parts, or of less")
 
 
 def path_digest(robot: RobotModel, path: PathLike, interpolation: str = "line") -> str:
@@ -192,9 +204,7 @@ class _Work:
         for _ in range(_DEPTH):
             if not len(pair):
                 break
-            total += len(pair)
-            if total > _MOST:
-                raise InputError(f"the proof would have more than {_MOST} intervals; prove the path in parts")
+            _bounded("intervals", total + len(pair), checker.MOST)
             normal = np.stack([self._between_middles(segment, span[:, e], pair) for e in (0, 1)], axis=1)
             gap = np.stack([self._gaps(segment, span[:, e], pair, normal[:, e]) for e in (0, 1)], axis=1)
             spare = self._spare(segment, pair, span, gap)
@@ -206,6 +216,7 @@ class _Work:
                 return None
             spare[near] = self._spare(segment[near], pair[near], span[near], gap[near])
             proven = spare > _GAIN
+            total += int(proven.sum())
             least = min(least, float(spare[proven].min(initial=np.inf)))
             done.append((segment[proven], pair[proven], span[proven], normal[proven]))
             segment, pair, span = segment[~proven], pair[~proven], span[~proven]

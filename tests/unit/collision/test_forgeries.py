@@ -6,24 +6,62 @@ import sys
 from pathlib import Path
 
 import forgeries
+import more_forgeries
 import numpy as np
 import pytest
 from forgeries import FORGERIES, Claim, archives, true_claims, verdict
 
 from elastic_strips import proof_checker as checker
 
+TRUE = {**true_claims(), **{f"like a forgery: {name}": made for name, made in more_forgeries.true_claims().items()}}
+FALSE = {**FORGERIES, **{f"more: {k}": v for k, v in (more_forgeries.GEOMETRY | more_forgeries.STATEMENTS).items()}}
 
-@pytest.mark.parametrize("name", true_claims())
+
+@pytest.mark.parametrize("name", TRUE)
 def test_what_is_true_is_taken(name, tmp_path):
-    assert verdict(true_claims()[name].save(tmp_path / "proof.npz"))[0] == 0
+    assert verdict(TRUE[name].save(tmp_path / "proof.npz"))[0] == 0
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in FORGERIES for name in FORGERIES[kind]])
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in FALSE for name in FALSE[kind]])
 def test_forgeries_are_refused(kind, name, tmp_path):
-    code, said = verdict(FORGERIES[kind][name]().save(tmp_path / "proof.npz"))
+    made = FALSE[kind][name]()
+    code, said = verdict(made.save(tmp_path / "proof.npz"))
     assert code in (2, 3)
     assert said.startswith("REFUSED")
+    if FALSE[kind] in more_forgeries.GEOMETRY.values():
+        assert more_forgeries.touches(made), "it is true, by a walk that has nothing of the checker"
+
+
+def test_what_is_said_to_be_free_is_free():
+    for name, made in more_forgeries.true_claims().items():
+        assert not more_forgeries.touches(made, samples=31), name
+
+
+def test_a_forgery_is_no_work(tmp_path, monkeypatch):
+    """What is refused for its size is so before it is looked at: no gap is asked for, no table is made."""
+
+    def looked(*_: object) -> None:
+        raise AssertionError("looked at")
+
+    names = ("joints", "lists", "digits", "deep")
+    made = {name: more_forgeries.CROWDS[name]() for name in names}
+    monkeypatch.setattr(checker.Path, "gaps", looked)
+    monkeypatch.setattr(checker.np, "indices", looked)
+    for name in names:
+        code, said = verdict(made[name].save(tmp_path / "proof.npz"))
+        assert code in (2, 3), name
+        assert "looked at" not in said, name
+
+
+def test_more_work_than_it_takes_is_refused_and_what_it_takes_is_bounded(tmp_path, monkeypatch):
+    """Of many shapes, joints or points: the same statement is refused where less work is allowed."""
+    for name, change in (("joints", {"joints": 40}), ("points", {"points": 300}), ("bodies", {"bodies": 60})):
+        made = more_forgeries._crowd(**{"bodies": 1, "obstacles": 1, "segments": 500, **change})
+        few = more_forgeries._crowd(1, 1, segments=500)
+        monkeypatch.setattr(checker, "MOST_WORK", 2000.0)
+        assert "short" in verdict(few.save(tmp_path / "proof.npz"))[1]
+        assert "too much" in verdict(made.save(tmp_path / "proof.npz"))[1], name
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
@@ -31,7 +69,7 @@ def test_forgeries_are_refused(kind, name, tmp_path):
 def test_archives_that_are_none_are_refused_in_little_memory(tmp_path):
     import resource
 
-    files = archives(tmp_path, bomb_megabytes=1 + checker.MOST_BYTES // 1_000_000)
+    files = archives(tmp_path, bomb_megabytes=201) | more_forgeries.archives(tmp_path)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for name, file in files.items():
         assert verdict(file)[0] in (2, 3), name
