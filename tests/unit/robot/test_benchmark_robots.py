@@ -58,7 +58,7 @@ def _collision_sizes(robot) -> list[tuple[float, ...]]:
 
 def test_the_jackal_box_has_the_stated_size_and_no_joints(jackal_box):
     assert (jackal_box.nq, jackal_box.nv, jackal_box.joint_names) == (4, 3, ())
-    np.testing.assert_allclose(_collision_sizes(jackal_box), [(0.508, 0.43, 0.22)])
+    np.testing.assert_allclose(_collision_sizes(jackal_box), [(0.508, 0.43, 0.248)])
     assert _top(jackal_box, jackal_box.home_q) == pytest.approx(0.25, abs=1e-5)
     assert len(jackal_box.self_pairs) == 0
     with pytest.raises(ConfigurationError, match="There are none"):
@@ -102,7 +102,7 @@ def test_they_run_the_paper_case(name, preset):
 
 def test_the_bridge_arm_is_what_its_problem_states(bridge_arm):
     """Base, wheels and speed; six joints; the start posture is home, sticks up, and a ducked one passes below."""
-    np.testing.assert_allclose(_collision_sizes(bridge_arm), [(0.5, 0.5, 0.23)])
+    np.testing.assert_allclose(_collision_sizes(bridge_arm), [(0.5, 0.5, 0.248)])
     assert len(bridge_arm.joint_names) == 6
     np.testing.assert_allclose(np.degrees(bridge_arm.home_q[4:]), (0, -90, 110, 0, -110, 0), atol=1e-6)
     np.testing.assert_allclose(bridge_arm.model.velocityLimit[-6:], 1.57)
