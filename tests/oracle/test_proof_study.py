@@ -18,6 +18,6 @@ def test_proofs_hold_and_what_is_tampered_with_is_refused():
 
 
 def test_the_study_sees_what_a_credulous_checker_takes(monkeypatch):
-    monkeypatch.setattr(proof_study.checker, "check", lambda header, **parts: float(np.inf))
+    monkeypatch.setattr(proof_study.checker, "check", lambda *parts, **named: float(np.inf))
     found = run_all(30, 30, 2, each=30)
     assert found.taken

@@ -10,7 +10,9 @@ from itertools import product
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.strip import DeformReport, Strip
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 
 from .grid_path import MOST_CELLS, grid_path
 from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, staged_rows
@@ -40,19 +42,23 @@ class PlanSearch(PathSearch):
 
     def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
         super().__init__(problem, watch)
-        self.robot, self.scene, self.deadline = problem.robot, problem.scene, problem.deadline
-        self.deformer, self.params, self.region = problem.deformer, problem.params, problem.region
+        self.robot: RobotModel = problem.robot
+        self.scene: Scene = problem.scene
+        self.deformer: Deformer = problem.deformer
+        self.params: DeformParams = problem.params
+        self.deadline, self.region = problem.deadline, problem.region
         self.reasons: list[str] = []
         self.best: DeformReport | None = None
-        self.hit = ""  # what was last in the way
+        self.hit: str = ""  # what was last in the way
         self.initial: Strip | None = None
         self.box: tuple[Array, Array] | None = None  # where the base was last looked for
         self.paths: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
         self.relaxed_paths: set[float | None] = set()
-        self.staged = False  # whether a path was tried on which joints and base move one after the other
-        self.put_off = False  # whether a path is longer than others should be looked for first
-        self.calls = self.searches = 0  # of OMPL
-        self.fineness = 1.0
+        self.staged: bool = False  # whether a path was tried on which joints and base move one after the other
+        self.put_off: bool = False  # whether a path is longer than others should be looked for first
+        self.calls: int = 0  # of OMPL
+        self.searches: int = 0  # of OMPL
+        self.fineness: float = 1.0
 
     def straight(self, relax: bool) -> PlanReport | None:
         """The straight line, which gets a few ticks, or is looked at as it is."""

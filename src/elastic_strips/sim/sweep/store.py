@@ -12,6 +12,7 @@ import logging
 import os
 from collections.abc import Generator
 from contextlib import closing
+from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Any
@@ -57,15 +58,16 @@ class SweepStore:
 
     def __init__(self, sweep: Sweep, path: str | os.PathLike[str]) -> None:
         check_type("sweep", sweep, Sweep)
-        self.sweep, self.path = sweep, check_writable(path)
-        self.suffix = self.path.suffix.lower()
+        self.sweep: Sweep = sweep
+        self.path: Path = check_writable(path)
+        self.suffix: str = self.path.suffix.lower()
         if self.suffix not in SUFFIXES:
             raise SweepError(
                 f"{self.path}: unknown ending {shown(self.path.suffix)}{nearest_name(self.suffix, SUFFIXES)}"
             )
         if self.suffix == ".parquet":
             _pyarrow()
-        self.journal = check_writable(self.path.with_name(self.path.name + ".journal"))
+        self.journal: Path = check_writable(self.path.with_name(self.path.name + ".journal"))
         self.rows: dict[int, Row] = {}
         self._columns = sweep.columns()
         self._folded_at, self._took, self._changed = monotonic(), 0.0, False
