@@ -402,7 +402,6 @@ struct Checker {
   Reals radius;
   Tree tree;
   Validity validity;
-  std::vector<double> one, two, per_unit;  // a planner's chart: the last coordinates, each in units of its own
 
   Checker(std::shared_ptr<Bodies> bodies, const std::vector<Solid>& parts, Numbers self_pairs,
           const Kept<PartPoses>& poses, Reals radius, double margin)
@@ -421,17 +420,21 @@ struct Checker {
     require(std::all_of(row, row + count, is_finite), "coordinates that are no numbers");
     return row;
   }
-  void chart(Reals coordinates, Reals unit) {
-    row(coordinates);
-    require(unit.ndim() == 1 && unit.size() <= coordinates.size(), "a chart of more coordinates than there are");
-    one = two = reals(coordinates);
-    per_unit = reals(unit);
+};
+
+// States of a planner: the last coordinates, each in units of its own.
+struct Chart {
+  Checker* checker;
+  std::vector<double> one, two, per_unit;
+
+  bool motion(const std::vector<double>& a, const std::vector<double>& b, double step) {
+    return checker->validity.motion(row(one, a), row(two, b), step);
   }
-  const double* from_chart(std::vector<double>& row, const std::vector<double>& state) const {
-    require(!row.empty() && state.size() == per_unit.size(), "a state of another size than the chart");
+  const double* row(std::vector<double>& row, const std::vector<double>& state) const {
+    require(state.size() == per_unit.size(), "a state of another size than the chart");
     const std::size_t first = row.size() - per_unit.size();
     for (std::size_t k = 0; k < per_unit.size(); ++k) row[first + k] = state[k] * per_unit[k];
-    return finite(row.data(), row.size());
+    return Checker::finite(row.data(), row.size());
   }
 };
 
@@ -447,11 +450,15 @@ void bind_validity(nb::module_& m) {
   validity.def("motion", [](Checker& self, Reals a, Reals b, double step) {
     return self.validity.motion(self.row(a), self.row(b), step);
   });
-  validity.def("chart", &Checker::chart);
-  validity.def("motion_in_chart",
-               [](Checker& self, const std::vector<double>& a, const std::vector<double>& b, double step) {
-                 return self.validity.motion(self.from_chart(self.one, a), self.from_chart(self.two, b), step);
-               });
+  validity.def(
+      "chart",
+      [](Checker& self, Reals row, Reals unit) {
+        self.row(row);
+        require(unit.ndim() == 1 && unit.size() <= row.size(), "a chart of more coordinates than there are");
+        return Chart{&self, reals(row), reals(row), reals(unit)};
+      },
+      nb::keep_alive<0, 1>());
+  nb::class_<Chart>(m, "Chart").def("motion", &Chart::motion);
   validity.def_prop_ro("checks", [](const Checker& self) { return self.validity.checks; });
 }
 

@@ -171,17 +171,16 @@ def calls(native) -> Iterator[Call]:
     yield Call("Validity", native.Validity, validity_args, free=((2, 0),), numbers=(2,))
     for given in (parts[1:], [sphere, box, hull, None]):
         yield Call("Validity of other parts", native.Validity, (bodies, given, *validity_args[2:]), free=((-1, -1),))
-    checker, charted = native.Validity(*validity_args), native.Validity(*validity_args)
-    charted.chart(zeros(nv), np.ones(2))
+    checker = native.Validity(*validity_args)
+    charted = native.Validity(*validity_args).chart(zeros(nv), np.ones(2))
     yield Call("valid", checker.valid, (zeros(nv),))
     yield Call("motion", checker.motion, (zeros(nv), np.full(nv, 0.1), 0.05))
-    yield Call("chart", charted.chart, (zeros(nv), np.ones(2)), free=((1, 0),))
-    yield Call("motion_in_chart", charted.motion_in_chart, ([0.0, 0.0], [0.1, 0.1], 0.05))
+    yield Call("chart", checker.chart, (zeros(nv), np.ones(2)), free=((1, 0),))
+    yield Call("motion of a chart", charted.motion, ([0.0, 0.0], [0.1, 0.1], 0.05))
     nan = np.full(nv, np.nan)
     for name, function, args in (
         ("a chart of more", checker.chart, (zeros(nv), np.ones(nv + 1))),
-        ("no chart", checker.motion_in_chart, ([], [], 0.05)),
-        ("other states", charted.motion_in_chart, ([0.0], [0.1, 0.1], 0.05)),
+        ("other states", charted.motion, ([0.0], [0.1, 0.1], 0.05)),
         ("no number", checker.valid, (nan,)),
         ("no number to start at", checker.motion, (nan, zeros(nv), 0.05)),
         ("no number to end at", checker.motion, (zeros(nv), nan, 0.05)),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING
 
 import coal
@@ -53,7 +52,6 @@ class ValidityChecker(OneThread):
         self.bounds: MotionBounds = bounds or MotionBounds(BodySet.links(robot))
         self._checks = self._counted = 0
         self.native: _native.Validity | None = None
-        self._chart: tuple[Array, ...] = ()  # that the kernel has
         module, bodies = kernel(), self.bounds.bodies.native()
         if module is not None and bodies is not None:
             least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
@@ -167,24 +165,8 @@ class ValidityChecker(OneThread):
             unit: (K,) how much of the last K coordinates one unit of a state is.
         """
         if self.native is not None:
-            chart = tuple(array.copy() for array in by_rows(row, unit))
-            self._take(chart)
-            return partial(self._motion_in_chart, chart)
+            return self.native.chart(*by_rows(row, unit)).motion
         return _in_chart(self.motion, row, unit)
-
-    @exclusive
-    def _motion_in_chart(self, chart: tuple[Array, ...], a: Sequence[float], b: Sequence[float], step: float) -> bool:
-        """:meth:`motion` of states in one of the charts that were asked for, which may be several."""
-        assert self.native is not None
-        if self._chart is not chart:
-            self._take(chart)
-        return self.native.motion_in_chart(a, b, step)
-
-    @exclusive
-    def _take(self, chart: tuple[Array, ...]) -> None:
-        assert self.native is not None
-        self.native.chart(*chart)
-        self._chart = chart
 
     def _hits_tree(self) -> bool:
         assert self._manager is not None
