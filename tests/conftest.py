@@ -13,6 +13,7 @@ from hypothesis import settings
 from elastic_strips.robot import RobotModel, load_robot
 
 sys.path.insert(0, str(Path(__file__).parent / "oracle"))
+sys.path.append(str(Path(__file__).parents[1]))  # the workshop, which is no part of the package
 
 os.environ.pop("FORCE_COLOR", None)  # what is printed is compared as plain text
 

@@ -46,9 +46,6 @@ def _completed(line: str) -> tuple[list[str], set[str]]:
         ("elastic-strips run case-1 --preset ", list(PRESETS)),
         ("elastic-strips drive case-1 --method ", list(METHODS)),
         ("elastic-strips drive case-1 --disturb slip-l", ["slip-left@"]),
-        ("elastic-strips bench disturb --kind nan-f", ["nan-fix"]),
-        ("elastic-strips bench drive --plant m", ["mujoco"]),
-        ("elastic-strips bench drive --scenario mo", ["moving-corridor"]),
         ("elastic-strips certify path.csv --robot silver", ["silvermate", "silver"]),
         ("elastic-strips run case-1 --robot ", [*robot_names(), ""]),
     ],
@@ -68,9 +65,6 @@ def test_the_catalogue_has_the_names_that_are_driven() -> None:
 @pytest.mark.parametrize(
     ("line", "among"),
     [
-        ("elastic-strips bench mbm --robot ", "fetch"),
-        ("elastic-strips bench peers --peer ", "drake"),
-        ("elastic-strips bench trials --kind ", "disk_full"),
         ("elastic-strips certify path.csv --interpolation ", "arc"),
     ],
 )

@@ -21,6 +21,7 @@ from elastic_strips.strip.paper import PaperParams
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper-map.md"
 PACKAGE = "elastic_strips"
+WORKSHOP = "workshop"
 MAPPED = "here"
 """Heading of the columns that hold names."""
 CODE = re.compile(r"`([^`]+)`")
@@ -89,8 +90,10 @@ def resolve(name: str) -> None:
     Raises:
         LookupError: a part of it is not there.
     """
-    found: object = importlib.import_module(PACKAGE)
     parts = name.split(".")
+    found: object = importlib.import_module(PACKAGE)
+    if parts[0] == WORKSHOP:
+        found, parts = importlib.import_module(WORKSHOP), parts[1:]
     for k, part in enumerate(parts):
         if hasattr(found, part):
             found = getattr(found, part)
@@ -114,7 +117,7 @@ def public(name: str) -> bool:
     parts = name.split(".")
     if any(part.startswith("_") for part in parts):
         return False
-    room, k = importlib.import_module(f"{PACKAGE}.{parts[0]}"), 1
+    room, k = importlib.import_module(parts[0] if parts[0] == WORKSHOP else f"{PACKAGE}.{parts[0]}"), 1
     while hasattr(getattr(room, parts[k], None), "__path__"):  # a room below it
         room, k = getattr(room, parts[k]), k + 1
     inside = isinstance(getattr(room, parts[k], None), ModuleType)
@@ -199,7 +202,7 @@ def test_result_figures_are_of_their_cases() -> None:
         row = found[f"Fig. {number}"]
         assert row.cells["shows"] == case.replace("-", " ")
         assert row.cells["picture"] == f"fig-{number:02d}-{case}.png"
-        assert "sim.study.paper_study" in row.names
+        assert "workshop.study.paper_study" in row.names
 
 
 def test_printed_tables_are_those_of_the_cases() -> None:

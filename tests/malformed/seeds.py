@@ -26,9 +26,9 @@ from elastic_strips.cli.view_command import _from_result
 from elastic_strips.control.record import Record, Recorder
 from elastic_strips.errors import InputError
 from elastic_strips.scene import Keyframes, World
-from elastic_strips.sim import datasets
 from elastic_strips.sim.sensors import read_sensors, sensor_file
 from elastic_strips.sim.sweep import read_sweep
+from workshop import datasets
 
 PLAN_SECONDS = 0.3
 Use = Callable[[Path], object]

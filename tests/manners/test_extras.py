@@ -51,7 +51,7 @@ def _tree(robot: es.RobotModel) -> object:
 
 
 def _study(robot: es.RobotModel) -> object:
-    from elastic_strips.sim.study import paper_study
+    from workshop.study import paper_study
 
     return paper_study("nowhere")
 

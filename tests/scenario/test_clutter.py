@@ -9,9 +9,9 @@ from coal_distances import coal_distances
 from elastic_strips import RobotModel, get_scenario
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, plan_report, straight_line
-from elastic_strips.sim.bench import bench_plan
 from elastic_strips.sim.scenarios.halls import _guide, clutter_scene
 from elastic_strips.strip import Deformer, DeformParams
+from workshop.bench import bench_plan
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -11,7 +11,7 @@ from elastic_strips import RobotModel, Scene, get_scenario
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import straight_line
 from elastic_strips.sim.scenarios.halls import DOOR
-from elastic_strips.sim.study.comparison import Trial, attempt
+from workshop.study.comparison import Trial, attempt
 
 Array = npt.NDArray[np.float64]
 TRAPS = ("bottleneck", "dead-end")

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     help="To prove of the robot's own links [m].",
 )  # fmt: skip
 @click.option(
-    "--interpolation", type=options.LateChoice("collision.path_certificate", "INTERPOLATIONS"), default="line",
+    "--interpolation", default="line",
+    type=options.LateChoice("elastic_strips.collision.path_certificate", "INTERPOLATIONS"),
     show_default=True,
     help="Between two configurations. line: base and joints go linearly; arc: a base on an arc, as wheels do. Where an "
     "angle's values change by more than half a turn, they do not say which way: values (linearly by the numbers) and "

@@ -116,7 +116,7 @@ class LateChoice(_TextType):
     """One of the names that a module has; it is imported when they are asked for.
 
     Args:
-        module: where they are, below ``elastic_strips``.
+        module: where they are.
         name: of a tuple, a mapping or an enumeration of them.
     """
 
@@ -128,7 +128,7 @@ class LateChoice(_TextType):
     @property
     def choice(self) -> click.Choice[str]:
         """The same with its names."""
-        names = getattr(import_module(f"elastic_strips.{self._module}"), self._name)
+        names = getattr(import_module(self._module), self._name)
         return click.Choice([getattr(name, "value", name) for name in names])
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:

@@ -51,8 +51,6 @@ __getattr__ = late_names(  # a scenario needs nothing of what driving it needs
         "plant": ("KinematicPlant", "Plant", "PlantParams"),
         "sensed_perception": ("SensorPerception",),
         "task": ("TaskResult", "TaskSimulation"),
-        "bench": (),
-        "datasets": (),
         "mujoco": (),
         "scenarios": (),
         "sensors": (),

@@ -23,8 +23,8 @@ from elastic_strips.planning.grid_path import (
 from elastic_strips.planning.initial_strip import waypoint_rows
 from elastic_strips.robot import PlanarFootprint, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
-from elastic_strips.sim.datasets import barn_ids, load_barn
 from elastic_strips.strip import Deformer
+from workshop.datasets import barn_ids, load_barn
 
 FAR_LOW = np.array([-12.0, -12.0])
 WALL = Scene([Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75)), Box((0.2, 3.0, 1.5), at=(2.0, -3.9, 0.75))])

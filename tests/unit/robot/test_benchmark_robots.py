@@ -16,9 +16,9 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning import check_endpoints, plan_report
 from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.scene import Box, Cylinder, Scene
-from elastic_strips.sim.datasets import load_bridge
 from elastic_strips.strip import Deformer, DeformStatus
 from elastic_strips.viewer import Viewer
+from workshop.datasets import load_bridge
 
 BRIDGE_HEIGHT = 0.70
 DUCKED = {"shoulder_lift_joint": -0.35, "elbow_joint": 0.35}

@@ -384,7 +384,7 @@ SLOW = {
     ),
     *("ur10_joint_limited_robot", "ur3_joint_limited_robot", "allegro_right_hand", "icub_reduced", "double_pendulum"),
 }
-"""More than a second to load, or the like of another; ``elastic-strips bench robots`` loads them all."""
+"""More than a second to load, or the like of another; ``python -m workshop robots`` loads them all."""
 
 
 @pytest.mark.slow

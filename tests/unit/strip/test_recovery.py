@@ -8,12 +8,12 @@ import pytest
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Scene
-from elastic_strips.sim.bench.plan import push_nearest
 from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.strip import Deformer, Strip, displacement
 from elastic_strips.strip import deformer as tick
 from elastic_strips.strip.recovery import Intrusions, hold_joints
 from elastic_strips.strip.solver import BandedSolver, System
+from workshop.bench.plan import push_nearest
 
 DEPTH = 0.035  # [m] of the obstacle in the strip
 SEEDS = range(3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html.parser import HTMLParser
 
-from elastic_strips.sim.study.paper_study import Document
+from workshop.study.paper_study import Document
 
 
 class _Reader(HTMLParser):

@@ -87,7 +87,7 @@ def bench_robots(cases: Sequence[RobotCase], step: Note = silent, *, timeout: fl
     return head("robots", timeout_s=timeout, robots=rows)
 
 
-_BEGIN, _END = "<!-- table: elastic-strips bench robots -->\n", "<!-- end of table -->\n"
+_BEGIN, _END = "<!-- table: python -m workshop robots -->\n", "<!-- end of table -->\n"
 
 
 def with_table(page: str, table: str) -> str:

@@ -1,4 +1,4 @@
-"""``elastic-strips bench``: planning, deforming and reaching, and other planners on the same problems."""
+"""``python -m workshop``: planning, deforming and reaching, and other planners on the same problems."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 
 from elastic_strips.catalogue import find_robot
+from elastic_strips.cli import options, output
+from elastic_strips.cli.output import row
 from elastic_strips.files import atomic_write
 
-from . import options, output
 from .bench_options import figures_option, root_option, runs_option, scenario_option, seeds_option, times
-from .output import row
 
 
 @click.command(short_help="From nothing to a certified strip.")
@@ -24,7 +24,7 @@ from .output import row
 def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | None) -> None:
     """Plan the corridor (or another scenario) of many seeds: how often, how fast, how clear."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench import bench_plan
+    from workshop.bench import bench_plan
 
     model = load_robot(robot)
     with options.LateProgress("planning", seeds) as bar:
@@ -53,7 +53,7 @@ def replan(robot: str, seeds: int, into: float | None, json_file: str | None) ->
 
     With --into a strip that stays broken is planned anew."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench import bench_replan
+    from workshop.bench import bench_replan
 
     model = load_robot(robot)
     with options.LateProgress("replanning", seeds) as bar:
@@ -82,7 +82,7 @@ def tick(robot: str, ticks: int, scaling: bool, json_file: str | None) -> None:
     In the same run, for the ratio: pin.computeDistances over every pair on the same strip.
     """
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench import bench_tick
+    from workshop.bench import bench_tick
 
     model = load_robot(robot)
     with options.LateProgress("ticking", 10 if scaling else 1) as bar:
@@ -118,7 +118,7 @@ def page(robot: str, obstacles: int, movers: int, seconds: float, json_file: str
     The page is sent at most 30 pictures a second, and drawn plainer where that takes long.
     """
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench import bench_page
+    from workshop.bench import bench_page
 
     model = load_robot(robot)
     with options.LateProgress("drawing", 2) as bar:
@@ -151,7 +151,7 @@ def robots(
 
     Each goes from home to another posture, past a sphere in its way.
     """
-    from elastic_strips.sim.bench.robots import bench_robots, robot_cases, robots_table, with_table
+    from workshop.bench.robots import bench_robots, robot_cases, robots_table, with_table
 
     options.check_outputs("", table_file, json_file)
     for name in names:
@@ -173,11 +173,11 @@ def robots(
 @root_option(
     "mbm",
     "in mbm/fetch and mbm/panda, MotionBenchMaker's problems as VAMP ships them (github.com/KavrakiLab/vamp), each "
-    "with URDF, SRDF, meshes and problems.json.gz; elastic_strips.sim.reach_problems reads them.",
+    "with URDF, SRDF, meshes and problems.json.gz; workshop.reach_problems reads them.",
 )
 @click.option(
     "--robot",
-    type=options.LateChoice("sim.reach_problems", "MBM_ROBOTS"),
+    type=options.LateChoice("workshop.reach_problems", "MBM_ROBOTS"),
     default="fetch",
     show_default=True,
     help="The arm.",
@@ -194,7 +194,7 @@ def mbm(
     root: str, robot: str, stride: int, timeout: float, seed: int, base: str, json_file: str | None
 ) -> None:  # fmt: skip
     """Plan MotionBenchMaker's problems of the Fetch or the Panda: how many are certified, how fast, how clear."""
-    from elastic_strips.sim.bench.reach import bench_mbm
+    from workshop.bench.reach import bench_mbm
 
     with options.LateProgress("planning", 350 // stride) as bar:
         figures = bench_mbm(root, robot, bar.step, stride=stride, timeout=timeout, seed=seed, base=base)
@@ -226,7 +226,7 @@ def mbm(
 def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_file: str | None) -> None:
     """Reach poses of random configurations from home; beside a single start of the usual loop."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench.inverse_kinematics import bench_inverse_kinematics
+    from workshop.bench.inverse_kinematics import bench_inverse_kinematics
 
     with options.LateProgress("reaching", poses) as bar:
         figures = bench_inverse_kinematics(load_robot(robot, base=base), frame, bar.step, poses=poses, seed=seed)
@@ -246,7 +246,7 @@ def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_fil
     "--peer",
     "peers",
     multiple=True,
-    type=options.LateChoice("sim.bench.peers", "REQUIREMENTS"),
+    type=options.LateChoice("workshop.bench.peers", "REQUIREMENTS"),
     help="Only this one; may be given again.",
 )
 @click.option(
@@ -263,7 +263,7 @@ def peers(
 
     The robot's base may go sideways, since the others know no wheels. Their paths are certified here."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench.peers import REQUIREMENTS, bench_peers
+    from workshop.bench.peers import REQUIREMENTS, bench_peers
 
     model = load_robot(robot, base="omni")
     with options.LateProgress("planning") as bar:
@@ -295,7 +295,7 @@ def peers(
 def settle(robot: str, seeds: int, scenario: str, json_file: str | None) -> None:
     """Settle the planned strip of many seeds: clearance before and after, ticks, and the energy's rises."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench.settle import bench_settle
+    from workshop.bench.settle import bench_settle
 
     model = load_robot(robot)
     with options.LateProgress("settling", seeds) as bar:

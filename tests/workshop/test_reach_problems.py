@@ -12,8 +12,8 @@ from shared_data import shared_data
 
 from elastic_strips.errors import ScenarioError
 from elastic_strips.scene import Box, Cylinder
-from elastic_strips.sim.bench.reach import bench_mbm
-from elastic_strips.sim.reach_problems import load_mbm
+from workshop.bench.reach import bench_mbm
+from workshop.reach_problems import load_mbm
 
 _SRDF = """<robot name="gantry"><disable_collisions link1="column" link2="hand" reason="never"/></robot>"""
 

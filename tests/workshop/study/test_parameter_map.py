@@ -8,8 +8,8 @@ import pytest
 
 from elastic_strips import get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
-from elastic_strips.sim.study import parameter_map, simulate_paper
-from elastic_strips.sim.study.simulation import Outcome
+from workshop.study import parameter_map, simulate_paper
+from workshop.study.simulation import Outcome
 
 
 def test_known_cells_of_case_4() -> None:

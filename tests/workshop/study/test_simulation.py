@@ -15,8 +15,8 @@ from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Cylinder
 from elastic_strips.sim.scenarios import Scenario
-from elastic_strips.sim.study import PaperRun, simulate_paper
-from elastic_strips.sim.study.simulation import LONGEST_STEP, Outcome
+from workshop.study import PaperRun, simulate_paper
+from workshop.study.simulation import LONGEST_STEP, Outcome
 
 Array = npt.NDArray[np.float64]
 Run = Callable[[str], PaperRun]

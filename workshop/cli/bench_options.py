@@ -1,4 +1,4 @@
-"""What the commands of ``elastic-strips bench`` have in common: options, and how times are written."""
+"""What the commands of the workshop have in common: options, and how times are written."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import click
 
-from . import options
+from elastic_strips.cli import options
 
 _F = TypeVar("_F", bound=Callable[..., object])
 

@@ -1,10 +1,10 @@
-"""``elastic-strips study``: studies that end in a report."""
+"""``python -m workshop study``: studies that end in a report."""
 
 from __future__ import annotations
 
 import click
 
-from . import options, output
+from elastic_strips.cli import options, output
 
 
 @click.group()
@@ -19,8 +19,8 @@ def study() -> None:
 @options.json_option("Write how the cases ended.")
 def paper(out: str, processes: int | None, quick: bool, json_file: str | None) -> int:
     """Tables 1 and 2, Figs. 5 to 11, methods compared, and a map of the parameters: Markdown, HTML and pictures."""
-    from elastic_strips.sim.study import paper_study
-    from elastic_strips.sim.study.simulation import Outcome
+    from workshop.study import paper_study
+    from workshop.study.simulation import Outcome
 
     less = {"compared": (), "mapped": ""} if quick else {}
     with options.LateProgress("study") as bar:

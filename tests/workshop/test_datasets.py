@@ -13,7 +13,7 @@ from shared_data import shared_data
 from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder
-from elastic_strips.sim.datasets import barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn, load_house
+from workshop.datasets import barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn, load_house
 
 BARN = {
     "cylinder_radius": 0.075, "cylinder_length": 1.0, "cylinder_center_z": 0.0, "goal_tolerance": 1.0, "timeout": 100.0,

@@ -19,7 +19,6 @@ from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.sim.closed_loop import Simulation, simulation
-from elastic_strips.sim.datasets import load_house
 from elastic_strips.sim.faults import FAULTS, Fault
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.perception import PerceptionParams
@@ -27,6 +26,7 @@ from elastic_strips.sim.scenarios import Scenario, drive_scenario, get_scenario,
 from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip.params import DeformParams
+from workshop.datasets import load_house
 
 from .measure import Figures, Note, head, percentiles, silent
 

@@ -6,7 +6,7 @@ import pytest
 
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import load_robot
-from elastic_strips.sim.bench.inverse_kinematics import bench_inverse_kinematics
+from workshop.bench.inverse_kinematics import bench_inverse_kinematics
 
 
 def test_more_is_reached_than_with_one_start():

@@ -13,11 +13,11 @@ from elastic_strips.errors import ElasticStripsError
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim.closed_loop import simulation
-from elastic_strips.sim.datasets import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.strip import DeformParams
 from elastic_strips.trajectory import MotionLimits
+from workshop.datasets import DriveProblem, barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn
 
 from .measure import Figures, Note, head, percentiles, silent
 

@@ -14,8 +14,8 @@ from elastic_strips.errors import ParameterError, ScenarioError
 from elastic_strips.sim import SensorPerception
 from elastic_strips.sim.scenarios import drive, drive_scenario
 from elastic_strips.sim.sensors import SensorConfig
-from elastic_strips.sim.study import METHODS, TrialResult, compare
-from elastic_strips.sim.study.comparison import Trial, _turns, attempt
+from workshop.study import METHODS, TrialResult, compare
+from workshop.study.comparison import Trial, _turns, attempt
 
 POLE = "{shape: cylinder, name: pole, radius: 0.2, length: 1, at: [%s, 0.5]}"
 

@@ -1,4 +1,4 @@
-"""``elastic-strips study``: what it prints and writes, and its exit codes."""
+"""``python -m workshop study``: what it prints and writes, and its exit codes."""
 
 from __future__ import annotations
 
@@ -8,23 +8,24 @@ from pathlib import Path
 
 import pytest
 
-import elastic_strips.sim.study
-from elastic_strips.cli import main
-from elastic_strips.sim.study import PaperStudy, paper_study, simulate_paper
-from elastic_strips.sim.study.simulation import Outcome
+import elastic_strips
+import workshop.study
+from workshop.cli.group import run_cli
+from workshop.study import PaperStudy, paper_study, simulate_paper
+from workshop.study.simulation import Outcome
 
 
 def _call(*arguments: object) -> int:
     """Exit code of a command line in this process."""
     with pytest.raises(SystemExit) as ended:
-        main([str(a) for a in arguments])
+        run_cli([str(a) for a in arguments])
     assert isinstance(ended.value.code, int)
     return ended.value.code
 
 
 def test_a_quick_study(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """One line a case, then the report, which has neither comparison nor map."""
-    monkeypatch.setattr(elastic_strips.sim.study, "paper_study", partial(paper_study, cases=["case-2"]))
+    monkeypatch.setattr(workshop.study, "paper_study", partial(paper_study, cases=["case-2"]))
     assert _call("study", "paper", "--quick", "--out", tmp_path / "out") == 0
     printed = capsys.readouterr()
     first, last = printed.out.splitlines()
@@ -47,7 +48,7 @@ def test_what_the_options_ask_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         asked.append(options)
         return PaperStudy({"case-3": run}, (), (), (tmp_path / "paper.md",))
 
-    monkeypatch.setattr(elastic_strips.sim.study, "paper_study", study)
+    monkeypatch.setattr(workshop.study, "paper_study", study)
     assert _call("study", "paper", "--processes", "2", "--json", tmp_path / "answer.json") == 3
     answer = json.loads((tmp_path / "answer.json").read_text())
     assert not answer["as_the_paper_says"]

@@ -1,4 +1,4 @@
-"""``elastic-strips bench``: drives in the closed loop, many of them, with faults, for long, and against the clock."""
+"""``python -m workshop``: drives in the closed loop, many of them, with faults, for long, and against the clock."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from elastic_strips.catalogue import FAULTS
+from elastic_strips.cli import options, output
+from elastic_strips.cli.output import row
 
-from . import options, output
 from .bench_options import root_option, runs_option, scenario_option, seeds_option, times
-from .output import row
 
 if TYPE_CHECKING:
-    from elastic_strips.sim.bench.measure import Figures
+    from workshop.bench.measure import Figures
 
 
 @click.command(short_help="Drive among moving obstacles, many seeds.")
@@ -56,7 +56,7 @@ def drive(
     json_file: str | None,
 ) -> None:
     """Drive a scenario of many seeds in the closed loop; each run is evaluated from its true states."""
-    from elastic_strips.sim.bench.drive import bench_drive
+    from workshop.bench.drive import bench_drive
 
     config = options.sensors_of(sensors, robot)
     with options.LateProgress("driving", seeds) as bar:
@@ -111,7 +111,7 @@ def _disturb(name: str, scenario: str) -> click.Command:
         """Every kind of fault at a random time: the robot has to come to rest without a contact at speed, to name what
         is wrong, and to go on to the goal when it is over."""
         from elastic_strips.sim import Fault
-        from elastic_strips.sim.bench.drive import bench_disturb
+        from workshop.bench.drive import bench_disturb
 
         chosen = tuple(Fault.parse(f"{kind}@0").kind for kind in kinds) or tuple(FAULTS)
         with options.LateProgress("putting in faults", seeds * len(chosen)) as bar:
@@ -154,7 +154,7 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
         processes: int | None,
         json_file: str | None,
     ) -> None:
-        from elastic_strips.sim.bench.problems import bench_problems
+        from workshop.bench.problems import bench_problems
 
         with options.LateProgress(kind) as bar:
             figures = bench_problems(
@@ -177,11 +177,11 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
 _CHALLENGE = "from the BARN challenge (github.com/Daffan/the-barn-challenge)"
 barn: click.Command = _problem(
     "barn", "BARN's static worlds, for a base as large as a Jackal.",
-    f"made of the worlds {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
+    f"made of the worlds {_CHALLENGE}; workshop.datasets reads it.",
 )  # fmt: skip
 dynabarn: click.Command = _problem(
     "dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal.",
-    f"made of the arenas {_CHALLENGE}; elastic_strips.sim.datasets reads it.",
+    f"made of the arenas {_CHALLENGE}; workshop.datasets reads it.",
 )  # fmt: skip
 
 
@@ -189,7 +189,7 @@ dynabarn: click.Command = _problem(
 @root_option(
     "bridge/bridge.json",
     "the numbers of the first experiment of REMANI-Planner (github.com/SYSU-STAR/REMANI-Planner); "
-    "elastic_strips.sim.datasets reads it.",
+    "workshop.datasets reads it.",
 )
 @options.robot_option("bridge-arm")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
@@ -197,7 +197,7 @@ dynabarn: click.Command = _problem(
 @runs_option
 def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str | None) -> None:
     """Plan both legs under the bridge, and drive them."""
-    from elastic_strips.sim.bench.problems import bench_bridge
+    from workshop.bench.problems import bench_bridge
 
     with options.LateProgress("bridge") as bar:
         bar.step()
@@ -218,7 +218,7 @@ def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str
 @root_option(
     "house/house.json",
     "AWS RoboMaker's small house (github.com/aws-robotics/aws-robomaker-small-house-world) as convex pieces; "
-    "elastic_strips.sim.datasets reads it.",
+    "workshop.datasets reads it.",
 )
 @options.robot_option("silvermate")
 @seeds_option(30, "Pairs of start and goal.")
@@ -240,7 +240,7 @@ def house(
     json_file: str | None,
 ) -> None:
     """Drive from one free place of the house to another, with walls, furniture and their legs as 571 convex pieces."""
-    from elastic_strips.sim.bench.drive import bench_drive
+    from workshop.bench.drive import bench_drive
 
     config = options.sensors_of(sensors, robot)
     with options.LateProgress("driving", seeds) as bar:
@@ -265,7 +265,7 @@ def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> Non
     """A post appears on the strip while the robot drives, planned at 100 Hz: ticks until a new certified strip is
     followed."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench.drive import bench_reaction
+    from workshop.bench.drive import bench_reaction
 
     with options.LateProgress("reacting", seeds) as bar:
         figures = bench_reaction(load_robot(robot), range(seeds), bar.step, depth=depth)
@@ -284,7 +284,7 @@ def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> Non
 def soak(robot: str, hours: float, json_file: str | None) -> None:
     """Drive to and fro among moving obstacles in one process."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench.drive import bench_soak
+    from workshop.bench.drive import bench_soak
 
     with options.LateProgress("soaking") as bar:
         figures = bench_soak(load_robot(robot), hours, bar.step)
@@ -307,7 +307,7 @@ def realtime(robot: str, minutes: float, inline: bool, json_file: str | None) ->
     """Drive to and fro among moving obstacles against the wall clock, with machine, control loop and planning in
     processes of their own; planning never waits."""
     from elastic_strips.robot import load_robot
-    from elastic_strips.sim.bench.realtime import bench_realtime
+    from workshop.bench.realtime import bench_realtime
 
     with options.LateProgress("driving") as bar:
         figures = bench_realtime(load_robot(robot), minutes, bar.step, inline=inline)
@@ -332,14 +332,14 @@ def realtime(robot: str, minutes: float, inline: bool, json_file: str | None) ->
     "--kind",
     "kinds",
     multiple=True,
-    type=options.LateChoice("sim.bench.trials", "KINDS"),
+    type=options.LateChoice("workshop.bench.trials", "KINDS"),
     help="Only this one; may be given again.",
 )
 @runs_option
 def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None) -> None:
     """The planner or the executor is killed, stopped or hung at a random time, or the disk is full: the robot has to
     come to rest without a contact, and to go on where it can."""
-    from elastic_strips.sim.bench.trials import KINDS, bench_trials
+    from workshop.bench.trials import KINDS, bench_trials
 
     with options.LateProgress("killing", seeds * len(kinds or KINDS)) as bar:
         figures = bench_trials(robot, range(seeds), bar.step, kinds=kinds or None)

@@ -12,10 +12,10 @@ import pytest
 
 from elastic_strips.errors import InputError, ParameterError, ScenarioError
 from elastic_strips.sim.scenarios.paper_cases import TABLE_2
-from elastic_strips.sim.study import PaperStudy, paper_study, parameter_map
-from elastic_strips.sim.study.simulation import Outcome
+from workshop.study import PaperStudy, paper_study, parameter_map
+from workshop.study.simulation import Outcome
 
-MODULE = importlib.import_module("elastic_strips.sim.study.paper_study")
+MODULE = importlib.import_module("workshop.study.paper_study")
 """The module, which the package's function of the same name hides."""
 
 

@@ -13,8 +13,8 @@ from elastic_strips import RobotModel, Scene, get_scenario
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Capsule, Cylinder, Sphere
 from elastic_strips.sim.scenarios import Scenario
-from elastic_strips.sim.study import PaperRun, simulate_paper
-from elastic_strips.sim.study.figures import Outline, draw_drive, draw_paper_run, draw_scene
+from workshop.study import PaperRun, simulate_paper
+from workshop.study.figures import Outline, draw_drive, draw_paper_run, draw_scene
 
 Array = npt.NDArray[np.float64]
 LYING = (0.0, np.sin(np.pi / 4), 0.0, np.cos(np.pi / 4))

@@ -10,8 +10,8 @@ import numpy as np
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel
-from elastic_strips.sim.reach_problems import ReachProblem, load_mbm
 from elastic_strips.strip import strip_clearance
+from workshop.reach_problems import ReachProblem, load_mbm
 
 from .measure import Figures, Note, head, percentiles, silent
 

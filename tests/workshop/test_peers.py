@@ -17,9 +17,9 @@ from brute_force import configuration, random_coordinates, self_distances
 from elastic_strips.collision.proof import scene_statement
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.sim.bench import peers
-from elastic_strips.sim.bench.peers import bench_peers, environment, export_robot
 from elastic_strips.sim.scenarios import get_scenario
+from workshop.bench import peers
+from workshop.bench.peers import bench_peers, environment, export_robot
 
 LINE = """
 import json, sys
