@@ -1,7 +1,7 @@
 """What the paper builds on: a base steered by the vector field histogram, on its own range sensors."""
 
 import elastic_strips as es
-from elastic_strips.sim import base_simulation
+from workshop.baselines import base_simulation
 
 robot = es.load_robot("silvermate")
 pillar = es.Cylinder(0.3, 1.3, at=(2.0, 0.15, 0.65), name="pillar")

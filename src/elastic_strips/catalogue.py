@@ -43,14 +43,6 @@ PLANTS = {
     "mujoco": "the physics of MuJoCo (extra sim)",
 }
 """Machines that are driven."""
-METHODS = {
-    "strip": "the elastic strip",
-    "apf": "artificial potential field, for a base alone",
-    "vff": "virtual force field, for a base alone",
-    "vfh": "vector field histogram, for a base alone",
-    "band": "elastic band, for a base alone",
-}
-"""What steers a drive."""
 
 FAULTS = {
     "slip": "the wheels lose this part of their travel",

@@ -8,10 +8,9 @@ import sys
 
 import pytest
 
-from elastic_strips.catalogue import METHODS, PLANTS, PRESETS, SCENARIOS
+from elastic_strips.catalogue import PLANTS, PRESETS, SCENARIOS
 from elastic_strips.robot import robot_names
 from elastic_strips.sim import FAULTS
-from elastic_strips.sim.scenarios.drive import DRIVE_METHODS
 from elastic_strips.sim.scenarios.drive import PLANTS as DRIVEN
 
 HEAVY = {"numpy", "pinocchio", "coal", "scipy", "rich", "yaml", "lxml"}
@@ -44,7 +43,6 @@ def _completed(line: str) -> tuple[list[str], set[str]]:
         ("elastic-strips d", ["doctor", "drag", "drive"]),
         ("elastic-strips run ca", [*(name for name in SCENARIOS if name.startswith("ca")), "ca"]),
         ("elastic-strips run case-1 --preset ", list(PRESETS)),
-        ("elastic-strips drive case-1 --method ", list(METHODS)),
         ("elastic-strips drive case-1 --disturb slip-l", ["slip-left@"]),
         ("elastic-strips certify path.csv --robot silver", ["silvermate", "silver"]),
         ("elastic-strips run case-1 --robot ", [*robot_names(), ""]),
@@ -57,7 +55,6 @@ def test_names_are_completed_at_once(line: str, expected: list[str]) -> None:
 
 
 def test_the_catalogue_has_the_names_that_are_driven() -> None:
-    assert tuple(METHODS) == DRIVE_METHODS
     assert tuple(PLANTS) == DRIVEN
     assert FAULTS
 

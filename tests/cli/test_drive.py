@@ -75,16 +75,13 @@ def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
     assert any(e["kind"] == "fault" and "stale scene" in e["reason"] for e in events)
 
 
-def test_methods_and_sensors(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_by_sensors(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     own = SHORT.replace("bridge-arm", "silvermate")  # its laser is on board
     short.write_text(own)
     assert end_of("drive", str(short), "--sensors", "laser", "--json", "d.json") == 0
     assert "driven by laser" in capsys.readouterr().out
     assert json.loads((tmp_path / "d.json").read_text())["sensors"] == ["laser"]
-    short.write_text(own.replace("at: [1.2, 0.6, 0.5]", "at: [1.2, 1.0, 0.5]"))  # for a base that minds no arm
-    assert end_of("drive", str(short), "--method", "vfh", "--json", "d.json") == 0
-    assert json.loads((tmp_path / "d.json").read_text())["max_constraint_error_rad"] is None
-    assert json.loads((tmp_path / "d.json").read_text())["method"] == "vfh"
+    assert json.loads((tmp_path / "d.json").read_text())["method"] == "strip"
 
 
 def test_a_level_hand(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,10 +108,6 @@ def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["drive", "run.npz"], "is no scenario"),
         (["drive", "case-1", "--sensors", "lasar"], "did you mean 'laser'"),
         (["drive", "case-1", "--sensors", "none.yaml"], "none.yaml"),
-        (["drive", "case-1", "--method", "vhf"], "'vfh'"),
-        (["drive", "case-1", "--method", "vfh", "--fault", "scene_late@1"], "are of the strip"),
-        (["drive", "case-1", "--method", "vfh", "--no-evade"], "are of the strip"),
-        (["drive", "case-1", "--method", "vfh", "--level", "hand_frame"], "are of the strip"),
         (["drive", "case-1", "--level", "hand_fram"], "did you mean 'hand_frame'"),
         (["drive", "case-1", "--compute", "fast"], "'free', 'work', or a finite factor"),
         (["drive", "case-1", "--log", "l.jsonl"], "--log is of --realtime"),

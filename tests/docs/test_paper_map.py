@@ -156,7 +156,7 @@ def test_what_is_not_there_is_noticed(name: str) -> None:
         resolve(name)
 
 
-@pytest.mark.parametrize("name", ["strip.paper.PaperDeformer._check_joint_angles", "sim.baselines.annotations"])
+@pytest.mark.parametrize("name", ["strip.paper.PaperDeformer._check_joint_angles", "workshop.baselines.annotations"])
 def test_what_is_private_or_borrowed_is_noticed(name: str) -> None:
     resolve(name)
     assert not public(name)

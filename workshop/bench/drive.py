@@ -22,10 +22,11 @@ from elastic_strips.sim.closed_loop import Simulation, simulation
 from elastic_strips.sim.faults import FAULTS, Fault
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.perception import PerceptionParams
-from elastic_strips.sim.scenarios import Scenario, drive_scenario, get_scenario, make_simulation
+from elastic_strips.sim.scenarios import Scenario, get_scenario, make_simulation
 from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip.params import DeformParams
+from workshop.baselines import drive_by
 from workshop.datasets import load_house
 
 from .measure import Figures, Note, head, percentiles, silent
@@ -91,9 +92,9 @@ def _drive_once(task: _DriveTask) -> Figures:
         options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
     try:
         scenario = task.problem(robot)
-        outcome = drive_scenario(
+        outcome = drive_by(
             scenario,
-            method=task.method,
+            task.method,
             robot=robot,
             seed=task.seed,
             plant=task.plant,

@@ -11,7 +11,7 @@ from elastic_strips.catalogue import FAULTS
 from elastic_strips.cli import options, output
 from elastic_strips.cli.output import row
 
-from .bench_options import root_option, runs_option, scenario_option, seeds_option, times
+from .bench_options import METHOD, root_option, runs_option, scenario_option, seeds_option, times
 
 if TYPE_CHECKING:
     from workshop.bench.measure import Figures
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     "--alternatives", type=click.IntRange(1, 10), default=1, show_default=True, help="Strips that are kept at hand."
 )
 @options.level_option
-@click.option("--method", type=options.METHOD, default="strip", show_default=True, help="What steers.")
+@click.option("--method", type=METHOD, default="strip", show_default=True, help="What steers.")
 @options.sensors_option
 @options.compute_option
 @options.processes_option

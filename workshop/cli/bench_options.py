@@ -10,6 +10,9 @@ import click
 
 from elastic_strips.cli import options
 
+METHOD = options.LateChoice("workshop.baselines", "DRIVE_METHODS")
+"""Names of what steers."""
+BASE_METHOD = options.LateChoice("workshop.baselines", "BASE_METHODS")
 _F = TypeVar("_F", bound=Callable[..., object])
 
 

@@ -8,6 +8,7 @@ from elastic_strips.cli import group
 
 from . import bench_driving as driving
 from . import bench_planning as planning
+from .base_command import base
 from .study_command import study
 
 
@@ -22,7 +23,7 @@ def workshop(context: click.Context, verbose: bool) -> None:
 for _command in (
     planning.plan, planning.replan, planning.tick, planning.settle, planning.ik, planning.robots, planning.mbm,
     planning.peers, driving.drive, driving.disturb, driving.faults, driving.reaction, driving.soak, driving.realtime,
-    driving.trials, driving.barn, driving.dynabarn, driving.bridge, driving.house, planning.page, study,
+    driving.trials, driving.barn, driving.dynabarn, driving.bridge, driving.house, planning.page, base, study,
 ):  # fmt: skip
     workshop.add_command(_command)
 

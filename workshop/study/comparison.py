@@ -12,12 +12,12 @@ from elastic_strips.control import Controller, RunState
 from elastic_strips.errors import ElasticStripsError, ParameterError, nearest_name
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim import Simulation
-from elastic_strips.sim.baselines import BASE_METHODS
-from elastic_strips.sim.baselines.base_controller import PATIENCE
 from elastic_strips.sim.jobs import cached, parallel_map
-from elastic_strips.sim.scenarios import drive_scenario, get_scenario
+from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
+from workshop.baselines import BASE_METHODS, drive_by
+from workshop.baselines.base_controller import PATIENCE
 
 _STRIP_SENSED = "strip-sensed"
 METHODS = (*BASE_METHODS, _STRIP_SENSED, STRIP)
@@ -106,8 +106,8 @@ def attempt(trial: Trial) -> TrialResult:
     robot: RobotModel = cached("silvermate", lambda: load_robot("silvermate"))
     scenario = get_scenario(trial.case, seed=trial.seed)
     try:
-        outcome = drive_scenario(
-            scenario, method=STRIP if trial.method == _STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
+        outcome = drive_by(
+            scenario, STRIP if trial.method == _STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
             time_limit=trial.time_limit, sensors=None if trial.method == STRIP else SensorConfig(),
             **({"watch": _Patience(), "compute": "1"} if trial.method in (STRIP, _STRIP_SENSED) else {}),
         )  # fmt: skip

@@ -220,7 +220,8 @@ def _folder(name: str | Path) -> Iterator[Path]:
 def _tables(document: Document) -> None:
     document.text(
         "Made by `python -m workshop study paper`. Preset `paper` is Eqs. 2 to 9 as printed, driven reactively: at "
-        "each sampling time the obstacles within the safe distance of P_m (of any control point in case 7) become known, "
+        "each sampling time the obstacles within the safe distance of P_m (of any control point in case 7) become "
+        "known, "
         f"the postures ahead are deformed, and the robot moves to the next one, by {LONGEST_STEP:g} m at most. Preset "
         "`default` is driven in the closed loop, on wheels. Where the obstacles stand is our choice "
         "(docs/paper-map.md): the paper's figures are not at hand, only its text."

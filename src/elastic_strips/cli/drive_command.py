@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
@@ -16,17 +16,15 @@ from . import EXIT_INTERRUPTED, options, output
 from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
-    from elastic_strips.control import Controller
+    from elastic_strips.control.control_loop import ControlLoop
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
-    from elastic_strips.sim.baselines import BaseController
-    from elastic_strips.sim.scenarios import DriveOutcome
+    from elastic_strips.sim.scenarios import DriveOutcome, Scenario
     from elastic_strips.strip import Strip
     from elastic_strips.strip.report import DeformReport
 
-    _AnySimulation = Simulation[Controller] | Simulation[BaseController]
 
-
+_Driver = TypeVar("_Driver", bound="ControlLoop")
 _COMPUTING = {
     "free": "computing free", "work": "computing charged by work counted", "realtime": "against the wall clock",
 }  # fmt: skip
@@ -42,11 +40,6 @@ _COMPUTING = {
 @click.option(
     "--plant", type=options.PLANT, default="kinematic", show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
-)  # fmt: skip
-@click.option(
-    "--method", type=options.METHOD, default="strip", show_default=True,
-    help="What steers: the elastic strip, or a method for a base alone, on its sensors: artificial potential field, "
-    "virtual force field, vector field histogram, elastic band.",
 )  # fmt: skip
 @options.sensors_option
 @click.option("--time-limit", type=options.Finite(0.1, 36000), help="Longest run [s of simulated time].")
@@ -87,7 +80,6 @@ def drive(
     limits: options.GivenLimits,
     seed: int | None,
     plant: str,
-    method: str,
     sensors: str | None,
     time_limit: float | None,
     evade: bool | None,
@@ -106,17 +98,16 @@ def drive(
     no_browser: bool,
 ) -> int:
     """Plan a strip and drive it in a closed loop: at every tick the strip gives way to what is sensed, the motion ahead
-    is certified to its stop, and the robot follows it. Moving obstacles move meanwhile. Another --method steers the
-    base alone, promises nothing, and stops at a contact.
+    is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
 
     Ctrl-C brings the robot to rest, and what was recorded is written; a second one ends at once, without.
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
-    from elastic_strips.io.record_file import check_record_file, write_record
+    from elastic_strips.io.record_file import check_record_file
     from elastic_strips.sim import Fault
-    from elastic_strips.sim.scenarios import drive_document, get_scenario, make_base_simulation, make_simulation
-    from elastic_strips.sim.scenarios.drive import STRIP, conclude, make_realtime
+    from elastic_strips.sim.scenarios import get_scenario, make_simulation
+    from elastic_strips.sim.scenarios.drive import make_realtime
 
     options.check_outputs(scenario, json_file, record_file, html_file, png_file, film_file, log)
     if record_file is not None:
@@ -125,77 +116,98 @@ def drive(
     model = load_robot(problem, robot, described, "default", base)
     number, allowed = problem.seed if seed is None else seed, limits.of(model)
     wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
-    if method != STRIP and (wrong or evade is not None or alternatives > 1 or level or compute or log):
-        raise click.UsageError(
-            "--disturb, --evade, --alternatives, --level, --compute and --log are of the strip; "
-            f"--method {method} has none"
-        )
-    evades, apart = evade is not False, realtime and method == STRIP
-    if apart and (compute or plant != "kinematic"):
+    evades = evade is not False
+    if realtime and (compute or plant != "kinematic"):
         raise click.UsageError(
             "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
         )
     if log and not realtime:
         raise click.UsageError("--log is of --realtime; --record has everything of other drives")
+    common = {
+        "robot": model, "seed": number, "evade": evades, "sensors": config, "alternatives": alternatives,
+        "level": level, "faults": wrong, "limits": allowed,
+    }  # fmt: skip
+    if realtime:
+        make = partial(make_realtime, problem, log=log, **common)
+    else:
+        make = partial(make_simulation, problem, plant=plant, compute=compute or "1", realtime=view, **common)
+    outputs = Outputs(json_file, record_file, html_file, png_file, film_file, log)
+    return drive_and_report(
+        problem, make, outputs, plant=plant, seed=number, time_limit=time_limit, view=view, no_browser=no_browser
+    )
+
+
+class Outputs(NamedTuple):
+    """Files that a drive writes; None where it does not."""
+
+    json_file: str | None = None
+    record_file: str | None = None
+    html_file: str | None = None
+    png_file: str | None = None
+    film_file: str | None = None
+    log: str | None = None
+
+
+def drive_and_report(
+    problem: Scenario,
+    make: Callable[..., Simulation[_Driver]],
+    outputs: Outputs,
+    *,
+    plant: str,
+    seed: int,
+    time_limit: float | None,
+    view: bool = False,
+    no_browser: bool = False,
+) -> int:
+    """Make a simulation, which is watched, run it, and write and say what came of it; returns the exit code."""
+    from elastic_strips.io.record_file import write_record
+    from elastic_strips.sim.scenarios import drive_document
+    from elastic_strips.sim.scenarios.drive import conclude
+
     viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
     with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
-        def watch(driven: _AnySimulation) -> None:
+        def watch(driven: Simulation[_Driver]) -> None:
             bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
             if viewer is not None:
                 viewer.update(
                     _shown(driven),
                     driven.world.at(driven.time),
-                    q=model.space.from_coordinates(driven.plant.coordinates),
+                    q=driven.robot.space.from_coordinates(driven.plant.coordinates),
                 )
 
-        driven: _AnySimulation
-        if apart:
-            driven = make_realtime(
-                problem, robot=model, seed=number, sensors=config, evade=evades, alternatives=alternatives,
-                level=level, faults=wrong, limits=allowed, watch=watch, log=log,
-            )  # fmt: skip
-        else:
-            if method == STRIP:
-                make = partial(
-                    make_simulation, problem, evade=evades, alternatives=alternatives, level=level, faults=wrong,
-                    compute=compute or "1",
-                )  # fmt: skip
-            else:
-                make = partial(make_base_simulation, problem, method)
-            driven = make(
-                robot=model, seed=number, plant=plant, sensors=config, limits=allowed, watch=watch,
-                realtime=realtime or view,
-            )  # fmt: skip
+        driven = make(watch=watch)
         if viewer is not None:
-            viewer.show(model, problem.world.at(0.0), _shown(driven))
+            viewer.show(driven.robot, problem.world.at(0.0), _shown(driven))
             output.say(f"viewer  {viewer.url}")
         try:
             with _stopping(driven) as interrupted:
                 result = driven.run(time_limit=time_limit)
         finally:
             driven.plant.close()
-    if record_file is not None:  # before the evaluation, which may take a while: what was driven is not to be lost
-        write_record(result.record, record_file)
-    outcome = conclude(problem, driven, result, plant=plant, seed=number)
+    if outputs.record_file is not None:  # before the evaluation, which may take a while: the drive is not to be lost
+        write_record(result.record, outputs.record_file)
+    outcome = conclude(problem, driven, result, plant=plant, seed=seed)
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
     _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
+    log = outputs.log
     unwritten = next((event.reason for event in result.events if log and event.reason.startswith(f"{log}: ")), None)
     if unwritten is not None:  # a log with a hole is not to be taken for whole
         output.say(("note:", output.NOTE), f" {unwritten}", err=True)
-    if json_file is not None:
-        output.write_document("result", json_file, drive_document(outcome))
-    if record_file is not None:
-        output.say(f"record  {record_file}")
+    if outputs.json_file is not None:
+        output.write_document("result", outputs.json_file, drive_document(outcome))
+    if outputs.record_file is not None:
+        output.say(f"record  {outputs.record_file}")
     options.write_pictures(
-        lambda page: page.replay(model, result.record), html_file, png_file, film_file, title=problem.name
-    )
+        lambda page: page.replay(driven.robot, result.record), outputs.html_file, outputs.png_file, outputs.film_file,
+        title=problem.name,
+    )  # fmt: skip
     if interrupted:
         return EXIT_INTERRUPTED
     return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE
 
 
-def _shown(driven: _AnySimulation) -> Strip | DeformReport:
+def _shown(driven: Simulation[_Driver]) -> Strip | DeformReport:
     """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
     import numpy as np
 
@@ -209,7 +221,7 @@ def _shown(driven: _AnySimulation) -> Strip | DeformReport:
 
 
 @contextmanager
-def _stopping(driven: _AnySimulation) -> Iterator[list[int]]:
+def _stopping(driven: Simulation[_Driver]) -> Iterator[list[int]]:
     """The first Ctrl-C brings the robot to rest; a second one ends the program."""
     interrupted: list[int] = []
 

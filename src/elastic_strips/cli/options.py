@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from elastic_strips.catalogue import FAULTS, METHODS, PLANTS, PRESETS, SCENARIOS
+from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
 
@@ -177,7 +177,7 @@ ROBOT_FILES = "NAME|FILE.urdf|FILE.xacro"
 FILE = KnownName(dict)
 FAULT = KnownName(lambda: {f"{kind}@": what for kind, what in _fault_kinds().items()}, files=False)
 FAULT_KIND = KnownName(_fault_kinds, files=False)
-PLANT, METHOD, PRESET = click.Choice(list(PLANTS)), click.Choice(list(METHODS)), click.Choice(list(PRESETS))
+PLANT, PRESET = click.Choice(list(PLANTS)), click.Choice(list(PRESETS))
 BASE = click.Choice(["diff_drive", "omni", "fixed"])
 
 

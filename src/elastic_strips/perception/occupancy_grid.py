@@ -29,8 +29,8 @@ class OccupancyGrid:
     and where it both hits and frees a cell, it hits it. A cell that is hit is an obstacle at once, however often it was
     free before; it takes some scans to be free again.
 
-    The grids of the base methods (`sim.baselines.certainty_grid`) stay apart: they are windows that move with the base
-    and forget what leaves them, and follow the rules of their papers, by which every reading counts.
+    The grids of the base methods (`workshop.baselines.certainty_grid`) stay apart: they are windows that move with the
+    base and forget what leaves them, and follow the rules of their papers, by which every reading counts.
 
     Args:
         params: how.

@@ -103,7 +103,6 @@ def test_seeds_may_be_a_range(tmp_path: Path) -> None:
         ("kind: drive\nscenarios: [case-1]\ngrid: {speeds: [[1, 0.5], [1.0, 0.5]]}", (":3:", "has already")),
         ("kind: drive\nscenarios: [case-1]\nfixed: {sensors: lasr}", (":3:", "sensors", "laser")),
         ("kind: drive\nscenarios: [case-1]\ngrid: {sensors: [all, no.yaml]}", (":3:", "sensors[1]", "no.yaml")),
-        ("kind: drive\nscenarios: [case-1]\nfixed: {method: vfh, influence: 0.3}", (":3:", "'vfh' has no deform")),
         ("kind: drive\nscenarios: [case-1]\ngrid:\n  evasion.horizon: [1, 2]\nfixed: {evade: false}", (":4:", "evade")),
         ("kind: plan\nscenarios: [case-1]\nplot: {y: speed}", (":3:", "plot.y", "'speed'")),
         ("kind: plan\nscenarios: [case-1]\nseeds: {count: 900000}\ngrid: {k_r: [1, 2]}", ("1800000 runs", "1000000")),
@@ -182,8 +181,6 @@ def test_a_drive_is_a_row(tmp_path: Path) -> None:
     assert 1.5 <= float(str(row["time_s"])) < 6.0  # it comes to rest after its time
     assert row["reached"] is False
     assert row["collisions"] == 0
-    base = Run(0, "drive", "case-2", None, None, 0, (("method", "vfh"), ("influence", 0.4)))
-    assert "influence" in str(execute(base)["error"])  # which that method has not
 
 
 @pytest.mark.parametrize(

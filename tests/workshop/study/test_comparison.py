@@ -12,8 +12,9 @@ import pytest
 from elastic_strips import RobotModel, get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
 from elastic_strips.sim import SensorPerception
-from elastic_strips.sim.scenarios import drive, drive_scenario
+from elastic_strips.sim.scenarios import drive
 from elastic_strips.sim.sensors import SensorConfig
+from workshop.baselines import drive_by
 from workshop.study import METHODS, TrialResult, compare
 from workshop.study.comparison import Trial, _turns, attempt
 
@@ -36,8 +37,8 @@ def beside(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_a_row_is_what_the_run_gave(beside: str, silvermate: RobotModel) -> None:
     """Way, time, turning and end of a run of one's own with the same seed; clearance by hand."""
     row = attempt(Trial(beside, "apf", seed=3))
-    outcome = drive_scenario(
-        get_scenario(beside, seed=3), method="apf", robot=silvermate, sensors=SensorConfig(), seed=3, time_limit=90.0
+    outcome = drive_by(
+        get_scenario(beside, seed=3), "apf", robot=silvermate, sensors=SensorConfig(), seed=3, time_limit=90.0
     )
     result = outcome.result
     rows = result.record.control

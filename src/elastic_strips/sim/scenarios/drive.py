@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from time import monotonic, sleep
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control.control_loop import ControlLoop
 from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
@@ -23,9 +24,7 @@ from elastic_strips.errors import RobotError, ScenarioError
 from elastic_strips.planning import StripSetParams
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
-from elastic_strips.sim import Perception, PerceptionParams, SensorPerception, base_simulation
-from elastic_strips.sim.baselines import BASE_METHODS, BaseController
-from elastic_strips.sim.baselines.base_controller import PATIENCE
+from elastic_strips.sim import Perception, PerceptionParams, SensorPerception
 from elastic_strips.sim.closed_loop import MACHINE, Simulation, prepare, simulation
 from elastic_strips.sim.evaluation import Contact, Evaluation, evaluate, protective_separation
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
@@ -46,8 +45,7 @@ from .scenario import Scenario
 
 PLANTS = ("kinematic", "mujoco")
 STRIP = "strip"
-DRIVE_METHODS = (STRIP, *BASE_METHODS)
-"""Names of methods: the elastic strip, and the base methods that the paper names."""
+_Driver = TypeVar("_Driver", bound=ControlLoop)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -60,7 +58,7 @@ class DriveOutcome(Summary):
         evaluation: from the true states.
         separation: protective separation distance [m] at the robot's largest speed; None for a method without certified
             stops.
-        method: one of `DRIVE_METHODS`.
+        method: what steered: `STRIP`, or another method's name.
         sensors: names of the simulated sensors; empty where the scene was known.
         physical_contacts: contacts in a physical plant, without wheels and casters on the floor.
         unseen: touched obstacles that had not been in a laser's view.
@@ -144,7 +142,7 @@ def make_simulation(
     Raises:
         InputError: start or goal in collision, an unknown plant, …
     """
-    problem = _Problem.of(scenario, robot, seed, plant, limits)
+    problem = DrivenProblem.of(scenario, robot, seed, plant, limits)
     params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
     return simulation(
         problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
@@ -179,7 +177,7 @@ def make_realtime(
     Raises:
         InputError: start or goal in collision, …
     """
-    problem = _Problem.of(scenario, robot, seed, "kinematic", limits)
+    problem = DrivenProblem.of(scenario, robot, seed, "kinematic", limits)
     params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
     model, limits = problem.robot, problem.limits
     world, machine, rng = prepare(model, problem.world, limits, None, problem.seed, shared=seen is not None)
@@ -225,7 +223,7 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
 
 
 def _planned_with(
-    problem: _Problem,
+    problem: DrivenProblem,
     scenario: Scenario,
     evade: bool,
     sensors: SensorConfig | None,
@@ -252,41 +250,8 @@ def _planned_with(
     return params, seen, replanner
 
 
-def make_base_simulation(
-    scenario: Scenario,
-    method: str,
-    *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    sensors: SensorConfig | None = None,
-    limits: MotionLimits | None = None,
-    patience: float = PATIENCE,
-    watch: Callable[[Simulation[BaseController]], object] | None = None,
-    realtime: bool = False,
-) -> Simulation[BaseController]:
-    """A closed loop of a base method for a scenario, ready to run.
-
-    Args:
-        scenario: the problem.
-        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
-        robot: another robot than the scenario's.
-        seed: of plant and sensors; the scenario's where None.
-        plant: ``"kinematic"``, or ``"mujoco"``.
-        sensors: of the method; the Silvermate's where None.
-        limits: of the robot; those of its description where None.
-        patience, watch, realtime: of :func:`~elastic_strips.sim.base_simulation`.
-    """
-    problem = _Problem.of(scenario, robot, seed, plant, limits)
-    return base_simulation(
-        problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
-        plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, patience=patience,
-        watch=watch, realtime=realtime,
-    )  # fmt: skip
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
+class DrivenProblem:
     """A scenario with all parts of a closed loop."""
 
     robot: RobotModel
@@ -301,7 +266,7 @@ class _Problem:
     @classmethod
     def of(
         cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str, limits: MotionLimits | None
-    ) -> _Problem:
+    ) -> DrivenProblem:
         check_type("scenario", scenario, Scenario, ScenarioError)
         check_type("robot", robot, RobotModel, RobotError, none=True)
         check_type("limits", limits, MotionLimits, none=True)
@@ -322,16 +287,15 @@ class _Problem:
         return cls(robot, world, *scenario.ends(robot), limits, machine, seed, metadata)
 
 
-_Driven = Simulation[Controller] | Simulation[BaseController]
-
-
-def conclude(scenario: Scenario, driven: _Driven, result: DriveResult, *, plant: str, seed: int) -> DriveOutcome:
+def conclude(
+    scenario: Scenario, driven: Simulation[_Driver], result: DriveResult, *, plant: str, seed: int
+) -> DriveOutcome:
     """Evaluate the finished run of a simulation, with the name of its plant and its seed."""
     controller, perception = driven.controller, driven.perception
     evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
     suite: SensorSuite | None = getattr(perception, "suite", None)
     separation = None
-    if controller.method == STRIP:
+    if isinstance(controller, Controller):
         separation = protective_separation(driven.limits, driven.params, cast("Perception", perception).params)
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
@@ -346,7 +310,7 @@ def conclude(scenario: Scenario, driven: _Driven, result: DriveResult, *, plant:
     )  # fmt: skip
 
 
-def _missed(driven: _Driven, result: DriveResult) -> float | None:
+def _missed(driven: Simulation[_Driver], result: DriveResult) -> float | None:
     """By how much [rad] the true robot missed the drive's constraint at most."""
     constraint = getattr(driven.params, "constraint", None)
     if constraint is None:
@@ -357,7 +321,6 @@ def _missed(driven: _Driven, result: DriveResult) -> float | None:
 def drive_scenario(
     scenario: Scenario,
     *,
-    method: str = STRIP,
     robot: RobotModel | None = None,
     seed: int | None = None,
     plant: str = "kinematic",
@@ -368,20 +331,24 @@ def drive_scenario(
 
     Args:
         scenario: the problem.
-        method: one of `DRIVE_METHODS`.
-        robot, seed, plant, **options: as in :func:`make_simulation` or :func:`make_base_simulation`.
+        robot, seed, plant, **options: as in :func:`make_simulation`.
         time_limit: longest run [s of simulated time].
     """
     check_type("scenario", scenario, Scenario, ScenarioError)
-    check_choice("method", method, DRIVE_METHODS)
-    seed = scenario.seed if seed is None else seed
-    make = make_simulation if method == STRIP else partial(make_base_simulation, method=method)
-    driven = cast("Callable[..., _Driven]", make)(scenario, robot=robot, seed=seed, plant=plant, **options)
+    make = cast("Callable[..., Simulation[Controller]]", make_simulation)
+    driven = make(scenario, robot=robot, seed=seed, plant=plant, **options)
+    return driven_to_its_end(driven, scenario, plant, seed, time_limit)
+
+
+def driven_to_its_end(
+    driven: Simulation[_Driver], scenario: Scenario, plant: str, seed: int | None, time_limit: float | None
+) -> DriveOutcome:
+    """Run a simulation of a scenario, and evaluate it; see :func:`drive_scenario`."""
     try:
         result = driven.run(time_limit=time_limit)
     finally:
         driven.plant.close()
-    return conclude(scenario, driven, result, plant=plant, seed=seed)
+    return conclude(scenario, driven, result, plant=plant, seed=scenario.seed if seed is None else seed)
 
 
 DRIVE_FORMAT = "elastic-strips-drive"

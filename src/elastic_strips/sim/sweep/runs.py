@@ -17,7 +17,7 @@ from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.sim.computing import Computing
 from elastic_strips.sim.jobs import cached
 from elastic_strips.sim.scenarios import Scenario, drive_document, drive_scenario, get_scenario, result_document
-from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, drive_params
+from elastic_strips.sim.scenarios.drive import PLANTS, drive_params
 from elastic_strips.sim.scenarios.run import run_scenario
 from elastic_strips.sim.sensors import named_sensors
 from elastic_strips.strip import DeformParams
@@ -154,26 +154,16 @@ def _drive(run: Run) -> Row:
     scenario, robot = _problem(run, cast("str | None", options.pop("base", None)))
     if isinstance(sensors := options.pop("sensors", None), str):
         options["sensors"] = named_sensors(located(sensors, run.folder), robot.name)
-    if options.get("method", STRIP) == STRIP:
-        options["compute"] = Computing.parse(cast("str | float", options.get("compute", "1"))).label
-        if values:
-            evade = options.pop("evade", True)
-            made = drive_params(scenario, evade=cast("bool", evade), sensors=cast("Any", options.get("sensors")))
-            options["params"] = changed(made, values)
-    else:
-        _check_method(options, values)
+    options["compute"] = Computing.parse(cast("str | float", options.get("compute", "1"))).label
+    if values:
+        evade = options.pop("evade", True)
+        made = drive_params(scenario, evade=cast("bool", evade), sensors=cast("Any", options.get("sensors")))
+        options["params"] = changed(made, values)
     outcome = drive_scenario(scenario, robot=robot, seed=run.seed, **_any(options))
     found = cast("dict[str, Any]", drive_document(outcome))
     found |= {name: len(found[name]) for name in ("stops", "contacts_at_rest")}
     found["max_lateral_slip_m"] = found["max_lateral_slip"]
     return {"robot": run.robot or robot.name, **_picked(found, "drive")}
-
-
-def _check_method(options: Mapping[str, object], values: Mapping[str, object]) -> None:
-    """A method other than the strip has none of its parameters."""
-    wrong = sorted({*values, *(options.keys() & {"evade", "alternatives", "level", "compute"})})
-    if options.get("method", STRIP) != STRIP and wrong:
-        raise ParameterError(f"method {options['method']!r} has no {', '.join(wrong)}: they are of the strip")
 
 
 def _picked(found: dict[str, Any], kind: str) -> Row:
@@ -212,7 +202,6 @@ OPTIONS: Mapping[str, Mapping[str, _Check]] = {
     "drive": {
         "base": lambda v: check_choice("base", v, [k.value for k in BaseKind]),
         "plant": lambda v: check_choice("plant", v, PLANTS),
-        "method": lambda v: check_choice("method", v, DRIVE_METHODS),
         "sensors": lambda v: check_type("sensors", v, str),
         "evade": lambda v: check_type("evade", v, bool),
         "alternatives": lambda v: check_count("alternatives", v, low=1, high=8),
@@ -290,7 +279,6 @@ def check_values(kind: str, preset: str | None, values: Mapping[str, Value]) -> 
         else:
             inner[full_name(kind, name)] = value
     if kind == "drive":
-        _check_method(options, inner)
         changed(DriveParams(evasion=None if options.get("evade") is False else EvasionParams()), inner)
     else:
         made = PaperParams() if preset == "paper" else DeformParams()

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import RangeRing
-from elastic_strips.sim.baselines import BaseLimits, HistogramParams, VectorFieldHistogram
-from elastic_strips.sim.baselines.histogram import (
+from workshop.baselines import BaseLimits, HistogramParams, VectorFieldHistogram
+from workshop.baselines.histogram import (
     Valley,
     binary_histogram,
     candidates,

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import RangeRing
-from elastic_strips.sim.baselines import BaseLimits, VirtualForceField, VirtualForceFieldParams
-from elastic_strips.sim.baselines.force_fields import cell_forces, damped
+from workshop.baselines import BaseLimits, VirtualForceField, VirtualForceFieldParams
+from workshop.baselines.force_fields import cell_forces, damped
 
 GOAL = np.array([5.05, 0.05, 0.0])
 HERE = np.array([0.05, 0.05, 0.0])

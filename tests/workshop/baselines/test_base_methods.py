@@ -11,10 +11,10 @@ from flat_world import World, door, drive, moved, patience, placed, ring, scan
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
-from elastic_strips.sim.baselines import BASE_METHODS, BaseLimits, BaseMethod, GoalParams, make_base_method
-from elastic_strips.sim.baselines.base_method import CommandLimiter
-from elastic_strips.sim.baselines.certainty_grid import SensedPoints, planar_rays
 from elastic_strips.trajectory.limits import MotionLimits
+from workshop.baselines import BASE_METHODS, BaseLimits, BaseMethod, GoalParams, make_base_method
+from workshop.baselines.base_method import CommandLimiter
+from workshop.baselines.certainty_grid import SensedPoints, planar_rays
 
 LIMITS = BaseLimits()
 NAMES = list(BASE_METHODS)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from refusals import taken
 from scipy.optimize import brentq
 
-from elastic_strips.sim.baselines import BaseLimits, PotentialField, PotentialFieldParams
-from elastic_strips.sim.baselines.force_fields import attractive_force, nearest_points, repulsive_force
+from workshop.baselines import BaseLimits, PotentialField, PotentialFieldParams
+from workshop.baselines.force_fields import attractive_force, nearest_points, repulsive_force
 
 P = PotentialFieldParams(attraction=2.0, conic=1.5, repulsion=0.05, influence=0.8)
 FAR = np.array([5.0, 0.0, 0.0])

@@ -3,9 +3,10 @@ with."""
 
 from __future__ import annotations
 
-from .base_controller import BASE_METHODS, BaseController, make_base_method
+from .base_controller import BASE_METHODS, BaseController, base_simulation, make_base_method
 from .base_method import BaseCommand, BaseLimits, BaseMethod, GoalParams
 from .certainty_grid import GridParams
+from .driving import DRIVE_METHODS, drive_by, make_base_simulation
 from .elastic_band import ElasticBand, ElasticBandParams
 from .force_fields import PotentialField, PotentialFieldParams, VirtualForceField, VirtualForceFieldParams
 from .histogram import HistogramParams, VectorFieldHistogram
@@ -14,6 +15,10 @@ __all__ = [
     "BaseController",
     "BASE_METHODS",
     "make_base_method",
+    "base_simulation",
+    "DRIVE_METHODS",
+    "drive_by",
+    "make_base_simulation",
     "BaseMethod",
     "BaseCommand",
     "BaseLimits",

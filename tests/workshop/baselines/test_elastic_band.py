@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.sim.baselines import BaseLimits, ElasticBand, ElasticBandParams
-from elastic_strips.sim.baselines.elastic_band import (
+from workshop.baselines import BaseLimits, ElasticBand, ElasticBandParams
+from workshop.baselines.elastic_band import (
     FreeDistance,
     SensedPath,
     bubble_contraction,

@@ -9,7 +9,8 @@ from elastic_strips.control import RunState
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
-from elastic_strips.sim import base_simulation, evaluate
+from elastic_strips.sim import evaluate
+from workshop.baselines import base_simulation
 
 PILLAR = Cylinder(0.3, 1.3, at=(2.0, 0.15, 0.65), name="pillar")
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import NO_ANSWER, NOTHING, LaserScan, RangeRing
-from elastic_strips.sim.baselines import GridParams
-from elastic_strips.sim.baselines.certainty_grid import CV_MAX, BayesGrid, HistogramGrid, make_grid
+from workshop.baselines import GridParams
+from workshop.baselines.certainty_grid import CV_MAX, BayesGrid, HistogramGrid, make_grid
 
 HERE = np.array([0.05, 0.05, 0.0])  # the middle of cell (0, 0)
 
