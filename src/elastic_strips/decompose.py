@@ -213,6 +213,40 @@ def _merged(vertices: Array, faces: _Faces) -> tuple[Array, _Faces, NDArray[np.b
     return points, triangles, kept
 
 
+def turned_alike(vertices: Array, faces: _Faces) -> tuple[Array, bool]:
+    """Corners (T, 3, 3) [m] of a mesh's triangles, each once, and neighbours turned alike; and whether it is closed.
+
+    So a body that is drawn from both sides, or whose triangles lie either way, encloses what it does. Which way a body
+    is turned as a whole stays as it is: that tells a hollow in another body from a body of its own.
+
+    Args:
+        vertices: (V, 3) [m].
+        faces: triangles (F, 3).
+    """
+    import trimesh
+
+    points, triangles, kept = _merged(vertices, faces)
+    body = triangles[kept]
+    mesh = trimesh.Trimesh(points, body, process=False)
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+    closed = len(body) > 0 and bool(_closed(body, np.zeros(len(body), dtype=np.int64))[0])
+    return np.asarray(mesh.triangles, dtype=np.float64).reshape(-1, 3, 3), closed
+
+
+def one_of_each_body(vertices: Array, faces: _Faces) -> Array:
+    """A corner (B, 3) [m] of each body of a mesh."""
+    from scipy.sparse import coo_matrix  # late: slow to import
+    from scipy.sparse.csgraph import connected_components
+
+    points, triangles, _ = _merged(vertices, faces)
+    one, two = triangles[:, :2].ravel(), triangles[:, 1:].ravel()
+    links = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(points), len(points)))
+    body = connected_components(links, directed=False)[1]
+    used = np.unique(triangles)
+    return points[used[np.unique(body[used], return_index=True)[1]]]
+
+
 def _bars(points: Array, faces: _Faces, thin: _Faces) -> _Faces:
     """Triangles without an area that lie along no edge of another one: (B, 3), from end to end."""
     if not len(thin):

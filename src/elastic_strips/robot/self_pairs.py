@@ -20,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.decompose import one_of_each_body, turned_alike
 
 from .coal_shapes import faces, support_points, vertices
 from .geometry import LinkGeometry, convex_shapes, joined_pieces, parts_of, piece_of
@@ -36,6 +37,7 @@ _GRAZE = 1e-3  # [m] by which what is held still may overlap: closed fingers do
 _LEAST = 1e-4  # [m] distance below which a proof that two pieces never touch gives up
 _ENOUGH = 0.03  # [m] distance at which it need not go on
 _MOST_PARTS = (4, 16)  # convex pieces of a mesh whose hull hides what it does: the second where the first do not help
+_NEARLY_AROUND = 0.95  # of all sides, from which an open mesh shuts in what counts as inside of it
 _CELLS = 600  # parts of the range of two joints that it looks at, at most
 
 _DOT = coal.Sphere(1e-6)  # [m]
@@ -184,6 +186,8 @@ def left_out(
         if count == _SAMPLES:
             share = shares.get(pair, 1.0)
             note = f"their hulls; their meshes in {100.0 * share:.0f} % of them" if share < 1.0 else ""
+            if shapes[asked[pair][0][0]].joint == shapes[asked[pair][0][1]].joint:
+                note = "nothing moves them to each other"
             leave_out(asked[pair])
             pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
     hidden = frozenset(pair for pair, share in shares.items() if share < (1.0 if pair in pairs else _HIDDEN_SHARE))
@@ -259,7 +263,8 @@ class _Postures:
         self._radii = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._poses: dict[int, coal.Transform3s] = {}
-        self._triangles: dict[int, Array] = {}
+        self._triangles: dict[int, tuple[Array, bool]] = {}  # of meshes, by their identity: parts of one share it
+        self._corners: dict[int, Array] = {}
         self.place(pin.neutral(model))
 
     def place(self, q: Array) -> None:
@@ -292,34 +297,56 @@ class _Postures:
         one, two = self._shapes[i].geometry, self._shapes[k].geometry
         return -coal.distance(one, self._pose(i), two, self._pose(k), coal.DistanceRequest(True), result)
 
-    def meshes_touch(self, i: int, k: int) -> bool:
-        """Whether two shapes touch as the file has them, or one is inside the other: Coal's meshes are hollow."""
-        if self._collide(self._meshes[i], self._pose(i), self._meshes[k], self._pose(k)):
+    def meshes_touch(self, i: int, k: int, margin: float = _TOUCH) -> bool:
+        """Whether two shapes come nearer than a margin [m] as the file has them, or a body of one is inside the other:
+        Coal's meshes are hollow."""
+        if self._collide(self._meshes[i], self._pose(i), self._meshes[k], self._pose(k), margin):
             return True
         for inner, outer in ((i, k), (k, i)):
             if isinstance(self._meshes[outer], coal.BVHModelBase):
-                corner = self._pose(inner).transform(support_points(self._shapes[inner].geometry)[0][0])
-                at = coal.Transform3s(np.eye(3), corner)
-                if not self._collide(_DOT, at, self._shapes[outer].geometry, self._pose(outer)):
-                    continue
-                if abs(self._windings(outer, self._pose(outer).inverse().transform(corner))) > 0.5:
-                    return True
+                for corner in self._bodies(inner):
+                    at = self._pose(inner).transform(corner)
+                    dot = coal.Transform3s(np.eye(3), at)
+                    if not self._collide(_DOT, dot, self._shapes[outer].geometry, self._pose(outer), margin):
+                        continue
+                    if self._within(outer, self._pose(outer).inverse().transform(at)):
+                        return True
         return False
 
-    def _windings(self, i: int, point: Array) -> float:
-        """How often a mesh goes around a point (3,) in its frame: about 0 outside of it, about 1 inside."""
-        if i not in self._triangles:
-            self._triangles[i] = vertices(self._meshes[i])[faces(self._meshes[i])]
-        a, b, c = np.moveaxis(self._triangles[i] - point, 1, 0)
+    def _bodies(self, i: int) -> Array:
+        """A point (B, 3) of each body of a shape as the file has it, in its frame."""
+        mesh = self._meshes[i]
+        if not isinstance(mesh, coal.BVHModelBase):
+            return support_points(mesh)[0][:1]
+        if id(mesh) not in self._corners:
+            self._corners[id(mesh)] = one_of_each_body(vertices(mesh), faces(mesh))
+        return self._corners[id(mesh)]
+
+    def _within(self, i: int, point: Array) -> bool:
+        """Whether a mesh encloses a point (3,) in its frame: an open one has to do so on nearly all sides.
+
+        It does where it goes around the point once: about 0 times outside of it.
+        """
+        mesh = self._meshes[i]
+        if id(mesh) not in self._triangles:
+            self._triangles[id(mesh)] = turned_alike(vertices(mesh), faces(mesh))
+        triangles, closed = self._triangles[id(mesh)]
+        a, b, c = np.moveaxis(triangles - point, 1, 0)
         la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
         volume = np.einsum("ij,ij->i", a, np.cross(b, c))
         around = la * lb * lc + lc * (a * b).sum(axis=1) + la * (b * c).sum(axis=1) + lb * (c * a).sum(axis=1)
-        return float(np.arctan2(volume, around).sum() / (2.0 * np.pi))
+        times = abs(float(np.arctan2(volume, around).sum() / (2.0 * np.pi)))
+        return times > (0.5 if closed else _NEARLY_AROUND)
 
     def _collide(
-        self, one: coal.CollisionGeometry, at: coal.Transform3s, two: coal.CollisionGeometry, there: coal.Transform3s
+        self,
+        one: coal.CollisionGeometry,
+        at: coal.Transform3s,
+        two: coal.CollisionGeometry,
+        there: coal.Transform3s,
+        margin: float = _TOUCH,
     ) -> bool:
-        self._request.security_margin = _TOUCH
+        self._request.security_margin = margin
         self._result.clear()
         return bool(coal.collide(one, at, two, there, self._request, self._result))
 
@@ -398,6 +425,8 @@ def held_together(
     """
     postures = _Postures(model, shapes, meshes)
     deep: list[tuple[int, int]] = []
+    grazing: dict[LinkPair, UncheckedPair] = {}
+    collide: set[LinkPair] = set()  # links of several shapes may do both
     for i in range(len(shapes)):
         for k in range(i + 1, len(shapes)):
             if shapes[i].joint != shapes[k].joint or out.mask[i, k]:
@@ -405,12 +434,15 @@ def held_together(
             depth = postures.depth(i, k)
             if depth < 0.0:
                 continue  # for ever: nothing moves them
-            if depth > _GRAZE and postures.meshes_touch(i, k):
-                deep.append((i, k))
-                continue
             pair = frozenset((*shapes[i].links, *shapes[k].links))
+            if depth > _GRAZE and postures.meshes_touch(i, k, 0.0):
+                deep.append((i, k))
+                collide.add(pair)
+                continue
             what = "by less than 1 mm" if depth <= _GRAZE else "only their hulls"
-            out.pairs.setdefault(pair, _unchecked(pair, WhyUnchecked.HELD, what))
+            grazing.setdefault(pair, _unchecked(pair, WhyUnchecked.HELD, what))
+    for pair in grazing.keys() - collide:
+        out.pairs.setdefault(pair, grazing[pair])
     if deep:
         names = [f"{shapes[i].links[0]} and {shapes[k].links[0]}" for i, k in deep]
         more = f" and {len(names) - 8} more" if len(names) > 8 else ""
