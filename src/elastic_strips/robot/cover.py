@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.decompose import Surface
 from elastic_strips.hulls import convex_hull
 
 from .coal_shapes import ShapeKind, box_about, faces, outside, shape_of, support_points, vertices
@@ -104,7 +105,16 @@ def sticks_out(model: pin.Model, shapes: pin.GeometryModel, piece: LinkGeometry)
             result.clear()
             distance = coal.distance(dot, coal.Transform3s(np.eye(3), point), item.geometry, pose, request, result)
             least[k] = min(least[k], max(distance, 0.0))
-    return float(least.max())
+    # meshes are hollow to Coal: what is deep inside of one does not reach out of it
+    meshes = [item for item in own if shape_of(item.geometry)[0] is ShapeKind.MESH]
+    surfaces = [Surface.of(vertices(item.geometry), faces(item.geometry)) for item in meshes]
+    for k in np.argsort(-least):
+        if not any(
+            surface.encloses(item.placement.inverse().act(points[k]))
+            for item, surface in zip(meshes, surfaces, strict=True)
+        ):
+            return float(least[k])
+    return 0.0
 
 
 def _solid(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:

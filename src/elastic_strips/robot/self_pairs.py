@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.decompose import one_of_each_body, turned_alike
+from elastic_strips.decompose import Surface, one_of_each_body
 
 from .coal_shapes import faces, support_points, vertices
 from .geometry import LinkGeometry, convex_shapes, joined_pieces, parts_of, piece_of
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 _SAMPLES = 400  # postures; a pair that touches in all of them is left out
 _NEARLY_ALL = 50  # postures one after the other in which a pair touches that nearly always does
 _HIDDEN_SHARE = 0.9  # of postures in which the meshes of such a pair touch, at most, where its hulls hide them
-_MESH_SAMPLES = 40  # postures in which the meshes themselves are asked, of pairs that are left out for their hulls
+_MESH_SAMPLES = 40  # postures at least in which the meshes are asked, of pairs that are left out for their hulls
 _MET_SAMPLES = 60  # postures in which pairs that never touch, as an SRDF says, are asked
 _NEVER = "Never"  # what MoveIt's assistant writes of them
 _TOUCH = 1.5e-3  # [m] shapes nearer than this count as touching, where it is asked whether they always do
@@ -37,7 +37,6 @@ _GRAZE = 1e-3  # [m] by which what is held still may overlap: closed fingers do
 _LEAST = 1e-4  # [m] distance below which a proof that two pieces never touch gives up
 _ENOUGH = 0.03  # [m] distance at which it need not go on
 _MOST_PARTS = (4, 16)  # convex pieces of a mesh whose hull hides what it does: the second where the first do not help
-_NEARLY_AROUND = 0.95  # of all sides, from which an open mesh shuts in what counts as inside of it
 _CELLS = 600  # parts of the range of two joints that it looks at, at most
 
 _DOT = coal.Sphere(1e-6)  # [m]
@@ -185,7 +184,7 @@ def left_out(
     for pair, count in first_apart.items():
         if count == _SAMPLES:
             share = shares.get(pair, 1.0)
-            note = f"their hulls; their meshes in {100.0 * share:.0f} % of them" if share < 1.0 else ""
+            note = f"their hulls; their meshes in {100.0 * share:.3g} % of them" if share < 1.0 else ""
             if shapes[asked[pair][0][0]].joint == shapes[asked[pair][0][1]].joint:
                 note = "nothing moves them to each other"
             leave_out(asked[pair])
@@ -263,7 +262,7 @@ class _Postures:
         self._radii = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._poses: dict[int, coal.Transform3s] = {}
-        self._triangles: dict[int, tuple[Array, bool]] = {}  # of meshes, by their identity: parts of one share it
+        self._surfaces: dict[int, Surface] = {}  # of meshes, by their identity: parts of one share it
         self._corners: dict[int, Array] = {}
         self.place(pin.neutral(model))
 
@@ -323,20 +322,11 @@ class _Postures:
         return self._corners[id(mesh)]
 
     def _within(self, i: int, point: Array) -> bool:
-        """Whether a mesh encloses a point (3,) in its frame: an open one has to do so on nearly all sides.
-
-        It does where it goes around the point once: about 0 times outside of it.
-        """
+        """Whether a mesh encloses a point (3,) in its frame."""
         mesh = self._meshes[i]
-        if id(mesh) not in self._triangles:
-            self._triangles[id(mesh)] = turned_alike(vertices(mesh), faces(mesh))
-        triangles, closed = self._triangles[id(mesh)]
-        a, b, c = np.moveaxis(triangles - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-        around = la * lb * lc + lc * (a * b).sum(axis=1) + la * (b * c).sum(axis=1) + lb * (c * a).sum(axis=1)
-        times = abs(float(np.arctan2(volume, around).sum() / (2.0 * np.pi)))
-        return times > (0.5 if closed else _NEARLY_AROUND)
+        if id(mesh) not in self._surfaces:
+            self._surfaces[id(mesh)] = Surface.of(vertices(mesh), faces(mesh))
+        return self._surfaces[id(mesh)].encloses(point)
 
     def _collide(
         self,
@@ -386,13 +376,21 @@ def _ever_touching(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, in
 
 
 def _mesh_shares(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, float]:
-    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls."""
-    hits = Counter[LinkPair]()
-    for _ in range(_MESH_SAMPLES if of else 0):
+    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls.
+
+    Those that touch in all of the first are asked on, up to a posture in which they do not.
+    """
+    hits, asked, left = Counter[LinkPair](), Counter[LinkPair](), dict(of)
+    for k in range(_SAMPLES):
+        if k >= _MESH_SAMPLES:
+            left = {pair: each for pair, each in left.items() if hits[pair] == asked[pair]}
+        if not left:
+            break
         postures.next()
-        for pair, each in of.items():
+        for pair, each in left.items():
             hits[pair] += any(postures.meshes_touch(*m) for m in each)
-    return {pair: hits[pair] / _MESH_SAMPLES for pair in of}
+            asked[pair] += 1
+    return {pair: hits[pair] / asked[pair] for pair in of}
 
 
 def _pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:

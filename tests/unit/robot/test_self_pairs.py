@@ -224,7 +224,7 @@ BODY = trimesh.creation.box((0.3, 0.3, 0.3))
 @pytest.mark.parametrize("housing", [BODY, drawn_from_both_sides(BODY), turned_either_way(BODY)])
 def test_what_is_held_within_a_mesh_collides(tmp_path, housing):
     """However the triangles of the mesh are turned, and if it is the second body of the other that is inside."""
-    bodies = [trimesh.creation.icosphere(1, 0.03).apply_translation((x, 0.0, 0.0)) for x in (0.8, 0.0)]
+    bodies = [trimesh.creation.icosphere(1, 0.03).apply_translation((0.0, y, 0.0)) for y in (-0.8, 0.0)]
     trimesh.util.concatenate(bodies).export(tmp_path / "balls.stl")
     path = in_a_housing(tmp_path, housing, f'<mesh filename="{tmp_path / "balls.stl"}"/>')
     robot = load_robot(path, base="fixed", locked={"slide": 0.0})
