@@ -37,6 +37,7 @@ _GRAZE = 1e-3  # [m] by which what is held still may overlap: closed fingers do
 _LEAST = 1e-4  # [m] distance below which a proof that two pieces never touch gives up
 _ENOUGH = 0.03  # [m] distance at which it need not go on
 _MOST_PARTS = (4, 16)  # convex pieces of a mesh whose hull hides what it does: the second where the first do not help
+_BODIES = 8  # of a mesh that are looked for inside of another one, in each of many postures
 _CELLS = 600  # parts of the range of two joints that it looks at, at most
 
 _DOT = coal.Sphere(1e-6)  # [m]
@@ -296,14 +297,14 @@ class _Postures:
         one, two = self._shapes[i].geometry, self._shapes[k].geometry
         return -coal.distance(one, self._pose(i), two, self._pose(k), coal.DistanceRequest(True), result)
 
-    def meshes_touch(self, i: int, k: int, margin: float = _TOUCH) -> bool:
+    def meshes_touch(self, i: int, k: int, margin: float = _TOUCH, most: int | None = _BODIES) -> bool:
         """Whether two shapes come nearer than a margin [m] as the file has them, or a body of one is inside the other:
-        Coal's meshes are hollow."""
+        Coal's meshes are hollow. Of meshes of more bodies only the first ``most`` are looked for there."""
         if self._collide(self._meshes[i], self._pose(i), self._meshes[k], self._pose(k), margin):
             return True
         for inner, outer in ((i, k), (k, i)):
             if isinstance(self._meshes[outer], coal.BVHModelBase):
-                for corner in self._bodies(inner):
+                for corner in self._bodies(inner)[:most]:
                     at = self._pose(inner).transform(corner)
                     dot = coal.Transform3s(np.eye(3), at)
                     if not self._collide(_DOT, dot, self._shapes[outer].geometry, self._pose(outer), margin):
@@ -433,7 +434,7 @@ def held_together(
             if depth < 0.0:
                 continue  # for ever: nothing moves them
             pair = frozenset((*shapes[i].links, *shapes[k].links))
-            if depth > _GRAZE and postures.meshes_touch(i, k, 0.0):
+            if depth > _GRAZE and postures.meshes_touch(i, k, 0.0, None):
                 deep.append((i, k))
                 collide.add(pair)
                 continue

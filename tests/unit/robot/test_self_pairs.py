@@ -197,7 +197,7 @@ def test_a_hull_that_hides_more_than_pieces_can_tell_is_listed(tmp_path, caplog)
         assert robot.self_collision(robot.home_q) is None
 
 
-def in_a_housing(folder: Path, housing: trimesh.Trimesh, inner: str) -> Path:
+def in_a_housing(folder: Path, housing: trimesh.Geometry, inner: str) -> Path:
     """Something that slides by 5 cm in a housing, with an arm on it that is far off."""
     housing.export(folder / "housing.stl")
     return write(
