@@ -35,6 +35,10 @@ _MAX_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
 _NOW = 1e-9  # [s]
 _TURNS = 4.0 * np.pi  # [rad] what turns farther, of a file that names no unit, may be in degrees
 _WIDE = 500.0  # [m] what goes farther, of a file that names no unit, may be in millimetres
+NO_SPLINES = (
+    "velocities and accelerations are left out: configurations are joined by straight lines of the joints, from which "
+    "an executor that goes by splines departs"
+)
 BASE_NAMES = ("x", "y", "yaw")
 _COORDINATES = {
     **dict.fromkeys(("x", "px", "tx"), 0), **dict.fromkeys(("y", "py", "ty"), 1),
@@ -123,7 +127,7 @@ class PlacedPath:
         coordinates: (N, nv), as in the file: angles are not wrapped.
         valued: whether the file has values of angles, and not their (cos, sin).
         times: (N,) [s], or None; from_start: as of `PathTable`.
-        notes, doubts, time_doubts: as of ``PathFile``.
+        notes, doubts, time_doubts, held: as of ``PathFile``.
     """
 
     coordinates: Array
@@ -133,6 +137,7 @@ class PlacedPath:
     doubts: list[str] = field(default_factory=list)
     time_doubts: list[str] = field(default_factory=list)
     valued: bool = True
+    held: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +190,8 @@ def place_table(
     else:
         units = _named(table, robot, placed, base_at, angles, ignore)
     _check_values(table, robot, placed, units, angles)
+    named = {stem for name in table.names or () for stem, _ in _readings(_clean(name))}
+    placed.held = {joint: at for joint, at in robot.locked.items() if joint not in named | robot.round_wheels}
     return placed
 
 
@@ -263,7 +270,9 @@ def _named(
     _left_out(table, robot, columns, placed, angles)
     if ignore:
         placed.notes.append(f"not looked at, as was asked: {', '.join(ignore)}")
-    missing = [name for k, name in enumerate(robot.joint_names) if b + k not in units]
+    missing = [
+        f"{name} at {coordinates[0, b + k]:.6g}" for k, name in enumerate(robot.joint_names) if b + k not in units
+    ]
     started = [c.name for c in mine if c.name in table.start]
     if started:
         placed.notes.append(f"as in the file's start state all along: {', '.join(started)}")
@@ -588,7 +597,7 @@ def _left_out(
     """What is not planned: said where it stands still as the robot has it, doubted where it does not."""
     rest = [c for c in columns if c.kind in ("held", "other") or (c.kind == "base" and not robot.space.planar)]
     if any(c.kind == "rate" for c in columns):
-        placed.notes.append("velocities and accelerations are left out")
+        placed.notes.append(NO_SPLINES)
     said = [c.name for c in rest if c.name not in table.start and c.name not in robot.followers]
     if said:
         placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")
