@@ -208,6 +208,11 @@ def _checked_base(robot: RobotModel, base_at: Sequence[float]) -> Sequence[float
         raise ConfigurationError(
             f"base_at={base_at!r} must be x, y, yaw: three numbers within ±{MAX_TRAVEL:g} m and ±{MAX_ANGLE:g} rad"
         )
+    if abs(given[2]) > 2.0 * np.pi + LIMIT_TOLERANCE:
+        raise ConfigurationError(
+            f"base_at={base_at!r}: the yaw of {given[2]:g} rad is more than a turn, and of no use where a base stands. "
+            f"Are these degrees? {given[2]:g} degrees are {np.radians(given[2]):.6g} rad"
+        )
     return given.tolist()
 
 

@@ -24,7 +24,7 @@ from elastic_strips.scene.quantities import pose_of
 from elastic_strips.validation import check_type
 
 from .nodes import Node, Source, load_yaml
-from .obstacle_document import obstacle_entries, obstacle_from_node, quaternion_of_rpy
+from .obstacle_document import obstacle_entries, obstacle_from_node, quaternion_of_rpy, warn_of_degrees
 from .scene_source import (
     MESSAGE,
     MOVEIT,
@@ -243,6 +243,8 @@ def _options(entries: dict[str, Node]) -> SceneOptions:
     if turn is not None:
         place = entries["at"].vector(3) if "at" in entries else (0.0, 0.0, 0.0)
         quat = turn.vector(4) if turn.key.endswith("quat") else quaternion_of_rpy(*turn.vector(3).tolist())
+        if turn.key.endswith("rpy"):
+            warn_of_degrees(f"{turn.source.path}: {turn.key}", *turn.vector(3).tolist())
         options["at"] = turn.checked(pose_of, place, quat)
     elif "at" in entries:
         options["at"] = entries["at"].checked(pose_from, entries["at"].vector())

@@ -27,6 +27,7 @@ from elastic_strips.validation import check_array, check_choice, check_number, s
 from .moveit_scene import read_moveit_scene
 from .nav2_map import WALL_HEIGHT, MapArea, outside_of, read_map
 from .nodes import Node
+from .obstacle_document import warn_of_degrees
 from .octomap import read_octomap
 from .planning_scene import PlanningScene, is_planning_scene, load_message, planning_scene_of
 from .point_cloud import PointCloud, cloud_scene, read_point_cloud, read_points, warn_of_dropped, without_robot
@@ -174,6 +175,8 @@ def pose_from(at: ArrayLike) -> Array:
             f"at has {len(values)} numbers; 3 (x, y, z), 4 (with the yaw) or 7 (with a quaternion qx, qy, qz, qw) are "
             "needed"
         )
+    if len(values) == 4:
+        warn_of_degrees("at: the yaw", float(values[3]))
     half = 0.5 * values[3] if len(values) == 4 else 0.0
     return pose_of(values[:3], values[3:] if len(values) == 7 else (0.0, 0.0, math.sin(half), math.cos(half)))
 

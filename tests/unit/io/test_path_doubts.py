@@ -206,7 +206,9 @@ def test_a_base_that_is_half_placed_is_doubted(cart, tmp_path, names):
     assert load_path(file, cart, base_at=(1.0, 2.0, 0.5)).doubts == ()
 
 
-@pytest.mark.parametrize("base_at", [(1.0, 2.0), (np.nan, 0.0, 0.0), (1e5, 0.0, 0.0), "abc", (0.0, 0.0, 1e17)])
+@pytest.mark.parametrize(
+    "base_at", [(1.0, 2.0), (np.nan, 0.0, 0.0), (1e5, 0.0, 0.0), "abc", (0.0, 0.0, 1e17), (0.0, 0.0, 90.0)]
+)
 def test_a_place_that_is_none_is_refused(cart, tmp_path, base_at):
     with pytest.raises(ConfigurationError):
         load_path(table(tmp_path, "shoulder", "0", "1"), cart, base_at=base_at)

@@ -395,3 +395,19 @@ def test_obstacles_in_millimetres_are_said(tmp_path, caplog, sizes, said, kind):
         file.write_text(f"s\n{boxes}.\n")
     es.read_scene(file)
     assert ("millimetres" in caplog.text) == said
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "obstacles: [{{shape: box, size: [1, 1, 1], rpy: [0, 0, {}]}}]",
+        "sources: [{{file: b.yaml, rpy: [{}, 0, 0]}}]",
+        "sources: [{{file: b.yaml, at: [1, 0, 0, {}]}}]",
+    ],
+)
+def test_poses_in_degrees_are_said(tmp_path, caplog, text):
+    (tmp_path / "b.yaml").write_text("obstacles: [{shape: box, size: [1, 1, 1]}]")
+    for angle, said in ((-3.1, False), (90, True)):
+        (tmp_path / "a.yaml").write_text(text.format(angle))
+        assert len(es.read_scene(tmp_path / "a.yaml")) == 1
+        assert ("degrees" in caplog.text) == said
