@@ -502,6 +502,7 @@ def _scene(node: Node) -> SceneFile:
 def _pose(node: Node) -> PoseSpec:
     entries = node.mapping(("x", "y", "yaw", "joints"), what="a pose")
     yaw = entries["yaw"].number(low=-1e3 * math.pi, high=1e3 * math.pi, unit="rad") if "yaw" in entries else 0.0
+    warn_of_degrees(f"{node.source.path}: {node.key}.yaw", yaw)
     x, y = (entries[key].number() if key in entries else 0.0 for key in ("x", "y"))
     return PoseSpec(x=x, y=y, yaw=yaw, joints=_numbers(entries["joints"], high=1e6) if "joints" in entries else {})
 

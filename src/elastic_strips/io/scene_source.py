@@ -94,12 +94,14 @@ class SceneFile(Summary):
         held: planning scenes of which the robot holds something.
         areas: what the maps show that are among the sources, where what is outside of them does not count as free.
         assumed_height: height [m] up to which walls of maps were taken to reach, as neither a file nor the robot said.
+        unplaced: planning scenes whose frame was taken as the world, as no robot was known that may have it.
     """
 
     world: World
     held: tuple[PlanningScene, ...] = ()
     areas: tuple[MapArea, ...] = ()
     assumed_height: float | None = None
+    unplaced: tuple[PlanningScene, ...] = ()
 
     @property
     def held_names(self) -> tuple[str, ...]:
@@ -230,7 +232,10 @@ def read_foreign(path: Path, kind: str, root: Node | None, options: SceneOptions
             _log.warning("%s: the robot has the frame %s: it is where the path begins", path, shown(message.frame))
     if pose is not None:
         message = replace(message, attached=message.attached_at(pose))
-    return SceneFile(placed(World(message.scene), pose), (message,) if message.attached else ())
+    unplaced = (message,) if pose is None and reading.robot is None else ()
+    return SceneFile(
+        placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced
+    )  # fmt: skip
 
 
 def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading) -> SceneFile:
@@ -343,7 +348,7 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
     return SceneFile(
         World(Scene(obstacles, time=own.scene.time), appears, vanishes),
         tuple(held for part in parts for held in part.held), tuple(area for part in parts for area in part.areas),
-        min(heights, default=None),
+        min(heights, default=None), tuple(scene for part in parts for scene in part.unplaced),
     )  # fmt: skip
 
 
@@ -352,4 +357,4 @@ def bounded(found: SceneFile) -> SceneFile:
     if not found.areas:
         return found
     world = joined([SceneFile(World(Scene(outside_of(found.areas))))], found.world).world
-    return SceneFile(world, found.held, found.areas, found.assumed_height)
+    return replace(found, world=world)
