@@ -881,7 +881,15 @@ def test_velocities_are_said_to_be_left_out(panda, tmp_path, kind):
             point = {"positions": HOME} | ({"velocities": [0.5] * 7} if rates else {"velocities": []})
             file.write_text(json.dumps({"joint_names": ARM, "points": [point, point]}))
         else:
-            more = {"velocities": np.full((2, 7), 0.5)} if rates else {}
-            np.savez(file, positions=np.tile(HOME, (2, 1)), joint_names=ARM, **more)
+            arrays = {"positions": np.tile(HOME, (2, 1)), "joint_names": np.array(ARM)}
+            if rates:
+                np.savez(
+                    file,
+                    velocities=np.full((2, 7), 0.5),
+                    positions=arrays["positions"],
+                    joint_names=arrays["joint_names"],
+                )
+            else:
+                np.savez(file, positions=arrays["positions"], joint_names=arrays["joint_names"])
         said.append([note for note in load_path(file, panda).notes if "velocities" in note])
     assert [len(notes) for notes in said] == [0, 1]
