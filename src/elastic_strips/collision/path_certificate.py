@@ -149,6 +149,8 @@ def certify(
     varies = changes(scene if isinstance(scene, World) else World(scene))
     if when is not None and varies:
         notes = (*notes, f"from {when[0]:g} s to {when[-1]:g} s, and of no time before or after")
+    if getattr(path, "rates", False):
+        notes = (*notes, "straight from configuration to configuration; splines by the file's velocities leave that")
     said = (*((arcs.way,) if arcs.way else ()), *notes, *_sideways(robot, given.rows))
     found = work.result(when, least, said, began)
     if found.certified and not len(scene.scene if isinstance(scene, World) else scene):

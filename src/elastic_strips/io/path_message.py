@@ -19,7 +19,7 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import MAX_NAME, NO_SPLINES, PathTable, heading_of, of_something_else, words_of
+from .path_table import MAX_NAME, RATES, PathTable, heading_of, of_something_else, words_of
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
@@ -275,7 +275,7 @@ def _joint_part(node: Node) -> _Part | None:
     rows = np.array([p["positions"].vector(len(names)) for p in points])
     rates = any(p.value.get(key) for p in points for key in ("velocities", "accelerations"))
     return _Part(
-        names, rows, _times(points), points, node, notes=(NO_SPLINES,) if rates else (), stamp=_stamp(node)
+        names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node)
     )  # fmt: skip
 
 

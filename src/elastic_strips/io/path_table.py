@@ -35,10 +35,8 @@ _MAX_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
 _NOW = 1e-9  # [s]
 _TURNS = 4.0 * np.pi  # [rad] what turns farther, of a file that names no unit, may be in degrees
 _WIDE = 500.0  # [m] what goes farther, of a file that names no unit, may be in millimetres
-NO_SPLINES = (
-    "velocities and accelerations are left out: configurations are joined by straight lines of the joints, from which "
-    "an executor that goes by splines departs"
-)
+RATES = "the file has velocities or accelerations"
+"""Stands among a reader's notes for ``PathFile.rates``."""
 BASE_NAMES = ("x", "y", "yaw")
 _COORDINATES = {
     **dict.fromkeys(("x", "px", "tx"), 0), **dict.fromkeys(("y", "py", "ty"), 1),
@@ -602,7 +600,7 @@ def _left_out(
     """What is not planned: said where it stands still as the robot has it, doubted where it does not."""
     rest = [c for c in columns if c.kind in ("held", "other") or (c.kind == "base" and not robot.space.planar)]
     if any(c.kind == "rate" for c in columns):
-        placed.notes.append(NO_SPLINES)
+        placed.notes += ["velocities and accelerations are left out", RATES]
     said = [c.name for c in rest if c.name not in table.start and c.name not in robot.followers]
     if said:
         placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")
