@@ -29,6 +29,7 @@ import logging
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,7 @@ _DENT = 1e-3  # of a body's diagonal: dents that may be filled where it counts a
 _DEEP = 0.02  # of a body's diagonal: what is so far beyond a plane is no dent
 _SAME_AREA = 1e-2  # by which the areas of a convex body and of its hull may differ
 _THIN = 1e-12  # [m] height of a triangle that counts as without an area
+_NEARLY_AROUND = 0.95  # of all sides, from which an open mesh shuts in what counts as inside of it
 _KEPT = 32  # meshes in memory
 
 _Faces = NDArray[np.int64]
@@ -211,6 +213,60 @@ def _merged(vertices: Array, faces: _Faces) -> tuple[Array, _Faces, NDArray[np.b
     triangles = triangles[np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]]  # each once
     kept = np.asarray(trimesh.triangles.nondegenerate(points[triangles], areas=None, height=_THIN), dtype=bool)
     return points, triangles, kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The triangles of a mesh, each once, and neighbours turned the same way round.
+
+    So a body that is drawn from both sides, or whose triangles lie either way, encloses what it does. Which way a body
+    is turned as a whole stays as it is: that tells a hollow in another body from a body of its own.
+
+    Attributes:
+        corners: (T, 3, 3) [m].
+        closed: whether each edge belongs to two triangles at least.
+    """
+
+    corners: Array
+    closed: bool
+
+    @classmethod
+    def of(cls, vertices: Array, faces: _Faces) -> Surface:
+        """That of vertices (V, 3) [m] and triangles (F, 3)."""
+        import trimesh
+
+        points, triangles, kept = _merged(vertices, faces)
+        body = triangles[kept]
+        mesh = trimesh.Trimesh(points, body, process=False)
+        if not mesh.is_winding_consistent:
+            trimesh.repair.fix_winding(mesh)
+        closed = len(body) > 0 and bool(_closed(body, np.zeros(len(body), dtype=np.int64))[0])
+        return cls(np.asarray(mesh.triangles, dtype=np.float64).reshape(-1, 3, 3), closed)
+
+    def encloses(self, point: Array) -> bool:
+        """Whether a point (3,) is inside: an open surface has to be about it on nearly all sides.
+
+        The surface goes about once around a point inside, and about 0 times around one outside.
+        """
+        a, b, c = np.moveaxis(self.corners - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        around = la * lb * lc + lc * (a * b).sum(axis=1) + la * (b * c).sum(axis=1) + lb * (c * a).sum(axis=1)
+        times = abs(float(np.arctan2(volume, around).sum() / (2.0 * np.pi)))
+        return times > (0.5 if self.closed else _NEARLY_AROUND)
+
+
+def one_of_each_body(vertices: Array, faces: _Faces) -> Array:
+    """A corner (B, 3) [m] of each body of a mesh."""
+    from scipy.sparse import coo_matrix  # late: slow to import
+    from scipy.sparse.csgraph import connected_components
+
+    points, triangles, _ = _merged(vertices, faces)
+    one, two = triangles[:, :2].ravel(), triangles[:, 1:].ravel()
+    links = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(points), len(points)))
+    body = connected_components(links, directed=False)[1]
+    used = np.unique(triangles)
+    return points[used[np.unique(body[used], return_index=True)[1]]]
 
 
 def _bars(points: Array, faces: _Faces, thin: _Faces) -> _Faces:

@@ -110,12 +110,12 @@ def _expand(source: Path, mappings: dict[str, str], folders: list[Path], files: 
     """The document and what xacro says; all files that are opened are added to ``files``."""
     xacro = importlib.import_module("xacro")
     arguments = importlib.import_module("xacro.substitution_args")
-    said = io.StringIO()
+    said, given = io.StringIO(), _Arguments(mappings)
     with redirect_stderr(said), redirect_stdout(said):
         arguments._eval_find = arguments._eval_dict["find"] = _finder(folders, arguments._eval_find)
         vars(xacro)["open"] = _opener(files)
         try:
-            document: bytes = xacro.process_file(str(source), mappings=mappings, verbosity=1).toxml(encoding="utf-8")
+            document: bytes = xacro.process_file(str(source), mappings=given, verbosity=1).toxml(encoding="utf-8")
         except Exception as error:  # of xacro, expat, what an expression raises, what an include cannot open
             macros = [(m.body.getAttribute("name"), m.history[-1][-1]) for m in reversed(xacro.macrostack or [])]
             stack = dict.fromkeys(str(f) for f in [*(f for _, f in macros), *reversed(xacro.filestack or [])] if f)
@@ -128,7 +128,36 @@ def _expand(source: Path, mappings: dict[str, str], folders: list[Path], files: 
     if len(document) > _MOST_BYTES:
         raise RobotError(f"{source}: xacro makes {len(document)} bytes of it; at most {_MOST_BYTES} are read")
     lines = filter(None, (line.strip() for line in said.getvalue().splitlines()[:20]))
-    return document.decode(), [shortened(line, 300) for line in lines]
+    return document.decode(), [shortened(line, 300) for line in (*lines, *_assumed(mappings, given))]
+
+
+class _Arguments(dict[str, str]):
+    """Arguments of a file, and which of them it has asked for; xacro adds those that it has defaults of."""
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        super().__init__(given)
+        self.asked: set[object] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(name)
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+def _assumed(mappings: Mapping[str, str], arguments: _Arguments) -> list[str]:
+    """What to say of arguments that nobody gave, and of those that nobody asked for: the robot may be another one."""
+    said = []
+    defaults = [f"{name} = {value!r}" for name, value in arguments.items() if name not in mappings]
+    if defaults:
+        said.append(f"arguments at their defaults (mappings= gives others): {', '.join(defaults)}")
+    unasked = [name for name in mappings if name not in arguments.asked]
+    if unasked:
+        valid = ", ".join(sorted(map(str, arguments.asked))) or "none"
+        said.append(f"mappings that the file asks nowhere for: {', '.join(unasked)}; it asks for {valid}")
+    return said
 
 
 def _opener(files: list[str]) -> Callable[[str], BinaryIO]:

@@ -199,3 +199,16 @@ def test_wrong_input_ends_with_a_message(folder, capsys, monkeypatch, arguments,
     err = capsys.readouterr().err
     assert message in err
     assert "Traceback" not in err
+
+
+def test_the_answer_says_what_it_is_of(folder, capsys, silvermate):
+    (folder / "empty.yaml").write_text("obstacles: []\n")
+    assert call(folder / "beside.csv", *_robot(folder, "empty.yaml"), "--json", folder / "a.json") == 0
+    answer = json.loads((folder / "a.json").read_text())
+    assert answer["path"] == str(folder / "beside.csv")
+    assert answer["scene"] == [str(folder / "empty.yaml")]
+    assert answer["obstacles"] == 0
+    assert "no obstacles" in answer["reason"]
+    assert answer["held_still"] == pytest.approx(dict(silvermate.locked))
+    said = capsys.readouterr().out
+    assert all(joint in said for joint in answer["held_and_not_in_path"][:3])

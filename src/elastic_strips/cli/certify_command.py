@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from elastic_strips.io.scene_source import SceneFile, SceneOptions
     from elastic_strips.robot import LoadOptions, RobotModel
 
+_LISTED = 12  # joints in a note
+
 
 @click.command()
 @click.argument("path", metavar="PATH", type=options.FILE)
@@ -117,11 +119,21 @@ def certify(
         found = replace(found, verdict=Verdict.UNKNOWN, reason=left)
     for note in given.notes:
         output.say(("note:", output.NOTE), f" {note}")
+    if given.held:
+        still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
+        more = f" and {len(still) - _LISTED} more" if len(still) > _LISTED else ""
+        output.say(("note:", output.NOTE), f" held still, and not in the file: {', '.join(still[:_LISTED])}{more}")
     doubts = (*given.doubts, *(given.time_doubts if timed else ()))
     for doubt in doubts if found.broken else ():  # else they are the reason
         output.say(("note:", output.NOTE), f" {doubt}")
     output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
     document = _document(model, found, given.notes, doubts, interpolation)
+    document |= {
+        "path": path, "configurations": len(given.q), "scene": list(scene_files), "obstacles": len(world.scene),
+        "held_still": dict(model.locked), "held_and_not_in_path": sorted(given.held),
+        "carried": list(found_scene.held_names),
+        "times_s": [float(given.times[0]), float(given.times[-1])] if timed and given.times is not None else None,
+    }  # fmt: skip
     done, mended_path = found.certified, None
     if doubts and (repaired or proof):
         output.say(("neither repaired nor proven", output.BAD), ": ", "; ".join(doubts))

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, RobotError, SceneError
-from elastic_strips.robot import Kinematics, RobotModel
+from elastic_strips.robot import BaseKind, Kinematics, RobotModel
 from elastic_strips.scene import Obstacle, Scene, UnknownMotion, World
 from elastic_strips.scene.motion import MAX_SPEED
 from elastic_strips.summary import Summary
@@ -33,6 +33,8 @@ _REACH = 0.05  # [m] distances are exact below this, or twice the clearance
 _DEPTH = 20  # most halvings of a segment
 _CHUNK = 256  # segments at once
 _SAMPLES = 129  # configurations of a broken segment that are looked at for the deepest
+_SLIP = 0.1  # sideways travel of a base on wheels, of the travel ahead, that files and their rounding may have
+_SLIPS = 0.05  # [m] of such travel in all that is not worth a word
 _LOOKED = 8  # most broken segments that are looked at for one that refutes
 _LEAST_MOTION = 1e-4  # [m] of an obstacle, below which a piece of time is not divided further
 _LEAST_TIME = 1e-6  # [s]
@@ -144,12 +146,34 @@ def certify(
     least = None
     if measure and changing is None and not arcs.unknown:
         least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_TOLERANCE)
-    found = work.result(when, least, (*((arcs.way,) if arcs.way else ()), *notes), began)
+    varies = changes(scene if isinstance(scene, World) else World(scene))
+    if when is not None and varies:
+        notes = (*notes, f"from {when[0]:g} s to {when[-1]:g} s, and of no time before or after")
+    if getattr(path, "rates", False):
+        notes = (*notes, "straight from configuration to configuration; splines by the file's velocities leave that")
+    said = (*((arcs.way,) if arcs.way else ()), *notes, *_sideways(robot, given.rows))
+    found = work.result(when, least, said, began)
+    if found.certified and not len(scene.scene if isinstance(scene, World) else scene):
+        found = replace(found, reason=f"{found.reason}; the scene has no obstacles")
     if found.certified and robot.unproven:
         found = replace(found, reason=f"{found.reason}; {robot.unproven}")
-    varies = changes(scene) if isinstance(scene, World) else [o for o in scene if o.motion is not None]
     time_doubts = getattr(path, "time_doubts", ()) if when is not None and varies else ()
     return _doubted(found, [*getattr(path, "doubts", ()), *time_doubts])
+
+
+def _sideways(robot: RobotModel, rows: Array) -> tuple[str, ...]:
+    """What to say of a path that wheels cannot follow, whether or not it is free: nothing where they can.
+
+    Looked at is the arc from each configuration to the next: the one way between them that wheels may have.
+    """
+    if robot.base_kind is not BaseKind.DIFF_DRIVE:
+        return ()
+    v = robot.space.difference(rows[:-1], rows[1:])
+    aside = np.where(np.abs(v[:, 1]) > _SLIP * np.abs(v[:, 0]), np.abs(v[:, 1]), 0.0)
+    if aside.sum() <= _SLIPS:
+        return ()
+    most = f"{_mm(float(aside.sum()))} in all, most in segment {int(aside.argmax())}"
+    return (f"the base goes sideways, {most}: the wheels of a differential drive cannot follow (base omni?)",)
 
 
 def _doubted(found: PathCertificate, doubts: list[str]) -> PathCertificate:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import wrap_angle
+from elastic_strips.robot.space import LIMIT_TOLERANCE, wrap_angle
 
 INTERPOLATIONS = ("arc", "line", "values", "shortest")
 HALF_TURN = np.pi - 1e-5
@@ -103,8 +103,10 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
     """The rows of a path: configurations (N, nq), coordinate rows (N, nv), or what has ``rows`` or ``q``.
 
     Raises:
-        ConfigurationError: a path of another shape, with less than two configurations, not finite, or too far away.
+        ConfigurationError: a path of another robot or shape, with less than two configurations, not finite, or too far
+            away.
     """
+    _check_owner(robot, path)
     space, turning = robot.space, robot.space.turning
     values, own = getattr(path, "rows", None), getattr(path, "q", None)
     tangent = own is not None and not hasattr(path, "rows")
@@ -135,6 +137,32 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
         i, k = (int(n) for n in far[0])
         raise ConfigurationError(f"path[{i}]: {column_names(robot)[k]} = {rows[i, k]:g} is beyond ±{most[k]:g}")
     return PathRows(rows, stated, tangent)
+
+
+def _check_owner(robot: RobotModel, path: PathLike) -> None:
+    """What knows whose path it is, is taken for that robot alone: of the same columns, and held as its file was read.
+
+    Raises:
+        ConfigurationError: it is another robot's.
+    """
+    owner = getattr(path, "robot", None)
+    if owner is robot or not isinstance(owner, RobotModel):
+        return
+    own, others = column_names(robot), column_names(owner)
+    if own != others:
+        raise ConfigurationError(
+            f"the path is of {owner.name!r}, whose columns are {', '.join(others)}; those of {robot.name!r} are "
+            f"{', '.join(own)}"
+        )
+    if not hasattr(path, "rows"):  # a strip holds configurations and nothing else; a file was read for its robot
+        return
+    for name in sorted({*robot.locked, *owner.locked}):
+        here, there = (of.locked.get(name, np.nan) for of in (robot, owner))
+        if not abs(here - there) <= LIMIT_TOLERANCE:
+            raise ConfigurationError(
+                f"the path's file was read for a robot that holds {name} at {there:.6g}; {robot.name!r} has it at "
+                f"{here:.6g} (nan: not held still): read it again for this one"
+            )
 
 
 def column_names(robot: RobotModel) -> tuple[str, ...]:

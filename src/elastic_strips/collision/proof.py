@@ -107,7 +107,8 @@ def prove(
         RobotError, SceneError: a shape that the checker does not know, or no scene.
         ConfigurationError: a path of another shape.
         ParameterError: a clearance below 0, or an unknown interpolation.
-        InputError: the proof would be larger than the checker takes, or would take it longer.
+        InputError: the proof would be larger than the checker takes, or would take it longer; or there is nothing to
+            prove, as neither the scene nor the robot has anything to be kept away from.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"scene is a {type(scene).__name__}; proofs are of a Scene, whose obstacles stand still")
@@ -122,6 +123,10 @@ def prove(
         "self_clearance": float(self_clearance), "robot": robot_statement(robot), "scene": scene_statement(scene),
     }  # fmt: skip
     pairs = len(header["robot"]["bodies"]) * len(header["scene"]) + len(header["robot"]["pairs"])
+    if not pairs:
+        raise InputError(
+            f"there is nothing to prove of {robot.name}: it has no links that are kept apart, and the scene is empty"
+        )
     _bounded("pairs on segments", pairs * (len(given.rows) - 1), checker.MOST)
     _bounded("numbers of the path", given.rows.size, checker.MOST)
     _bounded("bytes of robot and scene", 4 * len(json.dumps(header)), checker.MOST_TEXT)

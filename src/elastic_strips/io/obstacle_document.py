@@ -7,6 +7,7 @@ convex pieces that they consist of (`obstacle_documents`, `world_documents`, `wo
 from __future__ import annotations
 
 import itertools
+import logging
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -37,6 +38,7 @@ from .point_cloud import LARGE_MESH, read_points, warn_of_units
 MAX_ROWS = 4_000_000
 """Most poses of moving pieces that a record's world is made of: their number times the control rows."""
 
+_log = logging.getLogger(__name__)
 _COMMON = ("shape", "name", "at", "quat", "rpy", "motion", "appears", "vanishes")
 _SIMPLE: dict[str, tuple[Callable[..., Obstacle], tuple[str, ...]]] = {
     "box": (Box, ("size",)),
@@ -92,7 +94,9 @@ def _placement(entries: dict[str, Node]) -> Document:
     if "quat" in entries:
         common["quat"] = entries["quat"].checked(check_quaternion, "the value", entries["quat"].vector(4))
     if "rpy" in entries:
-        common["quat"] = quaternion_of_rpy(*entries["rpy"].vector(3).tolist())
+        rpy = entries["rpy"].vector(3).tolist()
+        warn_of_degrees(f"{entries['rpy'].source.path}: {entries['rpy'].key}", *rpy)
+        common["quat"] = quaternion_of_rpy(*rpy)
     if "motion" in entries:
         common["motion"] = _motion(entries["motion"])
     return common
@@ -204,6 +208,14 @@ def _cloud(node: Node) -> Array:
 def _file(node: Node) -> Path:
     """Path that a node names, relative to the node's own file."""
     return node.source.path.parent / node.text()
+
+
+def warn_of_degrees(what: str, *angles: float) -> None:
+    """Say in the log that one of the angles [rad] of a pose is more than a turn: it may well be in degrees."""
+    most = max(angles, key=abs)
+    if abs(most) > 2.0 * math.pi + 1e-6:
+        _log.warning("%s: %g rad is more than a turn: angles are in radians; %g degrees would be %.6g", what, most,
+                     most, math.radians(most))  # fmt: skip
 
 
 def quaternion_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

@@ -18,8 +18,8 @@ import os
 import re
 import zipfile
 import zlib
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +39,7 @@ from .npy_source import NpyError, NpzArrays, read_npy
 from .path_message import message_table, parse_documents
 from .path_table import (
     BASE_NAMES,
+    RATES,
     TIMES,
     Angles,
     PathTable,
@@ -74,6 +75,10 @@ class PathFile(Summary):
         times: (N,) when each is reached [s], or None.
         notes: what was assumed, and what was left out.
         rows: (N, nv) values of the coordinates as the file has them, or None where it has (cos, sin) of angles.
+        robot: whose columns these are, and with whose held joints the file was compared; `certify` takes no other's.
+        held: joints [rad or m] that the robot holds still and that the file does not name: nothing says whether the
+            file's robot has them there. Without wheels, which are alike wherever they are.
+        rates: whether the file has velocities or accelerations, by which it may be executed as splines.
         doubts: why ``q`` may not be what the file's robot does; `certify` calls no such path certified.
         time_doubts: the same of ``times``; they count among obstacles that move.
     """
@@ -84,6 +89,9 @@ class PathFile(Summary):
     doubts: tuple[str, ...] = ()
     time_doubts: tuple[str, ...] = ()
     rows: Array | None = None
+    robot: RobotModel | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
+    rates: bool = False
 
     def _summary(self) -> dict[str, object]:
         timed = {} if self.times is None else {"seconds": float(self.times[-1] - self.times[0])}
@@ -152,10 +160,13 @@ def load_path(
     return PathFile(
         q=q,
         times=placed.times,
-        notes=tuple(placed.notes),
+        notes=tuple(note for note in placed.notes if note != RATES),
         doubts=tuple(placed.doubts),
         time_doubts=tuple(placed.time_doubts),
         rows=placed.coordinates if placed.valued else None,
+        robot=robot,
+        held=placed.held,
+        rates=RATES in placed.notes,
     )
 
 
@@ -231,6 +242,7 @@ def _arrays(
             source.fail(f"the path file {problem}")
     asked = [each for each in ignore if each in arrays]
     notes = (f"not looked at, as was asked: {', '.join(asked)}",) if asked else ()
+    notes = (*notes, RATES) if set(arrays) & _RATES - set(ignore) else notes
     if names is None and beside and rows.shape[1] == robot.nv:
         names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
         notes = (*notes, "columns without names: taken in the robot's order")

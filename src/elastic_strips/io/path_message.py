@@ -19,7 +19,7 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import MAX_NAME, PathTable, heading_of, of_something_else, words_of
+from .path_table import MAX_NAME, RATES, PathTable, heading_of, of_something_else, words_of
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
@@ -261,7 +261,7 @@ def _robot_trajectory(node: Node, joints: Node | None, base: Node | None) -> Ite
         rows = np.hstack((two.rows, one.rows))
         yield _Part(
             [*two.names, *one.names], rows, times, one.nodes, node, two.heading,
-            doubts=two.doubts, notes=two.notes, stamp=one.stamp or two.stamp,
+            doubts=two.doubts, notes=(*one.notes, *two.notes), stamp=one.stamp or two.stamp,
         )  # fmt: skip
     else:
         yield halves[0]
@@ -273,7 +273,10 @@ def _joint_part(node: Node) -> _Part | None:
     if not points or not names:
         return None
     rows = np.array([p["positions"].vector(len(names)) for p in points])
-    return _Part(names, rows, _times(points), points, node, stamp=_stamp(node))
+    rates = any(p.value.get(key) for p in points for key in ("velocities", "accelerations"))
+    return _Part(
+        names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node)
+    )  # fmt: skip
 
 
 def _stamp(node: Node) -> float:

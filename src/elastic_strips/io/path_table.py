@@ -35,6 +35,8 @@ _MAX_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
 _NOW = 1e-9  # [s]
 _TURNS = 4.0 * np.pi  # [rad] what turns farther, of a file that names no unit, may be in degrees
 _WIDE = 500.0  # [m] what goes farther, of a file that names no unit, may be in millimetres
+RATES = "the file has velocities or accelerations"
+"""Stands among a reader's notes for ``PathFile.rates``."""
 BASE_NAMES = ("x", "y", "yaw")
 _COORDINATES = {
     **dict.fromkeys(("x", "px", "tx"), 0), **dict.fromkeys(("y", "py", "ty"), 1),
@@ -123,7 +125,7 @@ class PlacedPath:
         coordinates: (N, nv), as in the file: angles are not wrapped.
         valued: whether the file has values of angles, and not their (cos, sin).
         times: (N,) [s], or None; from_start: as of `PathTable`.
-        notes, doubts, time_doubts: as of ``PathFile``.
+        notes, doubts, time_doubts, held: as of ``PathFile``.
     """
 
     coordinates: Array
@@ -133,6 +135,7 @@ class PlacedPath:
     doubts: list[str] = field(default_factory=list)
     time_doubts: list[str] = field(default_factory=list)
     valued: bool = True
+    held: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +188,8 @@ def place_table(
     else:
         units = _named(table, robot, placed, base_at, angles, ignore)
     _check_values(table, robot, placed, units, angles)
+    named = {stem for name in table.names or () for stem, _ in _readings(_clean(name))}
+    placed.held = {joint: at for joint, at in robot.locked.items() if joint not in named | robot.round_wheels}
     return placed
 
 
@@ -200,6 +205,11 @@ def _checked_base(robot: RobotModel, base_at: Sequence[float]) -> Sequence[float
     if given.shape != (3,) or not (np.abs(given) <= [MAX_TRAVEL, MAX_TRAVEL, MAX_ANGLE]).all():
         raise ConfigurationError(
             f"base_at={base_at!r} must be x, y, yaw: three numbers within ±{MAX_TRAVEL:g} m and ±{MAX_ANGLE:g} rad"
+        )
+    if abs(given[2]) > 2.0 * np.pi + LIMIT_TOLERANCE:
+        raise ConfigurationError(
+            f"base_at={base_at!r}: the yaw of {given[2]:g} rad is more than a turn, and of no use where a base stands. "
+            f"Are these degrees? {given[2]:g} degrees are {np.radians(given[2]):.6g} rad"
         )
     return given.tolist()
 
@@ -263,7 +273,9 @@ def _named(
     _left_out(table, robot, columns, placed, angles)
     if ignore:
         placed.notes.append(f"not looked at, as was asked: {', '.join(ignore)}")
-    missing = [name for k, name in enumerate(robot.joint_names) if b + k not in units]
+    missing = [
+        f"{name} at {coordinates[0, b + k]:.6g}" for k, name in enumerate(robot.joint_names) if b + k not in units
+    ]
     started = [c.name for c in mine if c.name in table.start]
     if started:
         placed.notes.append(f"as in the file's start state all along: {', '.join(started)}")
@@ -588,7 +600,7 @@ def _left_out(
     """What is not planned: said where it stands still as the robot has it, doubted where it does not."""
     rest = [c for c in columns if c.kind in ("held", "other") or (c.kind == "base" and not robot.space.planar)]
     if any(c.kind == "rate" for c in columns):
-        placed.notes.append("velocities and accelerations are left out")
+        placed.notes += ["velocities and accelerations are left out", RATES]
     said = [c.name for c in rest if c.name not in table.start and c.name not in robot.followers]
     if said:
         placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")

@@ -46,6 +46,8 @@ _ADD, _REMOVE, _APPEND, _MOVE = range(4)  # operations of a CollisionObject
 _BOX, _SPHERE, _CYLINDER, _CONE, _PRISM = range(1, 6)  # types of a SolidPrimitive
 _DIMENSIONS = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2, _CONE: 2, _PRISM: 1}
 _USUAL_WORLDS = ("", "world", "map")
+_ODOMETRY = ("odom", "odom_combined")
+"""Frames that are taken for the world, as those of a path's poses are."""
 _NORM_TOLERANCE = 1e-2  # of a quaternion, as it may have been printed in few digits
 _EMPTY_NORM = 1e-9
 _AFTER = re.compile(r"\n---\s*\Z")
@@ -99,10 +101,16 @@ class PlanningScene(Summary):
             q: (nq,) where it stood when the scene was seen, or None.
 
         Raises:
-            SceneError: the frame moves, and it is not known where it was.
+            SceneError: the frame moves, and it is not known where it was; or it is neither the robot's nor one that
+                worlds are called after, so that nothing says where it is.
         """
         index = None if self.frame in _USUAL_WORLDS else find_frame(robot.model, self.frame)
         if index is None:
+            if self.frame.rsplit("/", 1)[-1] not in (*_USUAL_WORLDS, *_ODOMETRY):
+                raise SceneError(
+                    f"the scene is in the frame {self.frame!r}, which {robot.name!r} does not have, and nothing says "
+                    "where it is: give its pose in the world as 'at' (--at); 0,0,0 where it is the world"
+                )
             return None
         if robot.model.frames[index].parentJoint != 0 and q is None:
             raise SceneError(

@@ -24,8 +24,10 @@ from elastic_strips.scene.quantities import pose_of
 from elastic_strips.validation import check_type
 
 from .nodes import Node, Source, load_yaml
-from .obstacle_document import obstacle_entries, obstacle_from_node, quaternion_of_rpy
+from .obstacle_document import obstacle_entries, obstacle_from_node, quaternion_of_rpy, warn_of_degrees
 from .scene_source import (
+    MESSAGE,
+    MOVEIT,
     OF_KIND,
     OWN,
     Reading,
@@ -43,6 +45,8 @@ from .scene_source import (
 _log = logging.getLogger(__name__)
 VERSION = 1
 _MOST_FILES = 100  # of a scene
+_SIZED = ("box", "sphere", "cylinder", "capsule", "cone")
+_THICK, _LONG = 1.0, 100.0  # [m] a scene in millimetres has hardly anything thinner, and something longer
 _DEEPEST = 8  # scene files that name each other
 _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
@@ -155,7 +159,10 @@ def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, readi
         raise SceneError(f"{path}: the scene has more than {_MOST_FILES} files, which is the most that are read")
     inner = replace(reading, within=(*reading.within, here))
     if kind != OWN:
-        return read_foreign(path, kind, root, options, inner)
+        found = read_foreign(path, kind, root, options, inner)
+        if kind in (MOVEIT, MESSAGE):
+            _warn_of_millimetres(path, found.world.scene)
+        return found
     assert root is not None
     check_options(kind, options, str(path))
     found = _scene_from_node(root, inner)
@@ -164,6 +171,17 @@ def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, readi
             raise SceneError(f"{path}: 'at' has to be said of its sources: maps and what a robot holds are among them")
         found = replace(found, world=placed(found.world, pose_from(options["at"])))
     return found
+
+
+def _warn_of_millimetres(path: Path, scene: Scene) -> None:
+    """Say in the log that all that is in a scene is thick, and something as large as a street."""
+    lengths = [np.ravel(np.asarray(v, dtype=float)) for o in scene if o.shape in _SIZED for v in o.spec.values()]
+    least, most = (f(np.concatenate(lengths)) if lengths else 0.0 for f in (np.min, np.max))
+    if least >= _THICK and most >= _LONG:
+        _log.warning(
+            "%s: nothing in it is thinner than %.4g m, and something is %.4g m large: lengths are in metres; are these "
+            "millimetres?", path, least, most,
+        )  # fmt: skip
 
 
 def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
@@ -186,6 +204,7 @@ def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
             named[obstacle.name] = item["name"].line
         obstacles.append(obstacle)
     scene = node.checked(Scene, obstacles, time=time)
+    _warn_of_millimetres(node.source.path, scene)
     spans = dict(zip(scene.names, (_span(item) for item in items), strict=True))
     appears = {name: span[0] for name, span in spans.items() if span[0] is not None}
     vanishes = {name: span[1] for name, span in spans.items() if span[1] is not None}
@@ -224,6 +243,8 @@ def _options(entries: dict[str, Node]) -> SceneOptions:
     if turn is not None:
         place = entries["at"].vector(3) if "at" in entries else (0.0, 0.0, 0.0)
         quat = turn.vector(4) if turn.key.endswith("quat") else quaternion_of_rpy(*turn.vector(3).tolist())
+        if turn.key.endswith("rpy"):
+            warn_of_degrees(f"{turn.source.path}: {turn.key}", *turn.vector(3).tolist())
         options["at"] = turn.checked(pose_of, place, quat)
     elif "at" in entries:
         options["at"] = entries["at"].checked(pose_from, entries["at"].vector())
@@ -481,6 +502,7 @@ def _scene(node: Node) -> SceneFile:
 def _pose(node: Node) -> PoseSpec:
     entries = node.mapping(("x", "y", "yaw", "joints"), what="a pose")
     yaw = entries["yaw"].number(low=-1e3 * math.pi, high=1e3 * math.pi, unit="rad") if "yaw" in entries else 0.0
+    warn_of_degrees(f"{node.source.path}: {node.key}.yaw", yaw)
     x, y = (entries[key].number() if key in entries else 0.0 for key in ("x", "y"))
     return PoseSpec(x=x, y=y, yaw=yaw, joints=_numbers(entries["joints"], high=1e6) if "joints" in entries else {})
 

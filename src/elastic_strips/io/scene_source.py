@@ -27,6 +27,7 @@ from elastic_strips.validation import check_array, check_choice, check_number, s
 from .moveit_scene import read_moveit_scene
 from .nav2_map import WALL_HEIGHT, MapArea, outside_of, read_map
 from .nodes import Node
+from .obstacle_document import warn_of_degrees
 from .octomap import read_octomap
 from .planning_scene import PlanningScene, is_planning_scene, load_message, planning_scene_of
 from .point_cloud import PointCloud, cloud_scene, read_point_cloud, read_points, warn_of_dropped, without_robot
@@ -93,12 +94,14 @@ class SceneFile(Summary):
         held: planning scenes of which the robot holds something.
         areas: what the maps show that are among the sources, where what is outside of them does not count as free.
         assumed_height: height [m] up to which walls of maps were taken to reach, as neither a file nor the robot said.
+        unplaced: planning scenes whose frame was taken as the world, as no robot was known that may have it.
     """
 
     world: World
     held: tuple[PlanningScene, ...] = ()
     areas: tuple[MapArea, ...] = ()
     assumed_height: float | None = None
+    unplaced: tuple[PlanningScene, ...] = ()
 
     @property
     def held_names(self) -> tuple[str, ...]:
@@ -174,6 +177,8 @@ def pose_from(at: ArrayLike) -> Array:
             f"at has {len(values)} numbers; 3 (x, y, z), 4 (with the yaw) or 7 (with a quaternion qx, qy, qz, qw) are "
             "needed"
         )
+    if len(values) == 4:
+        warn_of_degrees("at: the yaw", float(values[3]))
     half = 0.5 * values[3] if len(values) == 4 else 0.0
     return pose_of(values[:3], values[3:] if len(values) == 7 else (0.0, 0.0, math.sin(half), math.cos(half)))
 
@@ -227,7 +232,10 @@ def read_foreign(path: Path, kind: str, root: Node | None, options: SceneOptions
             _log.warning("%s: the robot has the frame %s: it is where the path begins", path, shown(message.frame))
     if pose is not None:
         message = replace(message, attached=message.attached_at(pose))
-    return SceneFile(placed(World(message.scene), pose), (message,) if message.attached else ())
+    unplaced = (message,) if pose is None and reading.robot is None else ()
+    return SceneFile(
+        placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced
+    )  # fmt: skip
 
 
 def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading) -> SceneFile:
@@ -340,7 +348,7 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
     return SceneFile(
         World(Scene(obstacles, time=own.scene.time), appears, vanishes),
         tuple(held for part in parts for held in part.held), tuple(area for part in parts for area in part.areas),
-        min(heights, default=None),
+        min(heights, default=None), tuple(scene for part in parts for scene in part.unplaced),
     )  # fmt: skip
 
 
@@ -349,4 +357,4 @@ def bounded(found: SceneFile) -> SceneFile:
     if not found.areas:
         return found
     world = joined([SceneFile(World(Scene(outside_of(found.areas))))], found.world).world
-    return SceneFile(world, found.held, found.areas, found.assumed_height)
+    return replace(found, world=world)

@@ -13,9 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.decompose import Surface
 from elastic_strips.hulls import convex_hull
 
-from .coal_shapes import ShapeKind, box_about, faces, outside, shape_of, support_points, vertices
+from .coal_shapes import ShapeKind, box_about, faces, outside, shape_of, support, support_points, vertices
 from .geometry import LinkGeometry
 
 _COVERED = 0.005  # [m]: what reaches beyond the pieces by less is covered
@@ -104,7 +105,21 @@ def sticks_out(model: pin.Model, shapes: pin.GeometryModel, piece: LinkGeometry)
             result.clear()
             distance = coal.distance(dot, coal.Transform3s(np.eye(3), point), item.geometry, pose, request, result)
             least[k] = min(least[k], max(distance, 0.0))
-    return float(least.max())
+    # meshes are hollow to Coal: what is deep inside of one does not reach out of it
+    meshes = [item for item in own if shape_of(item.geometry)[0] is ShapeKind.MESH and _is_part(piece, item)]
+    surfaces = [(item.placement, Surface.of(vertices(item.geometry), faces(item.geometry))) for item in meshes]
+    for k in np.argsort(-least):
+        if not any(surface.encloses(pose.inverse().act(points[k])) for pose, surface in surfaces):
+            return float(least[k])
+    return 0.0
+
+
+def _is_part(piece: LinkGeometry, item: pin.GeometryObject) -> bool:
+    """Whether a mesh reaches beyond a piece: nothing of the surface of one that holds all of it is inside of it."""
+    R, t = piece.placement[:3, :3], piece.placement[:3, 3]
+    corners = vertices(item.geometry) @ np.asarray(item.placement.rotation).T + np.asarray(item.placement.translation)
+    reach = support(piece.geometry, _DIRECTIONS @ R) + _DIRECTIONS @ t
+    return bool(((corners @ _DIRECTIONS.T).max(axis=0) > reach + 1e-6).any())
 
 
 def _solid(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:

@@ -219,6 +219,7 @@ def _joined(
 ) -> tuple[list[LinkGeometry], list[int]]:
     """Join pieces of one body, the best pair first, as long as a joint hull grows little."""
     of = {i: i for i in live}
+    whole = {i: p.name for i, p in live.items()}  # the shape that a joined hull is called after: each after another
     clouds = {i: _cloud(p) for i, p in live.items()}
     volumes = {i: float(convex_hull(c).volume) for i, c in clouds.items()}
     growth: dict[tuple[int, int], float] = {}
@@ -241,7 +242,9 @@ def _joined(
     while growth:
         i, k = min(growth, key=growth.__getitem__)
         links = tuple(sorted(set(live[i].links) | set(live[k].links)))
-        name = f"{live[max((i, k), key=volumes.__getitem__)].name.split('+')[0]}+{len(links) - 1}"
+        larger = max((i, k), key=volumes.__getitem__)
+        whole[new + 1] = whole[larger]
+        name = f"{whole[larger]}+{len(links) - 1}"
         hull = convex_from_vertices(np.vstack((clouds[i], clouds[k])), name=name)
         new += 1
         live[new] = piece_of(name, links, live[i].joint, hull, np.eye(4))

@@ -20,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.decompose import Surface, one_of_each_body
 
 from .coal_shapes import faces, support_points, vertices
 from .geometry import LinkGeometry, convex_shapes, joined_pieces, parts_of, piece_of
@@ -28,7 +29,7 @@ _log = logging.getLogger(__name__)
 _SAMPLES = 400  # postures; a pair that touches in all of them is left out
 _NEARLY_ALL = 50  # postures one after the other in which a pair touches that nearly always does
 _HIDDEN_SHARE = 0.9  # of postures in which the meshes of such a pair touch, at most, where its hulls hide them
-_MESH_SAMPLES = 40  # postures in which the meshes themselves are asked, of pairs that are left out for their hulls
+_MESH_SAMPLES = 40  # postures at least in which the meshes are asked, of pairs that are left out for their hulls
 _MET_SAMPLES = 60  # postures in which pairs that never touch, as an SRDF says, are asked
 _NEVER = "Never"  # what MoveIt's assistant writes of them
 _TOUCH = 1.5e-3  # [m] shapes nearer than this count as touching, where it is asked whether they always do
@@ -36,6 +37,7 @@ _GRAZE = 1e-3  # [m] by which what is held still may overlap: closed fingers do
 _LEAST = 1e-4  # [m] distance below which a proof that two pieces never touch gives up
 _ENOUGH = 0.03  # [m] distance at which it need not go on
 _MOST_PARTS = (4, 16)  # convex pieces of a mesh whose hull hides what it does: the second where the first do not help
+_BODIES = 8  # of a mesh that are looked for inside of another one, in each of many postures
 _CELLS = 600  # parts of the range of two joints that it looks at, at most
 
 _DOT = coal.Sphere(1e-6)  # [m]
@@ -183,7 +185,9 @@ def left_out(
     for pair, count in first_apart.items():
         if count == _SAMPLES:
             share = shares.get(pair, 1.0)
-            note = f"their hulls; their meshes in {100.0 * share:.0f} % of them" if share < 1.0 else ""
+            note = f"their hulls; their meshes in {100.0 * share:.3g} % of them" if share < 1.0 else ""
+            if shapes[asked[pair][0][0]].joint == shapes[asked[pair][0][1]].joint:
+                note = "nothing moves them to each other"
             leave_out(asked[pair])
             pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
     hidden = frozenset(pair for pair, share in shares.items() if share < (1.0 if pair in pairs else _HIDDEN_SHARE))
@@ -259,7 +263,8 @@ class _Postures:
         self._radii = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._poses: dict[int, coal.Transform3s] = {}
-        self._triangles: dict[int, Array] = {}
+        self._surfaces: dict[int, Surface] = {}  # of meshes, by their identity: parts of one share it
+        self._corners: dict[int, Array] = {}
         self.place(pin.neutral(model))
 
     def place(self, q: Array) -> None:
@@ -292,34 +297,47 @@ class _Postures:
         one, two = self._shapes[i].geometry, self._shapes[k].geometry
         return -coal.distance(one, self._pose(i), two, self._pose(k), coal.DistanceRequest(True), result)
 
-    def meshes_touch(self, i: int, k: int) -> bool:
-        """Whether two shapes touch as the file has them, or one is inside the other: Coal's meshes are hollow."""
-        if self._collide(self._meshes[i], self._pose(i), self._meshes[k], self._pose(k)):
+    def meshes_touch(self, i: int, k: int, margin: float = _TOUCH, most: int | None = _BODIES) -> bool:
+        """Whether two shapes come nearer than a margin [m] as the file has them, or a body of one is inside the other:
+        Coal's meshes are hollow. Of meshes of more bodies only the first ``most`` are looked for there."""
+        if self._collide(self._meshes[i], self._pose(i), self._meshes[k], self._pose(k), margin):
             return True
         for inner, outer in ((i, k), (k, i)):
             if isinstance(self._meshes[outer], coal.BVHModelBase):
-                corner = self._pose(inner).transform(support_points(self._shapes[inner].geometry)[0][0])
-                at = coal.Transform3s(np.eye(3), corner)
-                if not self._collide(_DOT, at, self._shapes[outer].geometry, self._pose(outer)):
-                    continue
-                if abs(self._windings(outer, self._pose(outer).inverse().transform(corner))) > 0.5:
-                    return True
+                for corner in self._bodies(inner)[:most]:
+                    at = self._pose(inner).transform(corner)
+                    dot = coal.Transform3s(np.eye(3), at)
+                    if not self._collide(_DOT, dot, self._shapes[outer].geometry, self._pose(outer), margin):
+                        continue
+                    if self._within(outer, self._pose(outer).inverse().transform(at)):
+                        return True
         return False
 
-    def _windings(self, i: int, point: Array) -> float:
-        """How often a mesh goes around a point (3,) in its frame: about 0 outside of it, about 1 inside."""
-        if i not in self._triangles:
-            self._triangles[i] = vertices(self._meshes[i])[faces(self._meshes[i])]
-        a, b, c = np.moveaxis(self._triangles[i] - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-        around = la * lb * lc + lc * (a * b).sum(axis=1) + la * (b * c).sum(axis=1) + lb * (c * a).sum(axis=1)
-        return float(np.arctan2(volume, around).sum() / (2.0 * np.pi))
+    def _bodies(self, i: int) -> Array:
+        """A point (B, 3) of each body of a shape as the file has it, in its frame."""
+        mesh = self._meshes[i]
+        if not isinstance(mesh, coal.BVHModelBase):
+            return support_points(mesh)[0][:1]
+        if id(mesh) not in self._corners:
+            self._corners[id(mesh)] = one_of_each_body(vertices(mesh), faces(mesh))
+        return self._corners[id(mesh)]
+
+    def _within(self, i: int, point: Array) -> bool:
+        """Whether a mesh encloses a point (3,) in its frame."""
+        mesh = self._meshes[i]
+        if id(mesh) not in self._surfaces:
+            self._surfaces[id(mesh)] = Surface.of(vertices(mesh), faces(mesh))
+        return self._surfaces[id(mesh)].encloses(point)
 
     def _collide(
-        self, one: coal.CollisionGeometry, at: coal.Transform3s, two: coal.CollisionGeometry, there: coal.Transform3s
+        self,
+        one: coal.CollisionGeometry,
+        at: coal.Transform3s,
+        two: coal.CollisionGeometry,
+        there: coal.Transform3s,
+        margin: float = _TOUCH,
     ) -> bool:
-        self._request.security_margin = _TOUCH
+        self._request.security_margin = margin
         self._result.clear()
         return bool(coal.collide(one, at, two, there, self._request, self._result))
 
@@ -359,13 +377,21 @@ def _ever_touching(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, in
 
 
 def _mesh_shares(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, float]:
-    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls."""
-    hits = Counter[LinkPair]()
-    for _ in range(_MESH_SAMPLES if of else 0):
+    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls.
+
+    Those that touch in all of the first are asked on, up to a posture in which they do not.
+    """
+    hits, asked, left = Counter[LinkPair](), Counter[LinkPair](), dict(of)
+    for k in range(_SAMPLES):
+        if k >= _MESH_SAMPLES:
+            left = {pair: each for pair, each in left.items() if hits[pair] == asked[pair]}
+        if not left:
+            break
         postures.next()
-        for pair, each in of.items():
+        for pair, each in left.items():
             hits[pair] += any(postures.meshes_touch(*m) for m in each)
-    return {pair: hits[pair] / _MESH_SAMPLES for pair in of}
+            asked[pair] += 1
+    return {pair: hits[pair] / asked[pair] for pair in of}
 
 
 def _pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
@@ -398,6 +424,8 @@ def held_together(
     """
     postures = _Postures(model, shapes, meshes)
     deep: list[tuple[int, int]] = []
+    grazing: dict[LinkPair, UncheckedPair] = {}
+    collide: set[LinkPair] = set()  # links of several shapes may do both
     for i in range(len(shapes)):
         for k in range(i + 1, len(shapes)):
             if shapes[i].joint != shapes[k].joint or out.mask[i, k]:
@@ -405,12 +433,15 @@ def held_together(
             depth = postures.depth(i, k)
             if depth < 0.0:
                 continue  # for ever: nothing moves them
-            if depth > _GRAZE and postures.meshes_touch(i, k):
-                deep.append((i, k))
-                continue
             pair = frozenset((*shapes[i].links, *shapes[k].links))
+            if depth > _GRAZE and postures.meshes_touch(i, k, 0.0, None):
+                deep.append((i, k))
+                collide.add(pair)
+                continue
             what = "by less than 1 mm" if depth <= _GRAZE else "only their hulls"
-            out.pairs.setdefault(pair, _unchecked(pair, WhyUnchecked.HELD, what))
+            grazing.setdefault(pair, _unchecked(pair, WhyUnchecked.HELD, what))
+    for pair in grazing.keys() - collide:
+        out.pairs.setdefault(pair, grazing[pair])
     if deep:
         names = [f"{shapes[i].links[0]} and {shapes[k].links[0]}" for i, k in deep]
         more = f" and {len(names) - 8} more" if len(names) > 8 else ""

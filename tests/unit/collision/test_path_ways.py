@@ -14,7 +14,7 @@ from elastic_strips.collision.proof import path_digest
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.io import load_path, write_path
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.scene import Box, Scene, Sphere
+from elastic_strips.scene import Box, Scene, Sphere, World
 from elastic_strips.strip import Strip
 
 PI = np.pi
@@ -220,3 +220,36 @@ def test_rows_are_bounded(mobile, rows):
     for interpolation in ("line", "values"):
         with pytest.raises(ConfigurationError):
             certify(mobile, Scene([]), rows, interpolation=interpolation)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([[0, 0, 0], [0, 2, 0]], True),
+        ([[0, 0.001 * k, 0] for k in range(200)], True),  # in small steps, too
+        ([[0, 0, 0], [2, 2, 0]], True),
+        ([[0, 0, 0], [2, 0, 0], [2, 0, 1.5], [2, 1, 1.5]], False),
+        ([[np.sin(a), 1.0 - np.cos(a), a] for a in (0.0, 0.6, 1.2)], False),  # arcs, however far apart
+        ([[0.1 * k, 0.0005 * (k % 2), 0] for k in range(20)], False),  # roundings
+    ],
+)
+def test_a_path_that_wheels_cannot_follow_is_said_to_be_one(mobile, rows, said):
+    rows = np.column_stack((np.array(rows, dtype=float), np.zeros(len(rows))))
+    wheeled = load_robot(mobile.urdf_path, base="diff_drive")
+    for way in ("arc", "line"):
+        sideways, free = (certify(robot, Scene([]), rows, interpolation=way) for robot in (wheeled, mobile))
+        assert sideways.certified
+        assert len(sideways.notes) == len(free.notes) + said
+        assert all(note in sideways.reason for note in sideways.notes)
+
+
+def test_an_answer_says_of_which_times_it_is_and_that_nothing_is_there(arm):
+    rows = np.array([[0.0], [0.1]])
+    far = Box((0.1, 0.1, 0.1), at=(9.0, 0.0, 0.0), name="far")
+    empty, standing = (certify(arm, Scene(of), rows).reason for of in ([], [far]))
+    assert "no obstacles" in empty
+    assert "no obstacles" not in standing
+    later = World(Scene([far]), appears={"far": 20.0})  # not looked at, for the path is over by then
+    found = certify(arm, later, rows, times=[3.0, 7.0])
+    assert found.certified
+    assert "7 s" in found.reason

@@ -224,3 +224,17 @@ def test_a_file_that_cannot_be_written_is_named(gantry, tmp_path):
     assert proof is not None
     with pytest.raises(InputError, match="no folder"):
         proof.save(tmp_path / "missing" / "p.npz")
+
+
+def test_of_nothing_there_is_no_proof(tmp_path):
+    """A robot of which no links are kept apart, where there are no obstacles."""
+    path = tmp_path / "r.urdf"
+    shape = '<collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision>'
+    path.write_text(
+        f'<robot name="r"><link name="a">{shape}</link><link name="b">{shape}</link><joint name="j" type="revolute">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
+    robot = load_robot(path, base="fixed")
+    with pytest.raises(InputError):
+        prove(robot, Scene([]), np.array([[0.0], [0.5]]))

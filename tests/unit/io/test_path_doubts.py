@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_strips.collision import Verdict, certify
+from elastic_strips.collision import Verdict, certify, prove
+from elastic_strips.collision.proof import path_digest
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.io import PathFile, load_path, read_world, write_path
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Scene, World
+from elastic_strips.strip import Strip
 
 ARM = tuple(f"panda_joint{k}" for k in range(1, 8))
 HOME = (0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785)
@@ -204,7 +206,9 @@ def test_a_base_that_is_half_placed_is_doubted(cart, tmp_path, names):
     assert load_path(file, cart, base_at=(1.0, 2.0, 0.5)).doubts == ()
 
 
-@pytest.mark.parametrize("base_at", [(1.0, 2.0), (np.nan, 0.0, 0.0), (1e5, 0.0, 0.0), "abc", (0.0, 0.0, 1e17)])
+@pytest.mark.parametrize(
+    "base_at", [(1.0, 2.0), (np.nan, 0.0, 0.0), (1e5, 0.0, 0.0), "abc", (0.0, 0.0, 1e17), (0.0, 0.0, 90.0)]
+)
 def test_a_place_that_is_none_is_refused(cart, tmp_path, base_at):
     with pytest.raises(ConfigurationError):
         load_path(table(tmp_path, "shoulder", "0", "1"), cart, base_at=base_at)
@@ -818,3 +822,76 @@ def test_lengths_that_may_be_millimetres_are_doubted(cart, tmp_path):
     assert load_path(table(tmp_path, "x_m,y_m,yaw", *rows), cart).doubts == ()
     assert load_path(table(tmp_path, "x_mm,y_mm,yaw", *rows), cart).q[1, 0] == 4.0
     assert load_path(message(tmp_path, trajectory(("x", "y", "yaw"), [[0, 0, 0], [4000, 0, 0]])), cart).doubts == ()
+
+
+@pytest.mark.parametrize(
+    ("joints", "locked"),
+    [
+        (["shoulder", "torso", "turntable"], {"gripper": 0.03}),  # the file was compared with that gripper
+        (["shoulder", "torso", "gripper"], {}),  # as many columns, of another joint
+        (["shoulder", "torso", "turntable", "gripper"], {}),
+    ],
+)
+@pytest.mark.parametrize("ask", [certify, prove, lambda robot, scene, path: path_digest(robot, path)])
+def test_a_path_that_was_read_for_another_robot_is_refused(cart_file, cart, tmp_path, joints, locked, ask):
+    other = load_robot(cart_file, base="omni", joints=joints, locked=locked)
+    (tmp_path / "p.csv").write_text("x,y,yaw,shoulder,torso,gripper\n0,0,0,0,0.1,0.03\n1,0,0,0,0.1,0.03\n")
+    path = load_path(tmp_path / "p.csv", other)
+    assert ask(other, NOTHING, path)
+    with pytest.raises(ConfigurationError, match=r"gripper|turntable"):
+        ask(cart, NOTHING, path)
+
+
+def test_what_is_the_same_robot_loaded_twice_or_with_a_load_takes_the_path(cart_file, cart, tmp_path):
+    (tmp_path / "p.csv").write_text("x,y,yaw,shoulder\n0,0,0,0\n1,0,0,0\n")
+    path = load_path(tmp_path / "p.csv", cart)
+    again = load_robot(cart_file, base="omni", joints=["shoulder", "torso", "turntable"])
+    for robot in (again, again.attached(Box((0.1, 0.1, 0.1), at=(0.0, 0.0, 0.4)), "arm")):
+        assert certify(robot, NOTHING, path).certified
+
+
+def test_a_strip_of_other_joints_is_refused(cart_file, cart):
+    other = load_robot(cart_file, base="omni", joints=["shoulder", "turntable", "torso", "gripper"], locked={})
+    few = load_robot(cart_file, base="omni", joints=["shoulder", "gripper", "turntable"])
+    assert few.nq == cart.nq
+    for robot in (few, other):
+        with pytest.raises(ConfigurationError):
+            certify(cart, NOTHING, Strip(robot, np.tile(robot.home_q, (2, 1))))
+
+
+def test_joints_that_are_held_and_not_named_are_known(cart, tmp_path):
+    (tmp_path / "p.csv").write_text("x,y,yaw,shoulder\n0,0,0,0\n1,0,0,0\n")
+    held = load_path(tmp_path / "p.csv", cart).held
+    assert set(held) == {"gripper", "right_wheel"}  # the left one is round
+    (tmp_path / "p.csv").write_text("x,y,yaw,shoulder,gripper_mm,right_wheel\n0,0,0,0,0,0\n1,0,0,0,0,0\n")
+    assert not load_path(tmp_path / "p.csv", cart).held
+
+
+@pytest.mark.parametrize("kind", ["csv", "json", "npz"])
+def test_velocities_are_said_to_be_left_out(panda, tmp_path, kind):
+    """Who executes them goes by splines, and those leave the lines that are proven."""
+    said = []
+    for rates in (False, True):
+        file = tmp_path / f"{rates}.{kind}"
+        if kind == "csv":
+            names = [*ARM, *(f"{name}_velocity" for name in ARM)][: 14 if rates else 7]
+            row = ",".join(map(str, [*HOME, *[0.5] * 7][: len(names)]))
+            file.write_text(f"{','.join(names)}\n{row}\n{row}\n")
+        elif kind == "json":
+            point = {"positions": HOME} | ({"velocities": [0.5] * 7} if rates else {"velocities": []})
+            file.write_text(json.dumps({"joint_names": ARM, "points": [point, point]}))
+        else:
+            arrays = {"positions": np.tile(HOME, (2, 1)), "joint_names": np.array(ARM)}
+            if rates:
+                np.savez(
+                    file,
+                    velocities=np.full((2, 7), 0.5),
+                    positions=arrays["positions"],
+                    joint_names=arrays["joint_names"],
+                )
+            else:
+                np.savez(file, positions=arrays["positions"], joint_names=arrays["joint_names"])
+        path = load_path(file, panda)
+        assert path.rates == rates
+        said.append("splines" in certify(panda, NOTHING, path).reason)
+    assert said == [False, True]

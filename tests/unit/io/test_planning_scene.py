@@ -258,3 +258,15 @@ def test_an_octomap_of_a_message_is_whole_or_refused(tmp_path):
     path.write_text(json.dumps(document))
     with pytest.raises(SceneError, match="ends after"):
         read_scene(path)
+
+
+@pytest.mark.parametrize(("frame", "known"), [("camera_link", False), ("odom", True), ("robot1/map", True)])
+def test_a_frame_that_is_nowhere_is_refused_of_a_robot(tmp_path, panda, frame, known):
+    path = write(tmp_path, box("a", frame, pose(1.0)))
+    if known:
+        assert len(read_scene(path, robot=panda)) == 1
+    else:
+        with pytest.raises(SceneError, match=frame):
+            read_scene(path, robot=panda)
+    placed = read_scene(path, robot=panda, options={"at": (0.0, 2.0, 0.0)})
+    np.testing.assert_allclose(placed.obstacle("a").pose[:3, 3], [1, 2, 0], atol=1e-9)

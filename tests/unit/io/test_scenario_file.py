@@ -1,5 +1,6 @@
 """Scenario files: the documented example loads; wrong files name file, line and key."""
 
+import json
 import re
 from pathlib import Path
 
@@ -173,3 +174,26 @@ def test_files_of_other_kinds_are_told_from_scenarios(tmp_path, monkeypatch, nam
             get_scenario(given)
         with pytest.raises(ScenarioError, match=message):
             read_scenario(given)
+
+
+@pytest.mark.parametrize(
+    ("frame", "at", "known"),
+    [
+        ("world", "", True), ("panda_link0", "", True), ("panda_hand", "", False), ("camera_link", "", False),
+        ("panda_hand", ", at: [1, 0, 0]", True), ("camera_link", ", at: [1, 0, 0]", True),
+    ],
+)  # fmt: skip
+def test_a_scene_in_a_frame_of_nobody_or_of_what_moves_is_no_world(tmp_path, frame, at, known):
+    place = {"position": {"x": 1.0, "y": 0.0, "z": 0.0}, "orientation": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}}
+    shape = {"primitives": [{"type": 1, "dimensions": [0.1, 0.1, 0.1]}], "primitive_poses": [place]}
+    thing = {"id": "a", "header": {"frame_id": frame}, "pose": place, "operation": 0, **shape}
+    (tmp_path / "scene.json").write_text(json.dumps({"world": {"collision_objects": [thing]}}))
+    for scene in (f"{{file: scene.json{at}}}", f"{{sources: [{{file: scene.json{at}}}]}}"):
+        text = "robot: panda\nbase: fixed\nstart: {}\ngoal: {joints: {panda_joint1: 0.5}}\nscene: "
+        (tmp_path / "s.yaml").write_text(text + scene)
+        scenario = get_scenario(str(tmp_path / "s.yaml"))
+        if known:
+            assert scenario.load_robot().name == "panda"
+        else:
+            with pytest.raises(ScenarioError, match=frame):
+                scenario.load_robot()

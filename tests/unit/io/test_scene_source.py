@@ -377,3 +377,37 @@ def test_a_map_at_a_pose_is_where_it_says(folder):
 @pytest.fixture(scope="module")
 def tiago() -> RobotModel:
     return es.load_robot("tiago")
+
+
+@pytest.mark.parametrize(
+    ("sizes", "said"),
+    [([[400, 400, 20], [1200, 800, 700]], True), ([[0.4, 0.4, 0.02], [200, 200, 0.1]], False), ([[3, 2, 1.5]], False)],
+)
+@pytest.mark.parametrize("kind", ["yaml", "scene"])
+def test_obstacles_in_millimetres_are_said(tmp_path, caplog, sizes, said, kind):
+    file = tmp_path / f"a.{kind}"
+    if kind == "yaml":
+        file.write_text("obstacles:\n" + "".join(f"  - {{shape: box, size: {size}}}\n" for size in sizes))
+    else:
+        boxes = "".join(
+            f"* b{k}\n1\nbox\n{' '.join(map(str, s))}\n0 0 0\n0 0 0 1\n0 0 0 0\n" for k, s in enumerate(sizes)
+        )
+        file.write_text(f"s\n{boxes}.\n")
+    es.read_scene(file)
+    assert ("millimetres" in caplog.text) == said
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "obstacles: [{{shape: box, size: [1, 1, 1], rpy: [0, 0, {}]}}]",
+        "sources: [{{file: b.yaml, rpy: [{}, 0, 0]}}]",
+        "sources: [{{file: b.yaml, at: [1, 0, 0, {}]}}]",
+    ],
+)
+def test_poses_in_degrees_are_said(tmp_path, caplog, text):
+    (tmp_path / "b.yaml").write_text("obstacles: [{shape: box, size: [1, 1, 1]}]")
+    for angle, said in ((-3.1, False), (90, True)):
+        (tmp_path / "a.yaml").write_text(text.format(angle))
+        assert len(es.read_scene(tmp_path / "a.yaml")) == 1
+        assert ("degrees" in caplog.text) == said

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -15,6 +16,7 @@ from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.robot.coal_shapes import outside
 from elastic_strips.robot.cover import sticks_out
+from elastic_strips.robot.geometry import piece_of
 from elastic_strips.scene import Box, Scene
 
 BOX = '<geometry><box size="{}"/></geometry>'.format
@@ -159,6 +161,22 @@ def test_a_hull_that_grows_much_is_warned_about(tmp_path: Path, caplog: pytest.L
     assert 0.3 < sticks_out(robot.model, robot.shapes, piece) <= 0.475 + 1e-6  # in the middle of the hypotenuse
     base = next(p for p in robot.geometries if p.links == ("base",))
     assert sticks_out(robot.model, robot.shapes, base) < 1e-6
+
+
+@pytest.mark.parametrize("closed, least, most", [(True, 0.0, 0.06), (False, 0.1, 0.6)])
+def test_what_is_within_a_mesh_does_not_reach_out_of_it(
+    tmp_path: Path, closed: bool, least: float, most: float
+) -> None:
+    """A piece of 20 cm in the middle of a mesh, which is hollow to Coal; it does where the mesh has no lid."""
+    mesh = trimesh.creation.box((1.0, 1.0, 0.6))
+    if not closed:
+        mesh.update_faces(mesh.face_normals[:, 2] < 0.5)
+    mesh.export(tmp_path / "block.stl")
+    path = write(tmp_path, link("base", '<geometry><mesh filename="block.stl"/></geometry>'))
+    robot = load_robot(path, base="omni")
+    inner = piece_of("inner", ("base",), robot.geometries[0].joint, coal.Box(0.2, 0.2, 0.2), np.eye(4))
+    assert robot.shapes is not None
+    assert least <= sticks_out(robot.model, robot.shapes, inner) <= most
 
 
 def test_models_of_pinocchio_are_told_of_as_well(bare: Path) -> None:

@@ -19,7 +19,7 @@ from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.coal_shapes import convex_from_vertices, support_points
-from elastic_strips.robot.geometry import bounding_capsule, convex_shapes, joined_pieces
+from elastic_strips.robot.geometry import bounding_capsule, convex_shapes, joined_pieces, piece_of
 
 SHAPES = [
     coal.Box(0.2, 0.4, 0.6),
@@ -224,3 +224,15 @@ def test_a_mesh_inside_another_is_dropped_and_neighbours_are_joined(rng):
     assert outside(corners, joined[0].geometry).max() <= 1e-9
     apart = body((mesh(cube), (0, 0, 0)), (mesh(cube), (3.0, 0, 0)))
     assert len(apart) == 2
+
+
+def test_pieces_have_names_of_their_own():
+    """Whatever the links are called: hulls that are joined are called after one of their shapes."""
+    ball = coal.Sphere(0.03)
+    shapes = []
+    for n in range(6):
+        T = np.eye(4)
+        T[0, 3] = 0.02 * n + (0.0 if n < 3 else 2.0)
+        shapes.append(piece_of(f"arm+{n}_0", (f"arm+{n}",), 1, ball, T))
+    pieces = joined_pieces(shapes, np.eye(6, dtype=bool))[0]
+    assert len({piece.name for piece in pieces}) == len(pieces) == 2

@@ -197,6 +197,63 @@ def test_a_hull_that_hides_more_than_pieces_can_tell_is_listed(tmp_path, caplog)
         assert robot.self_collision(robot.home_q) is None
 
 
+def in_a_housing(folder: Path, housing: trimesh.Geometry, inner: str) -> Path:
+    """Something that slides by 5 cm in a housing, with an arm on it that is far off."""
+    housing.export(folder / "housing.stl")
+    return write(
+        folder, link("housing", f'<mesh filename="{folder / "housing.stl"}"/>'), link("rail"),
+        fixed("f", "0 0 0", "housing", "rail"), link("inner", inner),
+        joint("slide", "0 0 0", "rail", "inner", axis="1 0 0", kind="prismatic", span=(-0.05, 0.6)),
+        link("arm", box("0.3 0.02 0.02"), "0.15 0 0"), joint("turn", "0 0 0.5", "inner", "arm"),
+    )  # fmt: skip
+
+
+def drawn_from_both_sides(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, np.vstack((mesh.faces, mesh.faces[:, ::-1])), process=False)
+
+
+def turned_either_way(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    faces = mesh.faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    return trimesh.Trimesh(mesh.vertices, faces, process=False)
+
+
+BODY = trimesh.creation.box((0.3, 0.3, 0.3))
+
+
+@pytest.mark.parametrize("housing", [BODY, drawn_from_both_sides(BODY), turned_either_way(BODY)])
+def test_what_is_held_within_a_mesh_collides(tmp_path, housing):
+    """However the triangles of the mesh are turned, and if it is the second body of the other that is inside."""
+    bodies = [trimesh.creation.icosphere(1, 0.03).apply_translation((0.0, y, 0.0)) for y in (-0.8, 0.0)]
+    trimesh.util.concatenate(bodies).export(tmp_path / "balls.stl")
+    path = in_a_housing(tmp_path, housing, f'<mesh filename="{tmp_path / "balls.stl"}"/>')
+    robot = load_robot(path, base="fixed", locked={"slide": 0.0})
+    assert ("housing", "inner") not in reasons(robot)
+    assert robot.self_collision(robot.home_q) is not None
+
+
+def test_what_is_held_near_a_mesh_does_not_collide(tmp_path):
+    """A plate 1.2 mm from either side of its slot, whose hull holds it."""
+    sides = [trimesh.creation.box((0.3, 0.02, 0.2)).apply_translation((0.0, y, 0.0)) for y in (-0.0232, 0.0232)]
+    end = trimesh.creation.box((0.02, 0.0664, 0.2)).apply_translation((-0.2, 0.0, 0.0))
+    path = in_a_housing(tmp_path, trimesh.util.concatenate([*sides, end]), box("0.2 0.024 0.05"))
+    robot = load_robot(path, base="fixed", locked={"slide": 0.0})
+    assert robot.self_collision(robot.home_q) is None
+    assert reasons(robot)["housing", "inner"] is WhyUnchecked.HELD
+
+
+def test_an_open_bowl_does_not_hide_what_moves_in_it(tmp_path):
+    """A ball that never leaves the hull of a bowl without thickness, and meets its side."""
+    bowl = trimesh.creation.icosphere(3, 0.3)
+    bowl.update_faces(bowl.triangles_center[:, 2] < 0.15)
+    path = in_a_housing(tmp_path, bowl, '<sphere radius="0.03"/>')
+    path.write_text(path.read_text().replace('upper="0.6"', 'upper="0.28"'))
+    robot = load_robot(path, base="fixed")
+    assert ("housing", "inner") not in reasons(robot)
+    assert robot.self_collision(robot.home()) is None
+    assert robot.self_collision(robot.home(slide=0.275)) is not None
+
+
 def test_a_pair_that_nearly_always_touches_is_said(tmp_path, caplog):
     """A pin that leaves its socket only at the end of its travel."""
     path = write(

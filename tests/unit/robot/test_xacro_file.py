@@ -233,3 +233,12 @@ def test_the_folder_is_used_again_where_it_is_ones_own(tmp_path, monkeypatch):
     made = expand_xacro(file)
     assert made == expand_xacro(file)
     assert made.parent == tmp_path / f"elastic-strips-{getpass.getuser()}"
+
+
+@pytest.mark.parametrize(
+    ("mappings", "named"), [({}, "length"), ({"length": "0.7"}, None), ({"length": "0.7", "lenght": "0.9"}, "lenght")]
+)
+def test_arguments_that_nobody_gave_or_asked_for_are_said(tmp_path, caplog, mappings, named):
+    with caplog.at_level(logging.WARNING):
+        expand_xacro(write(tmp_path), mappings)
+    assert (named in caplog.text) if named else not caplog.text

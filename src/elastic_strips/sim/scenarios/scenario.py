@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 
+import numpy as np
+
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError
+from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError, SceneError
 from elastic_strips.io import PoseSpec
 from elastic_strips.io.scene_file import ScenarioSpec
 from elastic_strips.io.scene_source import SceneFile
@@ -95,7 +97,8 @@ class Scenario(Summary):
 
         Raises:
             RobotError: unknown robot or an error in its files, or no such link that holds something.
-            ScenarioError: it reaches over the walls of a map of which no file says how high they are.
+            ScenarioError: it reaches over the walls of a map of which no file says how high they are; or a planning
+                scene is in a frame that moves with it, or that it does not have.
         """
         base = base or self.base
         if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:
@@ -112,7 +115,20 @@ class Scenario(Summary):
                 raise
             raise RobotError(f"scenario {self.name!r}: {error}") from None
         self._check_walls(loaded)
+        self._check_frames(loaded)
         return loaded
+
+    def _check_frames(self, robot: RobotModel) -> None:
+        for scene in () if self.source is None else self.source.unplaced:
+            try:
+                pose = scene.pose_of_frame(robot, None)
+            except SceneError as error:
+                raise ScenarioError(f"scenario {self.name!r}: {error}; scene: {{file: …, at: [x, y, z]}}") from None
+            if pose is not None and not np.allclose(pose, np.eye(4), rtol=0.0, atol=1e-9):
+                raise ScenarioError(
+                    f"scenario {self.name!r}: its scene is in the frame {scene.frame!r}, which {robot.name!r} does not "
+                    "have at the origin: say where it is, scene: {file: …, at: [x, y, z]}"
+                )
 
     def _check_walls(self, robot: RobotModel) -> None:
         assumed = None if self.source is None else self.source.assumed_height
