@@ -17,11 +17,11 @@ from elastic_strips.ownership import exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import OrientationConstraint, Strip
-from elastic_strips.strip.base_deformer import Workspace
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
+from elastic_strips.strip.workspace import Workspace
 from elastic_strips.validation import check_count
 from elastic_strips.work import seconds_counted
 

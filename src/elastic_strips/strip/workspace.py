@@ -1,12 +1,10 @@
-"""What the deformers of all presets share: workspace of the tick, clock, reports, and the ticks of ``settle``."""
+"""Workspace: what is known of the strip that a deformer works on; its clock, and what a tick came to."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Generic
 
 import numpy as np
 
@@ -25,10 +23,10 @@ from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
+from elastic_strips.validation import check_able, check_number, check_type
 
 from .params import StripParams
-from .report import DeformStatus, R, StripForces, settled_report
+from .report import DeformStatus, R, StripForces
 from .strip import Strip
 
 NodePredictor = Callable[[Array], NodePrediction]
@@ -76,12 +74,12 @@ class Workspace(OneThread):
     Args:
         robot: whose strips.
         params: what is certified.
-        clock: accounts the time to phases.
         reach: the links' distances to obstacles are exact below this [m]; self_reach: those to each other.
         self_influence: the robot's own links push each other apart below this [m], those that are nearer by design
             below 0.8 of their distance at home.
 
     Attributes:
+        clock: accounts the time of a tick to phases.
         kin: kinematics of the nodes.
         obstacles: the links' distances to the scene; self_pairs: to each other.
         self_home: (S,) lower bounds of the self pairs' distances [m] at the home configuration.
@@ -94,15 +92,15 @@ class Workspace(OneThread):
         self,
         robot: RobotModel,
         params: StripParams,
-        clock: PhaseClock,
         *,
         reach: float,
         self_reach: float,
         self_influence: float,
     ) -> None:
+        check_type("robot", robot, RobotModel, RobotError)
         self.robot: RobotModel = robot
         self.params: StripParams = params
-        self.clock: PhaseClock = clock
+        self.clock: PhaseClock = PhaseClock()
         self.bodies: BodySet = BodySet.links(robot)
         self.bounds: MotionBounds = MotionBounds(self.bodies)
         self.kin: Kinematics = Kinematics(robot.tree, 64)
@@ -231,166 +229,14 @@ class Workspace(OneThread):
         self._strip = Strip.from_coordinates(self.robot, self.coordinates, ends=self._ends)
         return self._strip
 
+    # the frame of a tick
 
-class BaseDeformer(OneThread, ABC, Generic[R]):
-    """Deforms strips of one robot; owns mutable buffers, so one per thread.
-
-    Args:
-        robot: whose strips.
-        params: of the preset.
-        **reaches: of :class:`Workspace`.
-    """
-
-    def __init__(self, robot: RobotModel, params: StripParams, **reaches: float) -> None:
-        check_type("robot", robot, RobotModel, RobotError)
-        self.robot = robot
-        self.clock: PhaseClock = PhaseClock()
-        self.workspace: Workspace = Workspace(robot, params, self.clock, **reaches)
-        self.share_with(self.workspace)
-        self._rest_step, self._max_ticks = params.rest_step, params.max_ticks
-        self._rolling = False  # whether wheels have to follow the strip
-        self._descends = False  # whether an iteration must not raise the energy
-
-    @exclusive
-    def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> R:
-        """One control tick: deform the strip away from the obstacles and certify it.
-
-        Args:
-            strip: the strip of the last report, or a new one of this robot.
-            scene: snapshot of the obstacles.
-            budget: time [s] to spend; iterations go on while another one fits, and it is exceeded by at most one.
-                None makes exactly one iteration.
-            detail: whether to add forces and protective hulls to the report, to look at.
+    def check(self, strip: Strip) -> None:
+        """Check that a strip is of this robot.
 
         Raises:
-            ConfigurationError: the strip belongs to another robot.
-            ParameterError: a budget that is not a positive number.
+            ConfigurationError: it belongs to another one.
         """
-        already = self.workspace.queries
-        self._load(strip, scene, budget=budget, to_move=True)
-        result = self._iterations(scene, budget)
-        return self._report(scene, result, self.workspace.queries - already, detail)
-
-    @abstractmethod
-    def _iterate(self, scene: Scene) -> TickResult:
-        """One iteration from the current nodes."""
-
-    @abstractmethod
-    def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> R:
-        """The report of a tick that made so many exact distance queries."""
-
-    @exclusive
-    def settle(
-        self,
-        strip: Strip,
-        scene: Scene,
-        *,
-        max_ticks: int | None = None,
-        until: str | Callable[[R], bool] = "rest",
-        watch: Callable[[R], object] | None = None,
-        detail: bool = False,
-    ) -> R:
-        """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over.
-
-        On the way to rest the default preset's strips get no worse: no tick raises their energy, but for nodes that
-        come or go, and what they had of clearance a stiff layer keeps. One that is certified when the ticks are over,
-        and not at rest, is ``DEFORMING``.
-
-        Args:
-            strip: where to start.
-            scene: the obstacles, standing still.
-            max_ticks: at most this many ticks; the parameter's value where None.
-            until: ``"rest"``, or ``"certified"`` to stop at the first certified strip; or a function of a tick's report
-                that says whether to stop.
-            watch: called with the report of every tick.
-            detail: as in :meth:`step`, for the last report.
-
-        Returns:
-            The last tick's report, with ``ticks`` counted and ``timings`` summed; ``BROKEN`` (or ``BLOCKED``) where it
-            ended without a certificate.
-
-        Raises:
-            ParameterError: ``until`` or ``max_ticks`` outside its range.
-        """
-        if not callable(until):
-            check_choice("until", until, ("rest", "certified"))
-        limit = self._max_ticks if max_ticks is None else check_count("max_ticks", max_ticks, low=1)
-        check_able("watch", watch)
-        timings: dict[str, float] = {}
-        seconds, queries, ticks = 0.0, 0, 0
-        last: R | None = None
-        self._descends = until == "rest"
-        try:
-            if self._descends:
-                self._begin(strip, scene)
-            while True:
-                report = self.step(strip, scene, detail=detail)
-                strip, ticks = report.strip, ticks + 1
-                seconds += report.seconds
-                queries += report.queries
-                for phase, value in report.timings.items():
-                    timings[phase] = timings.get(phase, 0.0) + value
-                if watch is not None:
-                    watch(report)
-                done = until(report) if callable(until) else until == "certified" and report.usable
-                last = report if last is None else self._with_former(report, last)
-                if report.status is not DeformStatus.DEFORMING or done or ticks >= limit:
-                    return settled_report(last, ticks, timings, seconds, queries)
-        finally:
-            self._descends = False
-
-    def _begin(self, strip: Strip, scene: Scene) -> None:
-        """What ``settle`` does before its first tick on the way to rest."""
-
-    def _with_former(self, report: R, former: R) -> R:
-        """A tick's report in ``settle``, with what it is to have of all ticks before."""
-        return report
-
-    @exclusive
-    def certify(self, strip: Strip, scene: Scene) -> Certificate:
-        """Certify a strip as it is, without moving it.
-
-        Raises:
-            ConfigurationError: the strip belongs to another robot.
-        """
-        self._load(strip, scene)
-        return self.workspace.certify(scene)
-
-    @exclusive
-    def assess(self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None) -> R:
-        """Report on a strip as it is: certificate, clearance, hulls; nothing moves.
-
-        Args:
-            strip, scene, detail: as in :meth:`step`.
-            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
-        """
-        self._load(strip, scene, prediction)
-        slip = float(strip.lateral_slip.max(initial=0.0)) if self._rolling else 0.0
-        result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
-        return self._report(scene, result, 0, detail)
-
-    @exclusive
-    def reset(self) -> None:
-        """Forget all that is kept from tick to tick; for after an exception."""
-        self.workspace.reset()
-
-    # the parts of a tick
-
-    def _load(
-        self, strip: Strip, scene: Scene, prediction: NodePredictor | None = None, *,
-        budget: float | None = None, to_move: bool = False,
-    ) -> None:  # fmt: skip
-        """Check what a tick is given, start the clock and make the strip current."""
-        if budget is not None:
-            check_number("budget", budget, above=0.0, unit="s")
-        check_able("prediction", prediction)
-        check_type("scene", scene, Scene, SceneError)
-        self._check(strip)
-        self.clock.start()
-        self.workspace.prediction = prediction
-        self.workspace.load(strip, scene, to_move=to_move)
-
-    def _check(self, strip: Strip) -> None:
         check_type("strip", strip, Strip, ConfigurationError)
         if not self.robot.same_as(strip.robot):
             raise ConfigurationError(
@@ -398,25 +244,45 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
                 f"{self.robot.name!r} (nq {self.robot.nq}): they differ in joints, shapes or pairs of links"
             )
 
-    def _iterations(self, scene: Scene, budget: float | None) -> TickResult:
-        """Iterations of one tick: one without a budget, else until it is spent or the strip at rest."""
+    @exclusive
+    def begin(
+        self, strip: Strip, scene: Scene, prediction: NodePredictor | None = None, *,
+        budget: float | None = None, to_move: bool = False,
+    ) -> None:  # fmt: skip
+        """Check what a tick is given, start the clock and make the strip current; see :meth:`load`.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+            ParameterError: a budget that is not a positive number.
+        """
+        if budget is not None:
+            check_number("budget", budget, above=0.0, unit="s")
+        check_able("prediction", prediction)
+        check_type("scene", scene, Scene, SceneError)
+        self.check(strip)
+        self.clock.start()
+        self.prediction = prediction
+        self.load(strip, scene, to_move=to_move)
+
+    def iterate(self, iteration: Callable[[], TickResult], budget: float | None) -> TickResult:
+        """Iterations of one tick: one without a budget [s], else until it is spent or the strip is at rest."""
         count = 0
         while True:
             began = self.clock.elapsed
-            result = self._iterate(scene)
+            result = iteration()
             count += 1
             spent = self.clock.elapsed - began
-            done = result.moved < self._rest_step and result.certificate.certified
+            done = result.moved < self.params.rest_step and result.certificate.certified
             if budget is None or self.clock.elapsed + spent > budget or done:
                 return replace(result, iterations=count)
 
-    def _reported(
+    def report(
         self, kind: type[R], scene: Scene, result: TickResult, queries: int, detail: bool, *,
         status: DeformStatus, reason: str, hulls: ProtectiveHulls | None,
     ) -> R:  # fmt: skip
-        """A report with what those of all presets have."""
-        clearance = self.workspace.obstacles.least_clearance()
-        strip = self.workspace.strip()
+        """A report of the kind that a deformer makes, with what all of them have."""
+        clearance = self.obstacles.least_clearance()
+        strip = self.strip()
         self.clock.mark("report")
         return kind(
             strip=strip, status=status, reason=reason, scene=scene, certificate=result.certificate,
