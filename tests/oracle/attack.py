@@ -176,6 +176,8 @@ class Checker:
                 if self.robot.geometries[link].joint == 0:
                     standing.append((link, index))
         data = world.createData()
+        for request in data.collisionRequests:
+            request.enable_contact = True  # without, Coal misses some pairs that are deep in each other
         # the tree must know of grown shapes: Coal's own margins are forgotten by it, swept-sphere radii are not
         tree = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(self.model, world, data)
         return _World(world, data, tree, standing)

@@ -17,6 +17,7 @@ from elastic_strips.collision.narrowphase import native_part
 from elastic_strips.native import kernel
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
+from elastic_strips.robot.geometry import collision_data
 from elastic_strips.scene import Scene
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.work import count_work
@@ -95,7 +96,7 @@ class ValidityChecker(OneThread):
                 self._manager.registerObject(item)
             self._manager.setup()
             self._queries = [coal.CollisionObject(_grown(piece.geometry, margin)) for piece in robot.geometries]
-        self._geometry = self._model.createData()
+        self._geometry = collision_data(self._model)
         self._broadphase = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(
             robot.model, self._model, self._geometry
         )

@@ -17,7 +17,7 @@ from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
 from elastic_strips.summary import Summary
 
 from .cover import uncovered
-from .geometry import LinkGeometry
+from .geometry import LinkGeometry, collision_data
 from .kinematics import ControlPoints, KinematicTree, default_control_points, find_frame, parse_control_points
 from .mimic import Following, carrier_name, followers_of, repaired
 from .self_pairs import PairRules, UncheckedPair, pieces_and_pairs
@@ -299,7 +299,7 @@ class RobotModel(Summary):
         Raises:
             ConfigurationError: an unsound configuration; limits do not count.
         """
-        data, geometry = self.model.createData(), self.collision_model.createData()
+        data, geometry = self.model.createData(), collision_data(self.collision_model)
         q = self.check_q(q, limits=False)
         if not pin.computeCollisions(self.model, data, self.collision_model, geometry, q, True):
             return None

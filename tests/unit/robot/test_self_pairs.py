@@ -18,8 +18,11 @@ from brute_force import configuration, random_coordinates, self_distances
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
+from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot.geometry import collision_data
 from elastic_strips.robot.self_pairs import WhyUnchecked, joints_of_links, least_distance
+from elastic_strips.scene import Scene
 
 BASE = "0.8 0.5 0.3"
 
@@ -323,6 +326,18 @@ def test_elements_of_an_srdf_that_are_not_known_are_said(tmp_path, caplog):
 # --- robots as they come, against their own meshes ----------------------------------------------------------------
 
 
+def test_boxes_that_coal_misses_without_contacts_are_found(monkeypatch: pytest.MonkeyPatch):
+    """The thumb is 5.6 and 10 mm deep in the palm: Coal's collision test says so only where contacts are asked for."""
+    hand = load_robot("allegro_right_hand", base="fixed")
+    joints = ("12.0", "13.0", "14.0")
+    monkeypatch.setattr("elastic_strips.planning.validity.kernel", lambda: None)
+    twin = ValidityChecker(hand, Scene([]), margin=0.0)
+    for thumb in ((0.8909997658867356, 0.7553371766562801, 0.9229633769812406), (0.52971804, 0.71739673, 0.19528353)):
+        q = hand.home(**{f"joint_{name}": value for name, value in zip(joints, thumb, strict=True)})
+        assert hand.self_collision(q) is not None
+        assert not twin(q)
+
+
 def mesh_touches(robot: RobotModel, path: str, dirs: list[str], rng: np.random.Generator, count: int) -> set[frozenset]:
     """Pairs of links whose own shapes meet in random postures that the robot calls free: Pinocchio and Coal alone."""
     model = pin.buildModelFromUrdf(path)
@@ -330,7 +345,7 @@ def mesh_touches(robot: RobotModel, path: str, dirs: list[str], rng: np.random.G
     for i, k in itertools.combinations(range(geometry.ngeoms), 2):
         if geometry.geometryObjects[i].parentFrame != geometry.geometryObjects[k].parentFrame:
             geometry.addCollisionPair(pin.CollisionPair(i, k))
-    data, found = model.createData(), geometry.createData()
+    data, found = model.createData(), collision_data(geometry)
     names = [model.frames[obj.parentFrame].name for obj in geometry.geometryObjects]
     touching = set()
     for row in random_coordinates(robot, rng, count):
