@@ -46,7 +46,8 @@ def test_what_was_seen_is_no_excuse(silvermate):
 
     problem = scenario(Box((0.4, 2.0, 1.5), at=(1.5, 0.0, 0.75), name="wall"))
     made = make_base_simulation(problem, "vfh", robot=silvermate, sensors=LASER)
-    driven = Simulation(Blind(silvermate, *problem.ends(silvermate), "vfh"), made.world, made.plant, made.perception)
+    blind = Blind(silvermate, *problem.ends(silvermate), "vfh")
+    driven = Simulation(blind, made.world, made.plant, made.perception, metadata={"method": "vfh"})
     outcome = conclude(problem, driven, driven.run(time_limit=20.0), plant="kinematic", seed=0)
     assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["wall"]
     assert outcome.unseen == ()

@@ -5,24 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.control.control_loop import ControlLoop, Tick
+from elastic_strips.control.controller import Controller, Tick
 from elastic_strips.control.estimation import PoseBuffer, StateEstimator
 from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
 from elastic_strips.control.params import DriveParams, Tolerance
+from elastic_strips.control.record import TickStatistics
 from elastic_strips.control.supervisor import RunLog
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
 from elastic_strips.perception import Reading
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.sim.closed_loop import Simulation, prepare
+from elastic_strips.sim.perception import Perception
 from elastic_strips.sim.plant import Plant
 from elastic_strips.sim.sensed_perception import ContactSensor
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
-from elastic_strips.trajectory import MotionLimits
+from elastic_strips.strip import Strip
+from elastic_strips.trajectory import MotionLimits, ReferenceState
 from elastic_strips.validation import check_able, check_type
 
 from .base_method import BaseCommand, BaseLimits, BaseMethod
@@ -57,8 +61,11 @@ PATIENCE = 15.0
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
 
-class BaseController(ControlLoop[Sequence[Reading]]):
+class BaseController:
     """Workspace: the counterpart of :class:`~elastic_strips.control.Controller` for base methods.
+
+    It is no subclass, for it senses readings rather than a scene, and has no strip to speak of: it has what a
+    :class:`~elastic_strips.sim.Simulation` asks of its controller, under the same names.
 
     The method gets readings, each with the estimated pose at its time; it has no map. The arm does not move. The run
     ends at the goal, at a contact, or when the method has been blocked for :attr:`patience`.
@@ -96,13 +103,28 @@ class BaseController(ControlLoop[Sequence[Reading]]):
             raise ConfigurationError(
                 f"method={method!r} steers a differential drive; {robot.name!r} has a {robot.base_kind.value} base"
             )
-        super().__init__(robot, start, params, limits)
-        self.goal = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
+        check_type("params", params, DriveParams, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
+        self.robot: RobotModel = robot
+        self.params: DriveParams = params or DriveParams()
+        self.limits: MotionLimits = limits or MotionLimits.for_robot(robot)
+        self.time: float = 0.0
+        self.start: Array = robot.space.to_coordinates(robot.check_q(start, what="start"))
+        self.tick: Tick | None = None
+        self.statistics: TickStatistics = TickStatistics()
+        self.sensing_took: float = 0.0
+        self.result: None = None
+        self.replans: int = 0
+        self.plans_next: bool = True
+        self._steps = 0
+        self.goal: Array = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
         self.steering: BaseMethod = make_base_method(method, BaseLimits.of(self.limits))
         self.method = self.steering.name
         self.patience = patience
         self.command: BaseCommand = BaseCommand(0.0, 0.0, "moving")
         self._run = RunLog()
+        nowhere = np.full(robot.nv, np.nan)
+        self.reference: ReferenceState = ReferenceState(np.nan, nowhere, nowhere, nowhere)  # it follows none
         self.estimator: StateEstimator = StateEstimator(robot, self.limits)
         self.estimator.reset(self.start, 0.0)
         self._estimate = self.start
@@ -110,6 +132,31 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         self._past.add(0.0, self.estimate)
         self._contact = self._stopping = ""
         self._blocked = 0.0
+
+    @property
+    def state(self) -> RunState:
+        """What the robot is doing."""
+        return self._run.state
+
+    @property
+    def reason(self) -> str:
+        """Why it does so."""
+        return self._run.reason
+
+    @property
+    def events(self) -> list[Event]:
+        """What happened, in order of time."""
+        return self._run.events
+
+    @property
+    def stops(self) -> list[tuple[float, str]]:
+        """(time [s], reason) of every stop short of the goal."""
+        return self._run.stops
+
+    @property
+    def strip(self) -> Strip:
+        """From where the robot is to where it wants to go, to look at."""
+        return Strip.from_coordinates(self.robot, np.stack((self.estimate, self.goal)))
 
     @property
     def ended(self) -> bool:
@@ -138,7 +185,7 @@ class BaseController(ControlLoop[Sequence[Reading]]):
     def step(
         self, t: float, measurement: Measurement | None, readings: Sequence[Reading] | None, *, trouble: str = ""
     ) -> Command:
-        """One control period, on the readings since the last step; see :meth:`ControlLoop.step`."""
+        """One control period, on the readings since the last step; see :meth:`Controller.step`."""
         self.time = t
         if measurement is not None:
             self._estimate = self.estimator.update(measurement)
@@ -223,10 +270,10 @@ def base_simulation(
     sensors: SensorConfig | None = None,
     plant: Plant | None = None,
     seed: int = 0,
-    watch: Callable[[Simulation[BaseController]], object] | None = None,
+    watch: Callable[[Simulation[Controller]], object] | None = None,
     realtime: bool = False,
     metadata: dict[str, object] | None = None,
-) -> Simulation[BaseController]:
+) -> Simulation[Controller]:
     """A base method in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
@@ -246,6 +293,6 @@ def base_simulation(
     machine.reset(controller.estimate)
     senses = _RawReadings(robot, world, machine, sensors, seed=rng)
     return Simulation(
-        controller, world, machine, senses, watch=watch, realtime=realtime,
+        cast("Controller", controller), world, machine, cast("Perception", senses), watch=watch, realtime=realtime,
         metadata={"method": method, **(metadata or {})},
     )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from elastic_strips.control import Controller
 from elastic_strips.robot import RobotModel
 from elastic_strips.sim.closed_loop import Simulation
 from elastic_strips.sim.scenarios import DriveOutcome, Scenario, drive_scenario
@@ -12,7 +13,7 @@ from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_choice
 
-from .base_controller import BASE_METHODS, PATIENCE, BaseController, base_simulation
+from .base_controller import BASE_METHODS, PATIENCE, base_simulation
 
 DRIVE_METHODS = (STRIP, *BASE_METHODS)
 """Names of methods: the elastic strip, and the base methods that the paper names."""
@@ -28,9 +29,9 @@ def make_base_simulation(
     sensors: SensorConfig | None = None,
     limits: MotionLimits | None = None,
     patience: float = PATIENCE,
-    watch: Callable[[Simulation[BaseController]], object] | None = None,
+    watch: Callable[[Simulation[Controller]], object] | None = None,
     realtime: bool = False,
-) -> Simulation[BaseController]:
+) -> Simulation[Controller]:
     """A closed loop of a base method for a scenario, ready to run.
 
     Args:
@@ -71,6 +72,6 @@ def drive_by(
     check_choice("method", method, DRIVE_METHODS)
     if method == STRIP:
         return drive_scenario(scenario, robot=robot, seed=seed, plant=plant, time_limit=time_limit, **options)
-    make: Callable[..., Simulation[BaseController]] = make_base_simulation
+    make: Callable[..., Simulation[Controller]] = make_base_simulation
     driven = make(scenario, method, robot=robot, seed=seed, plant=plant, **options)
     return driven_to_its_end(driven, scenario, plant, seed, time_limit)

@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -16,7 +16,7 @@ from . import EXIT_INTERRUPTED, options, output
 from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
-    from elastic_strips.control.control_loop import ControlLoop
+    from elastic_strips.control import Controller
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.scenarios import DriveOutcome, Scenario
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from elastic_strips.strip.report import DeformReport
 
 
-_Driver = TypeVar("_Driver", bound="ControlLoop")
 _COMPUTING = {
     "free": "computing free", "work": "computing charged by work counted", "realtime": "against the wall clock",
 }  # fmt: skip
@@ -150,7 +149,7 @@ class Outputs(NamedTuple):
 
 def drive_and_report(
     problem: Scenario,
-    make: Callable[..., Simulation[_Driver]],
+    make: Callable[..., Simulation[Controller]],
     outputs: Outputs,
     *,
     plant: str,
@@ -167,7 +166,7 @@ def drive_and_report(
     viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
     with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
-        def watch(driven: Simulation[_Driver]) -> None:
+        def watch(driven: Simulation[Controller]) -> None:
             bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
             if viewer is not None:
                 viewer.update(
@@ -207,21 +206,14 @@ def drive_and_report(
     return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE
 
 
-def _shown(driven: Simulation[_Driver]) -> Strip | DeformReport:
-    """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
-    import numpy as np
-
-    from elastic_strips.control import Controller
-    from elastic_strips.strip import Strip
-
+def _shown(driven: Simulation[Controller]) -> Strip | DeformReport:
+    """What the viewer shows ahead of the robot."""
     controller = driven.controller
-    if not isinstance(controller, Controller):
-        return Strip.from_coordinates(driven.robot, np.stack((driven.plant.coordinates, controller.goal)))
     return controller.result.report if controller.result else controller.strip
 
 
 @contextmanager
-def _stopping(driven: Simulation[_Driver]) -> Iterator[list[int]]:
+def _stopping(driven: Simulation[Controller]) -> Iterator[list[int]]:
     """The first Ctrl-C brings the robot to rest; a second one ends the program."""
     interrupted: list[int] = []
 

@@ -10,6 +10,7 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import Executor as Workers
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from time import perf_counter
 from typing import TypeVar
 
@@ -17,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.errors import ConfigurationError, ElasticStripsError, SceneError
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -26,17 +27,16 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 from elastic_strips.validation import check_able, check_count, check_type
 
-from .control_loop import ControlLoop, Tick
 from .executor import Executor, ExecutorLink
-from .interfaces import Command, Measurement, RunState
+from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
-from .params import DriveParams
+from .params import DriveParams, Tolerance
 from .process_priority import keep_memory, undisturbed
+from .record import TickStatistics
 from .replanning import Replanner
 from .strip_timer import PlanOutcome, PlanResult
-from .supervisor import RunLog
 
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
@@ -49,7 +49,30 @@ PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
 
 
-class Controller(ControlLoop[Scene]):
+@dataclass(frozen=True, slots=True, eq=False)
+class Tick:
+    """A finished planning tick.
+
+    Attributes:
+        time: of the control step [s].
+        seconds: duration by the wall clock [s].
+        result: of the planner; None where it gave none.
+        strip: (N, nv) coordinate rows of the strip; None where there is none.
+        horizon_end: time [s] at which the active trajectory comes to rest; NaN where it is unknown.
+        status: of the strip.
+        reason: why there is no better result, or the reason of the robot's state.
+    """
+
+    time: float
+    seconds: float
+    result: PlanResult | None
+    strip: Array | None
+    horizon_end: float
+    status: str
+    reason: str
+
+
+class Controller:
     """Workspace: drives a robot along an elastic strip to its goals.
 
     In every control period :meth:`step` takes measurements and scenes, and returns the command of the motors. At the
@@ -83,13 +106,17 @@ class Controller(ControlLoop[Scene]):
         goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
         result: of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
-        executor, planner, replanner, pace: the parts; other attributes as of :class:`ControlLoop`.
+        tolerance: how near counts as reached.
+        time: of the last step [s].
+        tick: the last planning tick, or None.
+        statistics: durations of the planning ticks.
+        sensing_took: time [s] that the perception took for what comes next, by the clock that computing is measured
+            with.
+        executor, planner, replanner, pace: the parts.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
     """
-
-    method = "strip"
 
     def __init__(
         self,
@@ -110,13 +137,24 @@ class Controller(ControlLoop[Scene]):
         executor: ExecutorLink | None = None,
         meter: Callable[[], float] | None = None,
     ) -> None:
-        super().__init__(robot, start, params, limits)
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("params", params, DriveParams, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
         check_type("scene", scene, Scene, SceneError, none=True)
         check_type("strip", strip, Strip, none=True)
         check_able("replanner", replanner, "plan")
         check_able("workers", workers, "submit")
         check_able("meter", meter)
         check_count("seed", seed)
+        self.robot: RobotModel = robot
+        self.params: DriveParams = params or DriveParams()
+        self.limits: MotionLimits = limits or MotionLimits.for_robot(robot)
+        self.time: float = 0.0
+        self.start: Array = robot.space.to_coordinates(robot.check_q(start, what="start"))
+        self.tick: Tick | None = None
+        self.statistics: TickStatistics = TickStatistics()
+        self.sensing_took: float = 0.0
+        self._steps = 0
         goals = np.atleast_2d(robot.check_q(goal, what="goal"))
         self.goals: list[ArrayLike] = list(goals[1:])
         self.goal_q: Array = goals[0]
@@ -130,7 +168,7 @@ class Controller(ControlLoop[Scene]):
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
-        self.tolerance = self.params.tolerance
+        self.tolerance: Tolerance = self.params.tolerance
         self._here: Executor | None = None
         if executor is None:
             executor = self._here = Executor(
@@ -164,8 +202,24 @@ class Controller(ControlLoop[Scene]):
             self._own.shutdown()
 
     @property
-    def _run(self) -> RunLog:
-        return self.executor.run
+    def state(self) -> RunState:
+        """What the robot is doing."""
+        return self.executor.run.state
+
+    @property
+    def reason(self) -> str:
+        """Why it does so."""
+        return self.executor.run.reason
+
+    @property
+    def events(self) -> list[Event]:
+        """What happened, in order of time."""
+        return self.executor.run.events
+
+    @property
+    def stops(self) -> list[tuple[float, str]]:
+        """(time [s], reason) of every stop short of the goal."""
+        return self.executor.run.stops
 
     @property
     def estimate(self) -> Array:

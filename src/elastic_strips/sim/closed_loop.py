@@ -13,8 +13,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control import DriveParams
-from elastic_strips.control.control_loop import ControlLoop, Tick
-from elastic_strips.control.controller import KEPT_EVENTS, Controller
+from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
@@ -26,7 +25,7 @@ from elastic_strips.validation import check_able, check_count, check_number, che
 from .computing import ChargedExecutor, Computing
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
-from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams, Sensing
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
 from .plant import KinematicPlant, Plant, PlantParams
 from .sensed_perception import SensorPerception
 
@@ -36,8 +35,7 @@ MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 _PATIENCE = 30.0  # [s] longest simulation after the time limit, for a controller that does not come to rest
 _RESTS = 1e-3  # [m/s, rad/s] a plant slower than this stands
 
-_Driver = TypeVar("_Driver", bound=ControlLoop)
-_StripDriver = TypeVar("_StripDriver", bound=Controller)
+_Driver = TypeVar("_Driver", bound=Controller)
 
 
 class Simulation(Generic[_Driver]):
@@ -66,7 +64,7 @@ class Simulation(Generic[_Driver]):
         controller: _Driver,
         world: World,
         plant: Plant,
-        perception: Sensing,
+        perception: Perception,
         *,
         goal: Array | None = None,
         watch: Callable[[Simulation[_Driver]], object] | None = None,
@@ -81,7 +79,7 @@ class Simulation(Generic[_Driver]):
         self.controller = controller
         self.world: World = world
         self.plant: Plant = plant
-        self.perception: Sensing = perception
+        self.perception: Perception = perception
         self.robot: RobotModel = controller.robot
         self.limits: MotionLimits = controller.limits
         self.params: DriveParams = controller.params
@@ -135,7 +133,7 @@ class Simulation(Generic[_Driver]):
             joints = self.plant.coordinates[self.robot.space.base_nv :]
             still = np.zeros(len(self.limits.drive_speed))
             measurement = Measurement(t, still, joints, contact=self.perception.contact)
-        sensed: object = None
+        sensed: Scene | None = None
         trouble = ""
         if controller.plans_next and not (measurement is not None and measurement.contact):
             sensed, trouble = sensed_by(self.perception, t)
@@ -152,9 +150,7 @@ class Simulation(Generic[_Driver]):
             self.recorder = self._new_recorder()
         reference = controller.reference
         self.recorder.control(
-            t, coordinates=plant.coordinates, v=plant.v,
-            reference=None if reference is None else reference.coordinates,
-            reference_v=None if reference is None else reference.v,
+            t, coordinates=plant.coordinates, v=plant.v, reference=reference.coordinates, reference_v=reference.v,
             estimate=controller.estimate, drive=command.drive, joints=command.joints, motors=plant.motors,
             state=int(controller.state),
         )  # fmt: skip
@@ -212,7 +208,7 @@ class Simulation(Generic[_Driver]):
         )
 
 
-def sensed_by(perception: Sensing, t: float) -> tuple[object, str]:
+def sensed_by(perception: Perception, t: float) -> tuple[Scene | None, str]:
     """What is sensed at time ``t`` [s], or None and why not."""
     try:
         return perception.sense(t), ""
@@ -269,14 +265,14 @@ def simulation(
     perception: PerceptionParams | Perception | None = None,
     faults: Iterable[Fault] = (),
     seed: int = 0,
-    watch: Callable[[Simulation[_StripDriver]], object] | None = None,
+    watch: Callable[[Simulation[_Driver]], object] | None = None,
     realtime: bool = False,
     record: bool = True,
     metadata: dict[str, object] | None = None,
-    make: Callable[..., _StripDriver] | None = None,
+    make: Callable[..., _Driver] | None = None,
     compute: str | float = "free",
     **options: object,
-) -> Simulation[_StripDriver]:
+) -> Simulation[_Driver]:
     """A controller of the elastic strip in a world, ready to run.
 
     Args:
@@ -319,7 +315,7 @@ def simulation(
         senses = NoisyGroundTruth(world, params.assumptions, noise, rng)
     else:
         senses = noise
-    begin = make or cast("Callable[..., _StripDriver]", partial(Controller, robot, start, goal))
+    begin = make or cast("Callable[..., _Driver]", partial(Controller, robot, start, goal))
     controller = begin(
         senses.known(), params=params, limits=limits, seed=seed, workers=workers, meter=meter,
         events=None if record else KEPT_EVENTS, **options,

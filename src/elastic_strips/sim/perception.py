@@ -31,8 +31,10 @@ class PerceptionParams(Checked):
     noise: Fraction = 1.0
 
 
-class Sensing(Protocol):
-    """What a simulated robot senses: a scene (:class:`Perception`), or readings."""
+class Perception(Protocol):
+    """A source of scenes for a planner."""
+
+    params: PerceptionParams
 
     @property
     def contact(self) -> str:
@@ -48,16 +50,6 @@ class Sensing(Protocol):
             estimate: (nv,) estimated coordinate row.
         """
         ...
-
-    def sense(self, t: float) -> object:
-        """What a controller takes at time ``t`` [s]."""
-        ...
-
-
-class Perception(Sensing, Protocol):
-    """A source of scenes for a planner."""
-
-    params: PerceptionParams
 
     def known(self) -> Scene:
         """The scene that is known before the first step."""

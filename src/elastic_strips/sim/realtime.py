@@ -24,12 +24,12 @@ from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Event, RunState
 from elastic_strips.control.log_stream import read_log
 from elastic_strips.control.record import DriveResult, RecordError
-from elastic_strips.scene import Scene, World
+from elastic_strips.scene import World
 from elastic_strips.validation import check_number
 
 from .closed_loop import Simulation, sensed_by
 from .machine_process import MachineProcess, TrueState
-from .perception import Sensing
+from .perception import Perception
 from .plant import Plant
 
 _log = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ class RealtimeSimulation(Simulation[Controller]):
         world: World,
         make_plant: Callable[[], Plant],
         plant: Plant,
-        perception: Sensing,
+        perception: Perception,
         *,
         goal: Array | None = None,
         watch: Callable[[RealtimeSimulation], object] | None = None,
@@ -158,7 +158,7 @@ class RealtimeSimulation(Simulation[Controller]):
                 controller.stop(f"time limit of {limit:g} s")
             sensed, trouble = sensed_by(self.perception, t)
             controller.sensing_took = executor.now - t
-            controller.plan(t, cast("Scene | None", sensed), trouble=trouble)
+            controller.plan(t, sensed, trouble=trouble)
             if controller.tick is not None and controller.tick.time == t:
                 self._after_tick(controller.tick)
             if (controller.ended and self._settled()) or t > limit + _PATIENCE:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from time import monotonic, sleep
-from typing import TypeVar, cast
+from typing import cast
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
-from elastic_strips.control.control_loop import ControlLoop
 from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
@@ -45,7 +44,6 @@ from .scenario import Scenario
 
 PLANTS = ("kinematic", "mujoco")
 STRIP = "strip"
-_Driver = TypeVar("_Driver", bound=ControlLoop)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -288,21 +286,21 @@ class DrivenProblem:
 
 
 def conclude(
-    scenario: Scenario, driven: Simulation[_Driver], result: DriveResult, *, plant: str, seed: int
+    scenario: Scenario, driven: Simulation[Controller], result: DriveResult, *, plant: str, seed: int
 ) -> DriveOutcome:
     """Evaluate the finished run of a simulation, with the name of its plant and its seed."""
-    controller, perception = driven.controller, driven.perception
-    evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
+    perception, tolerance = driven.perception, driven.controller.tolerance
+    evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=tolerance)
     suite: SensorSuite | None = getattr(perception, "suite", None)
-    separation = None
-    if isinstance(controller, Controller):
-        separation = protective_separation(driven.limits, driven.params, cast("Perception", perception).params)
+    method, separation = str(result.record.metadata.get("method", STRIP)), None
+    if method == STRIP:
+        separation = protective_separation(driven.limits, driven.params, perception.params)
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
     if suite is not None:
         unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
     return DriveOutcome(
-        scenario, driven.robot, plant, seed, result, evaluation, separation, method=controller.method,
+        scenario, driven.robot, plant, seed, result, evaluation, separation, method=method,
         physical_contacts=touched, sensors=() if suite is None else suite.config.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
@@ -310,7 +308,7 @@ def conclude(
     )  # fmt: skip
 
 
-def _missed(driven: Simulation[_Driver], result: DriveResult) -> float | None:
+def _missed(driven: Simulation[Controller], result: DriveResult) -> float | None:
     """By how much [rad] the true robot missed the drive's constraint at most."""
     constraint = getattr(driven.params, "constraint", None)
     if constraint is None:
@@ -341,7 +339,7 @@ def drive_scenario(
 
 
 def driven_to_its_end(
-    driven: Simulation[_Driver], scenario: Scenario, plant: str, seed: int | None, time_limit: float | None
+    driven: Simulation[Controller], scenario: Scenario, plant: str, seed: int | None, time_limit: float | None
 ) -> DriveOutcome:
     """Run a simulation of a scenario, and evaluate it; see :func:`drive_scenario`."""
     try:
