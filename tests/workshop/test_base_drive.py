@@ -48,7 +48,7 @@ def test_what_was_seen_is_no_excuse(silvermate):
     made = make_base_simulation(problem, "vfh", robot=silvermate, sensors=LASER)
     blind = Blind(silvermate, *problem.ends(silvermate), "vfh")
     driven = Simulation(blind, made.world, made.plant, made.perception, metadata={"method": "vfh"})
-    outcome = conclude(problem, driven, driven.run(time_limit=20.0), plant="kinematic", seed=0)
+    outcome = conclude(problem, driven, driven.run(time_limit=20.0))
     assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["wall"]
     assert outcome.unseen == ()
     assert outcome.seen_collisions == 1

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from elastic_strips.control import Controller
-from elastic_strips.robot import RobotModel
 from elastic_strips.sim.closed_loop import Simulation
 from elastic_strips.sim.scenarios import DriveOutcome, Scenario, drive_scenario
-from elastic_strips.sim.scenarios.drive import STRIP, DrivenProblem, driven_to_its_end
-from elastic_strips.sim.sensors import SensorConfig
-from elastic_strips.trajectory import MotionLimits
+from elastic_strips.sim.scenarios.drive import STRIP, DrivenProblem, DriveSetup, driven_to_its_end
 from elastic_strips.validation import check_choice
 
 from .base_controller import BASE_METHODS, PATIENCE, base_simulation
@@ -22,56 +19,43 @@ DRIVE_METHODS = (STRIP, *BASE_METHODS)
 def make_base_simulation(
     scenario: Scenario,
     method: str,
+    setup: DriveSetup | None = None,
     *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    sensors: SensorConfig | None = None,
-    limits: MotionLimits | None = None,
     patience: float = PATIENCE,
     watch: Callable[[Simulation[Controller]], object] | None = None,
     realtime: bool = False,
+    **options: object,
 ) -> Simulation[Controller]:
     """A closed loop of a base method for a scenario, ready to run.
 
     Args:
         scenario: the problem.
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
-        robot: another robot than the scenario's.
-        seed: of plant and sensors; the scenario's where None.
-        plant: ``"kinematic"``, or ``"mujoco"``.
-        sensors: of the method; the Silvermate's where None.
-        limits: of the robot; those of its description where None.
+        setup: robot, seed, plant, sensors (the Silvermate's where None) and limits; **options: values of it by name.
         patience, watch, realtime: of :func:`base_simulation`.
     """
-    problem = DrivenProblem.of(scenario, robot, seed, plant, limits)
+    setup = (setup or DriveSetup()).replaced(options)
+    problem = DrivenProblem.of(scenario, setup)
     return base_simulation(
         problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
-        plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, patience=patience,
+        plant=problem.machine, sensors=setup.sensors, seed=problem.seed, metadata=problem.metadata, patience=patience,
         watch=watch, realtime=realtime,
     )  # fmt: skip
 
 
 def drive_by(
-    scenario: Scenario,
-    method: str,
-    *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    time_limit: float | None = None,
+    scenario: Scenario, method: str, setup: DriveSetup | None = None, *, time_limit: float | None = None,
     **options: object,
-) -> DriveOutcome:
+) -> DriveOutcome:  # fmt: skip
     """Drive a scenario by one of `DRIVE_METHODS`; see :func:`~elastic_strips.sim.scenarios.drive_scenario`.
 
     Args:
-        scenario, robot, seed, plant, time_limit: of the drive.
+        scenario, setup, time_limit: of the drive.
         method: what steers.
         **options: of :func:`~elastic_strips.sim.scenarios.make_simulation` or :func:`make_base_simulation`.
     """
     check_choice("method", method, DRIVE_METHODS)
     if method == STRIP:
-        return drive_scenario(scenario, robot=robot, seed=seed, plant=plant, time_limit=time_limit, **options)
+        return drive_scenario(scenario, setup, time_limit=time_limit, **options)
     make: Callable[..., Simulation[Controller]] = make_base_simulation
-    driven = make(scenario, method, robot=robot, seed=seed, plant=plant, **options)
-    return driven_to_its_end(driven, scenario, plant, seed, time_limit)
+    return driven_to_its_end(make(scenario, method, setup, **options), scenario, time_limit)

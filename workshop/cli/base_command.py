@@ -47,6 +47,7 @@ def base(
     from elastic_strips.io.record_file import check_record_file
     from elastic_strips.robot import load_robot
     from elastic_strips.sim.scenarios import get_scenario
+    from elastic_strips.sim.scenarios.drive import DriveSetup
     from workshop.baselines import make_base_simulation
 
     options.check_outputs(scenario, json_file, record_file, html_file)
@@ -55,11 +56,8 @@ def base(
     problem = get_scenario(scenario, seed=seed or 0)
     model = problem.load_robot(preset="default") if robot is None else load_robot(robot)
     number = problem.seed if seed is None else seed
-    make = partial(
-        make_base_simulation, problem, method, robot=model, seed=number, plant=plant,
-        sensors=options.sensors_of(sensors, model.name), realtime=view,
-    )  # fmt: skip
+    setup = DriveSetup(robot=model, seed=number, plant=plant, sensors=options.sensors_of(sensors, model.name))
     return drive_and_report(
-        problem, make, Outputs(json_file, record_file, html_file), plant=plant, seed=number, time_limit=time_limit,
-        view=view, no_browser=no_browser,
+        problem, partial(make_base_simulation, problem, method, setup, realtime=view),
+        Outputs(json_file, record_file, html_file), time_limit=time_limit, view=view, no_browser=no_browser,
     )  # fmt: skip

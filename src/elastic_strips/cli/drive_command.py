@@ -106,7 +106,7 @@ def drive(
     from elastic_strips.io.record_file import check_record_file
     from elastic_strips.sim import Fault
     from elastic_strips.sim.scenarios import get_scenario, make_simulation
-    from elastic_strips.sim.scenarios.drive import make_realtime
+    from elastic_strips.sim.scenarios.drive import DriveSetup, make_realtime
 
     options.check_outputs(scenario, json_file, record_file, html_file, png_file, film_file, log)
     if record_file is not None:
@@ -115,25 +115,22 @@ def drive(
     model = load_robot(problem, robot, described, "default", base)
     number, allowed = problem.seed if seed is None else seed, limits.of(model)
     wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
-    evades = evade is not False
     if realtime and (compute or plant != "kinematic"):
         raise click.UsageError(
             "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
         )
     if log and not realtime:
         raise click.UsageError("--log is of --realtime; --record has everything of other drives")
-    common = {
-        "robot": model, "seed": number, "evade": evades, "sensors": config, "alternatives": alternatives,
-        "level": level, "faults": wrong, "limits": allowed,
-    }  # fmt: skip
+    setup = DriveSetup(
+        robot=model, seed=number, plant=plant, evade=evade is not False, sensors=config, alternatives=alternatives,
+        level=level, faults=wrong, limits=allowed, compute="free" if realtime else compute or "1",
+    )  # fmt: skip
     if realtime:
-        make = partial(make_realtime, problem, log=log, **common)
+        make = partial(make_realtime, problem, setup, log=log)
     else:
-        make = partial(make_simulation, problem, plant=plant, compute=compute or "1", realtime=view, **common)
+        make = partial(make_simulation, problem, setup, realtime=view)
     outputs = Outputs(json_file, record_file, html_file, png_file, film_file, log)
-    return drive_and_report(
-        problem, make, outputs, plant=plant, seed=number, time_limit=time_limit, view=view, no_browser=no_browser
-    )
+    return drive_and_report(problem, make, outputs, time_limit=time_limit, view=view, no_browser=no_browser)
 
 
 class Outputs(NamedTuple):
@@ -152,8 +149,6 @@ def drive_and_report(
     make: Callable[..., Simulation[Controller]],
     outputs: Outputs,
     *,
-    plant: str,
-    seed: int,
     time_limit: float | None,
     view: bool = False,
     no_browser: bool = False,
@@ -186,7 +181,7 @@ def drive_and_report(
             driven.plant.close()
     if outputs.record_file is not None:  # before the evaluation, which may take a while: the drive is not to be lost
         write_record(result.record, outputs.record_file)
-    outcome = conclude(problem, driven, result, plant=plant, seed=seed)
+    outcome = conclude(problem, driven, result)
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
     _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
     log = outputs.log

@@ -11,8 +11,9 @@ from collections.abc import Callable
 from concurrent.futures import Executor as Workers
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 from time import perf_counter
-from typing import TypeVar
+from typing import TypedDict, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +36,7 @@ from .pace import Pace
 from .params import DriveParams, Tolerance
 from .process_priority import keep_memory, undisturbed
 from .record import TickStatistics
-from .replanning import Replanner
+from .replanning import Replanned, Replanner
 from .strip_timer import PlanOutcome, PlanResult
 
 _log = logging.getLogger(__name__)
@@ -72,6 +73,17 @@ class Tick:
     reason: str
 
 
+class ControllerOptions(TypedDict, total=False):
+    """Arguments of the :class:`Controller` that those which are made of one pass on."""
+
+    limits: MotionLimits | None
+    strip: Strip | None
+    path: npt.ArrayLike | None
+    workers: Workers | None
+    meter: Callable[[], float] | None
+    events: int | None
+
+
 class Controller:
     """Workspace: drives a robot along an elastic strip to its goals.
 
@@ -91,8 +103,8 @@ class Controller:
         strip: first strip; planned where None.
         path: waypoints (K, 2) [m] that the first plan tries first.
         grid: whether plans may use a path over a grid.
-        replanner: decides when a strip is planned anew, and plans it; a :class:`Replanner` where None.
-        workers: run plans while the control loop goes on; an own thread where None.
+        replanner: decides when a strip is planned anew, and how; a :class:`Replanner` where None.
+        workers: run plans while the control loop goes on, one after the other; an own thread where None.
         seed: of the planner.
         events: the newest events and stops that are kept at least; all where None.
         executor: one that runs elsewhere, with the same robot, limits, start and goal; an own one where None.
@@ -142,7 +154,7 @@ class Controller:
         check_type("limits", limits, MotionLimits, none=True)
         check_type("scene", scene, Scene, SceneError, none=True)
         check_type("strip", strip, Strip, none=True)
-        check_able("replanner", replanner, "plan")
+        check_able("replanner", replanner, "first", "another")
         check_able("workers", workers, "submit")
         check_able("meter", meter)
         check_count("seed", seed)
@@ -163,7 +175,8 @@ class Controller:
         self.first_plan: PlanReport | None = None
         self.replanner: Replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
         if strip is None:
-            self.first_plan = self.replanner.plan(self.scene, start, self.goal_q, path=path)
+            self.first_plan = self.replanner.first(self.scene, start, self.goal_q, path=path)()
+            self.replanner.begin(self.first_plan)
             strip = self.first_plan.strip
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
@@ -179,9 +192,9 @@ class Controller:
         self._doubts = SceneMonitor(self.params.monitor)
         self._passed = self._recoveries = 0
         self._workers = workers
-        self.replanner.submit = self._submit
         self._own: ThreadPoolExecutor | None = None
-        self._replan_task: Future[tuple[Strip | None, str]] | None = None  # replans a strip to the same goal
+        self._turn = Lock()  # plans are made one after the other, whoever runs them
+        self._replan_task: Future[Replanned] | None = None  # replans a strip to the same goal
         self._replan_from: Array = self.start  # (nv,) where that strip begins
         self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
@@ -291,11 +304,11 @@ class Controller:
         self.goal_q = self.robot.check_q(goal, what="goal")
         self.goal = self.robot.space.to_coordinates(self.goal_q)
         self._no_path = ""
-        self._replan_task, self.replanner.pending = None, False  # the running plan leads to the previous goal
+        self._replan_task = None  # the running plan leads to the previous goal
         self._ready.clear()
         self.executor.retarget(self.goal, self.tolerance)
         q = self.robot.space.from_coordinates(self.reference.coordinates)
-        self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
+        self._next_plan = self._submit(self.replanner.first(self.scene, q, self.goal_q))
 
     def warm_up(self) -> None:
         """Plan for nothing, while the robot stands: what the first use loads is there when time is 0, and it is known
@@ -369,7 +382,7 @@ class Controller:
         if self.executor.recoveries > self._recoveries:  # the robot is somewhere beside its strip
             self._recoveries = self.executor.recoveries
             self._ready.clear()
-            self.replanner.pending, self.replanner.due = True, t + self.params.replan_time
+            self.replanner.demand(t + self.params.replan_time)
         if self.state is RunState.REACHED and self.goals and self.executor.settled:
             self._passed += 1
             self.retarget(self.goals.pop(0))
@@ -441,9 +454,11 @@ class Controller:
         result = self.result = self.plan_tick(t, scene, executor.active, begin)
         if result.late:
             executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
-        due = "" if waiting else self.replanner.watch(t, result, scene, at_rest=at_rest)
-        if due:
-            executor.log("replanning", due)
+        if not waiting:
+            self.replanner.work_beside(scene, result.report.strip, self._submit)
+            due = self.replanner.watch(t, result, scene, at_rest=at_rest)
+            if due:
+                executor.log("replanning", due)
         if not waiting or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
 
@@ -451,18 +466,18 @@ class Controller:
         """Plan with as large a tracking error as the estimate asks for."""
         params, executor = self.params, self.executor
         allowed = min(executor.needed_error, max(params.monitor.largest, params.tracking_error))
-        before = self.planner.params.tracking_error
+        before = self.planner.margins.tracking_error
         if allowed == before:
             return
         if min(before, allowed) == params.tracking_error:
             coarse = f"coarse: known to {1e3 * executor.coarse:.0f} mm"
             self.log("localization", coarse if allowed > before else "as good as assumed again")
         self.planner.allow(allowed)
-        self.replanner.deform = self.planner.params.strip
+        self.replanner.deform = self.planner.deformer.params
 
     def _decide(self, t: float, result: PlanResult) -> None:
         """Replace, brake or hold the active trajectory, or let it go on to its end."""
-        outcome, proven = result.outcome, self.planner.params.tracking_error
+        outcome, proven = result.outcome, self.planner.margins.tracking_error
         if self.replanner.halted and outcome not in (PlanOutcome.BRAKE, PlanOutcome.EVADE):
             self.executor.reject(f"the strip is broken: {result.report.certificate.broken}")
         elif outcome is PlanOutcome.BRAKE or result.accepted:
@@ -495,7 +510,7 @@ class Controller:
             return executor.at_goal
         certificate = self.planner.certify(executor.active.tail(self._begin(t)), scene)
         if certificate.certified:
-            executor.hold("the motion ends at the goal", self.planner.params.tracking_error)
+            executor.hold("the motion ends at the goal", self.planner.margins.tracking_error)
         return certificate.certified
 
     def _replan(self, t: float) -> bool:
@@ -516,6 +531,7 @@ class Controller:
                 self._no_path = f"no way to the goal: {error}"
                 raise
             executor.log("goal", report.reason)
+            replanner.begin(report)
             self.planner.take(report.strip)
         if not replanner.pending and self._replan_task is None:
             return False
@@ -526,28 +542,35 @@ class Controller:
             apart = self._apart(self._replan_from, end)
             beside = self.planner.off_strip and (apart or not stands)
             if apart and not beside:  # it braked
-                self._replan_task = None
-                replanner.discard()
+                unused, self._replan_task = self._replan_task, None
+                replanner.discard(unused.result())
         if self._replan_task is None and t >= replanner.due:
             self._replan_from = end
-            self._replan_task = self._submit(replanner.plan_anew, self.scene, space.from_coordinates(end), self.goal_q)
+            self._replan_task = self._submit(replanner.another(self.scene, space.from_coordinates(end), self.goal_q))
         if self._replan_task is not None and self._replan_task.done() and (stands or beside):
             planned, self._replan_task = self._replan_task, None
-            replanner.pending = False
-            strip, reason = planned.result()
-            if strip is not None:
-                self.planner.take(strip, beside=beside)
-            executor.log("replanned", reason)
+            error = planned.exception()
+            found = planned.result() if error is None else Replanned(None, "")
+            replanner.take(found)
+            if error is not None:
+                raise error
+            if found.strip is not None:
+                self.planner.take(found.strip, beside=beside)
+            executor.log("replanned", found.reason)
         return True
 
     def _apart(self, one: Array, other: Array) -> bool:
         """Whether a strip that begins at one configuration does not begin at another."""
         return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _ELSEWHERE
 
-    def _submit(self, plan: Callable[..., _Planned], *arguments: object) -> Future[_Planned]:
+    def _submit(self, plan: Callable[[], _Planned]) -> Future[_Planned]:
         if self._workers is None:
             self._workers = self._own = ThreadPoolExecutor(1, thread_name_prefix="planner")
         began = perf_counter()
-        planned = self._workers.submit(plan, *arguments)
+        planned = self._workers.submit(self._in_turn, plan)
         self._beside += perf_counter() - began  # some workers compute at once, what others compute beside the tick
         return planned
+
+    def _in_turn(self, plan: Callable[[], _Planned]) -> _Planned:
+        with self._turn:
+            return plan()

@@ -6,25 +6,24 @@ a certified motion is driven: one that follows the best manoeuvre for a while, a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.collision import Forecast
+from elastic_strips.collision import Certificate
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.space import wrap_angle
-from elastic_strips.scene import Scene
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.path import integrate_travel
-from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertifier
+from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory
 
 from .lookahead import ObstacleLookahead
 from .pace import Pace
 from .params import EvasionParams
-from .prediction import ArrivalTimes
+from .prediction import ArrivalTimes, Outlook
 from .rollout import RollOuts, lattice
 from .strip_timer import PlanOutcome, PlanResult, fastest_drive
 
@@ -110,7 +109,6 @@ class EvasivePlanner(OneThread):
         params: of the comparison.
         dt: time between the samples of motions [s].
         hold: least time [s] for which a motion follows its manoeuvre before it brakes.
-        clearance: distance [m] that certificates require.
 
     Attributes:
         hold: see above.
@@ -118,14 +116,13 @@ class EvasivePlanner(OneThread):
     """
 
     def __init__(
-        self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float,
-        clearance: float,
-    ) -> None:  # fmt: skip
+        self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float
+    ) -> None:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.params: EvasionParams = params
         self.dt: float = dt
-        self.clearance: float = clearance
+        self._clearance = 0.0  # distance [m] that certificates require
         self._footprint = PlanarFootprint(robot)
         self.hold: float = hold
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
@@ -144,9 +141,8 @@ class EvasivePlanner(OneThread):
         result: PlanResult,
         start: ReferenceState,
         active: Trajectory,
-        scene: Scene,
-        possible: Forecast,
-        certifier: TrajectoryCertifier,
+        outlook: Outlook,
+        certify: Callable[[Trajectory, Outlook], Certificate],
         arrival: ArrivalTimes,
         pace: Pace | None = None,
     ) -> PlanResult:
@@ -156,13 +152,13 @@ class EvasivePlanner(OneThread):
             result: of planning along the strip.
             start: first state of the next motion.
             active: the trajectory that is executed.
-            scene: sensed.
-            possible: forecast of its moving obstacles.
-            certifier: of motions.
+            outlook: of the tick.
+            certify: certifies motions.
             arrival: times at the strip's nodes.
             pace: how much time there is for further motions where the best is not certified; enough where None.
         """
-        if not self.look(scene, possible, start, result.report.strip.coordinates):
+        scene = outlook.scene
+        if not self.look(outlook, start, result.report.strip.coordinates):
             return result
         if result.accepted:
             rows = self._followed(result, start, arrival)
@@ -179,7 +175,7 @@ class EvasivePlanner(OneThread):
         gain = _GAIN if threatened or start.v.any() else self.params.min_gain
         began = 0.0 if pace is None else pace.reading()
         for motion in self.options(start, cost - gain):
-            certificate = certifier.certify(motion, scene, possible)
+            certificate = certify(motion, outlook)
             if certificate.certified:
                 return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate, reason="")
             if pace is not None:
@@ -209,20 +205,21 @@ class EvasivePlanner(OneThread):
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)
 
     @exclusive
-    def look(self, scene: Scene, possible: Forecast, start: ReferenceState, strip: Array) -> bool:
+    def look(self, outlook: Outlook, start: ReferenceState, strip: Array) -> bool:
         """Take in a scene, for :meth:`cost` and :meth:`options`.
 
         Args:
-            scene: sensed.
-            possible: forecast of its moving obstacles.
+            outlook: of the tick.
             start: first state of the next motion.
             strip: (M, nv) coordinate rows of the path to the goal from there.
 
         Returns:
             Whether any moving obstacle may come near within the horizon; only then costs are defined.
         """
+        scene, possible = outlook.scene, outlook.possible
         if not self.limits.drive_dim or not len(possible):
             return False
+        self._clearance = outlook.margins.clearance
         self._footprint.update(start.coordinates)
         horizon = self.params.horizon
         reach = self._footprint.reach() + self.params.radius + float(self.limits.drive_speed[:2].max()) * horizon
@@ -320,20 +317,20 @@ class EvasivePlanner(OneThread):
     def _free(self, start: ReferenceState, target: Array, hold: Array, *, after: float | None = None) -> Mask:
         """(N,) whether motions to targets (N, k), held for times (N,) [s], keep clear of the forecast."""
         time, pose, rest = self._stopping.to_rest(start, target, hold, after=after)
-        apart = self._lookahead.possible(pose, self._delay + time, 2.0 * self.clearance)
-        return np.all((apart > self.clearance) | (time > rest[:, None] + _STANDING), axis=1)
+        apart = self._lookahead.possible(pose, self._delay + time, 2.0 * self._clearance)
+        return np.all((apart > self._clearance) | (time > rest[:, None] + _STANDING), axis=1)
 
     def _risk(self, pose: Array) -> Array:
         """(N,) cost [s] of coming near moving obstacles, discounted with time, as predictions become less certain."""
         params = self.params
-        apart = self._lookahead.near(pose, self._delay + self.time, params.lookahead) - self.clearance
+        apart = self._lookahead.near(pose, self._delay + self.time, params.lookahead) - self._clearance
         near = np.minimum(np.maximum(1.0 - apart / self._radius, 0.0), 1.5)
         return (params.proximity_weight * near * near + _TOUCHING * (apart < 0.0)) @ self._weight
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching static obstacles."""
-        apart = self._lookahead.from_standing(pose[:, 1::2], 2.0 * self.clearance)
-        return (_TOUCHING * (apart < self.clearance)) @ (2.0 * self._weight[1::2])
+        apart = self._lookahead.from_standing(pose[:, 1::2], 2.0 * self._clearance)
+        return (_TOUCHING * (apart < self._clearance)) @ (2.0 * self._weight[1::2])
 
     def _to_go(self, pose: Array) -> Array:
         """(N,) time [s] to the goal from poses (N, 3): back to the strip, along it, and turning."""

@@ -37,6 +37,24 @@ class ObstacleAssumptions(Checked):
     max_speed: Positive = 2.0
 
 
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """What motions keep from obstacles at present.
+
+    Attributes:
+        tracking_error: largest distance [m] of any point of the robot from its place by the planned motion.
+        margin: clearance [m] that is kept beyond it.
+    """
+
+    tracking_error: float
+    margin: float
+
+    @property
+    def clearance(self) -> float:
+        """Distance [m] that motions prove to obstacles."""
+        return self.tracking_error + self.margin
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvasionParams:
     """How manoeuvres among moving obstacles are compared; none of this is needed for safety, which is certified.
@@ -204,9 +222,14 @@ class DriveParams(Checked):
         return replace(near, **changes)  # type: ignore[arg-type]
 
     @property
+    def margins(self) -> Margins:
+        """What planned motions keep from obstacles while the robot is known as well as assumed."""
+        return Margins(self.tracking_error, self.margin)
+
+    @property
     def clearance(self) -> float:
         """Distance [m] that planned motions prove to obstacles: tracking error and margin."""
-        return self.tracking_error + self.margin
+        return self.margins.clearance
 
     @property
     def strip(self) -> DeformParams:

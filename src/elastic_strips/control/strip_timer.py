@@ -9,9 +9,8 @@ from time import perf_counter
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import Certificate, Forecast
+from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Scene
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.trajectory import (
     MotionLimits,
@@ -24,6 +23,7 @@ from elastic_strips.trajectory import (
 
 from .pace import Pace
 from .params import DriveParams
+from .prediction import Outlook
 from .progress import trim_passed
 
 _SPACING = 0.04
@@ -138,8 +138,7 @@ class StripTimer:
         self,
         start: ReferenceState,
         active: Trajectory,
-        scene: Scene,
-        possible: Forecast,
+        outlook: Outlook,
         report: DeformReport,
         watch: Stopwatch,
         *,
@@ -150,8 +149,7 @@ class StripTimer:
         Args:
             start: first state of the motion, one of ``active``.
             active: the trajectory that is executed.
-            scene: sensed.
-            possible: forecast of its moving obstacles.
+            outlook: of the tick.
             report: of the strip's tick.
             watch: measures the phases.
             off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
@@ -183,7 +181,7 @@ class StripTimer:
                 if start.v.any():
                     break  # what cannot stop in time at this speed does not at a lower one
                 continue
-            certificate = self.certifier.certify(motion, scene, possible)
+            certificate = self.certify(motion, outlook)
             self._attempt_took = self.pace.reading() - began
             watch.lap("motion certificate")
             if certificate.certified:
@@ -195,6 +193,10 @@ class StripTimer:
                 return result(PlanOutcome.ARRIVE if arrives else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
         return result(PlanOutcome.NONE)
+
+    def certify(self, motion: Trajectory, outlook: Outlook) -> Certificate:
+        """Certify a motion from its first sample until it has come to rest."""
+        return self.certifier.certify(motion, outlook.scene, outlook.possible, clearance=outlook.margins.clearance)
 
     def _timed(
         self,

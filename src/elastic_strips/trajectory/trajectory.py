@@ -220,13 +220,16 @@ class TrajectoryCertifier(OneThread):
         self._certifier.reset()
 
     @exclusive
-    def certify(self, trajectory: Trajectory, scene: Scene, forecast: Forecast) -> Certificate:
+    def certify(
+        self, trajectory: Trajectory, scene: Scene, forecast: Forecast, *, clearance: float | None = None
+    ) -> Certificate:
         """Certify a trajectory, from its first sample until it has come to rest.
 
         Args:
             trajectory: ends at rest.
             scene: sensed at ``scene.time``, on the clock of ``trajectory.time``.
             forecast: of that scene, for all its moving obstacles.
+            clearance: distance [m] to keep from obstacles; that of the certifier where None.
 
         Raises:
             ParameterError: the forecast's horizon is shorter than the motion.
@@ -239,5 +242,6 @@ class TrajectoryCertifier(OneThread):
             )
         v = np.vstack([trajectory.steps, np.zeros((1, self.robot.nv))])
         return self._certifier.certify(
-            coordinates, v, scene, forecast.predict(times), clearance=self.clearance, self_clearance=self.self_clearance
-        )
+            coordinates, v, scene, forecast.predict(times), self_clearance=self.self_clearance,
+            clearance=self.clearance if clearance is None else clearance,
+        )  # fmt: skip

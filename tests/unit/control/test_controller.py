@@ -176,7 +176,7 @@ def test_who_holds_still_for_what_moves_takes_its_plan(silvermate):
         controller.plan_tick = evading(
             controller, lambda state: stationary(silvermate, limits, state.coordinates, state.time, 1.0)
         )
-        controller.replanner.pending = True
+        controller.replanner.demand(0.0)
         k = drive(controller, wheels, 30, still(WALKER)) + 1
         assert len(later.jobs) == 1
         later.work()
@@ -196,7 +196,7 @@ def test_who_evades_takes_its_plan_from_wherever_it_is(silvermate):
             controller,
             lambda s: motion_to(silvermate, limits, s, np.array([0.3, 0.2]), part=0.8, duration=0.3, dt=0.02),
         )
-        controller.replanner.pending = True
+        controller.replanner.demand(0.0)
         k = drive(controller, wheels, 60, still(WALKER)) + 1
         later.work()
         k = drive(controller, wheels, 10, still(WALKER), first=k) + 1
@@ -214,7 +214,7 @@ def test_who_brakes_on_the_way_to_where_a_plan_begins_plans_from_where_it_stands
     start, goal = silvermate.home(), silvermate.home(x=4.0)
     with Controller(silvermate, start, goal, Scene([CRATE]), workers=later) as controller:
         k = drive(controller, wheels, 100, still(CRATE)) + 1
-        controller.replanner.pending = True
+        controller.replanner.demand(0.0)
         k = drive(controller, wheels, 10, still(CRATE), first=k) + 1
         later.work()
         end = controller.executor.active.coordinates[-1].copy()
@@ -266,7 +266,7 @@ def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_
     def fails(*_, **__):
         raise error
 
-    monkeypatch.setattr(controller.replanner, "plan", fails)
+    monkeypatch.setattr(controller.replanner.planner, "first", fails)
     controller.retarget(silvermate.home(x=3.0))
     drive(controller, wheels, 100, still(CRATE), first=k + 1)
     assert controller.state is RunState.STOPPED

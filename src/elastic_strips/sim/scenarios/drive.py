@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from time import monotonic, sleep
 from typing import cast
@@ -19,7 +19,7 @@ from elastic_strips.control import Controller, DriveParams, DriveResult, Evasion
 from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
-from elastic_strips.errors import RobotError, ScenarioError
+from elastic_strips.errors import ParameterError, RobotError, ScenarioError, nearest_name
 from elastic_strips.planning import StripSetParams
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
@@ -100,28 +100,11 @@ class DriveOutcome(Summary):
         return self.result.reached and bool(self.evaluation.reached)
 
 
-def make_simulation(
-    scenario: Scenario,
-    *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    evade: bool = True,
-    sensors: SensorConfig | None = None,
-    alternatives: int = 1,
-    level: str = "",
-    params: DriveParams | None = None,
-    limits: MotionLimits | None = None,
-    faults: Iterable[Fault] = (),
-    perception: PerceptionParams | None = None,
-    watch: Callable[[Simulation[Controller]], object] | None = None,
-    realtime: bool = False,
-    compute: str | float = "free",
-) -> Simulation[Controller]:
-    """A closed loop of the elastic strip for a scenario, ready to run.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DriveSetup:
+    """How a scenario is driven.
 
-    Args:
-        scenario: the problem.
+    Attributes:
         robot: another robot than the scenario's.
         seed: of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
@@ -135,53 +118,109 @@ def make_simulation(
         limits: of the robot; those of its description where None.
         faults: injected faults.
         perception: noise and delay of a known scene.
-        watch, realtime, compute: of :func:`~elastic_strips.sim.simulation`.
+        compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
+
+    Raises:
+        InputError: a value of another type, an unknown plant, a negative seed.
+    """
+
+    robot: RobotModel | None = None
+    seed: int | None = None
+    plant: str = "kinematic"
+    evade: bool = True
+    sensors: SensorConfig | None = None
+    alternatives: int = 1
+    level: str = ""
+    params: DriveParams | None = None
+    limits: MotionLimits | None = None
+    faults: Iterable[Fault] = ()
+    perception: PerceptionParams | None = None
+    compute: str | float = "free"
+
+    def __post_init__(self) -> None:
+        check_type("robot", self.robot, RobotModel, RobotError, none=True)
+        check_type("limits", self.limits, MotionLimits, none=True)
+        check_choice("plant", self.plant, PLANTS)
+        if self.seed is not None:
+            check_count("seed", self.seed)
+        check_type("params", self.params, DriveParams, none=True)
+        check_type("sensors", self.sensors, SensorConfig, none=True)
+        check_count("alternatives", self.alternatives, low=1)
+
+    def replaced(self, options: Mapping[str, object]) -> DriveSetup:
+        """A copy with some values replaced.
+
+        Raises:
+            ParameterError: a name that no value has.
+        """
+        valid = {f.name for f in fields(self)}
+        for name in options:
+            if name not in valid:
+                raise ParameterError(f"unknown option of a drive: {name!r}{nearest_name(name, valid)}")
+        return replace(self, **options)
+
+
+def make_simulation(
+    scenario: Scenario,
+    setup: DriveSetup | None = None,
+    *,
+    watch: Callable[[Simulation[Controller]], object] | None = None,
+    realtime: bool = False,
+    **options: object,
+) -> Simulation[Controller]:
+    """A closed loop of the elastic strip for a scenario, ready to run.
+
+    Args:
+        scenario: the problem.
+        setup: how it is driven; **options: values of it by name.
+        watch, realtime: of :func:`~elastic_strips.sim.simulation`.
 
     Raises:
         InputError: start or goal in collision, an unknown plant, …
     """
-    problem = DrivenProblem.of(scenario, robot, seed, plant, limits)
-    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
+    setup = (setup or DriveSetup()).replaced(options)
+    problem = DrivenProblem.of(scenario, setup)
+    params, seen = problem.params, problem.seen()
     return simulation(
         problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
-        plant=problem.machine, perception=perception if seen is None else seen, faults=faults, seed=problem.seed,
-        watch=watch, realtime=realtime, metadata=problem.metadata, replanner=replanner, compute=compute,
+        plant=problem.machine, perception=setup.perception if seen is None else seen, faults=setup.faults,
+        seed=problem.seed, watch=watch, realtime=realtime, metadata=problem.metadata, replanner=problem.replanner(),
+        compute=setup.compute,
     )  # fmt: skip
 
 
 def make_realtime(
     scenario: Scenario,
+    setup: DriveSetup | None = None,
     *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    evade: bool = True,
-    sensors: SensorConfig | None = None,
-    alternatives: int = 1,
-    level: str = "",
-    params: DriveParams | None = None,
-    limits: MotionLimits | None = None,
-    faults: Iterable[Fault] = (),
     watch: Callable[[RealtimeSimulation], object] | None = None,
     log: str | os.PathLike[str] | None = None,
     eager: bool = False,
+    **options: object,
 ) -> RealtimeSimulation:
     """As :func:`make_simulation`, but against the wall clock: machine and executor run in processes of their own.
 
     Args:
-        scenario, robot, seed, evade, sensors, alternatives, level, params, limits, faults: of :func:`make_simulation`.
+        scenario: the problem.
+        setup: how it is driven, with the kinematic plant, a known scene as it is, and computing that takes what it
+            takes; **options: values of it by name.
         watch, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
         log: file that the executor writes while it drives; a temporary one where None.
 
     Raises:
-        InputError: start or goal in collision, …
+        InputError: start or goal in collision, a plant, perception or cost of computing of its own, …
     """
-    problem = DrivenProblem.of(scenario, robot, seed, "kinematic", limits)
-    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
+    setup = (setup or DriveSetup()).replaced(options)
+    for name in ("plant", "perception", "compute"):
+        if (given := getattr(setup, name)) != getattr(DriveSetup(), name):
+            raise ParameterError(f"{name}={given!r}: a drive against the wall clock has none of its own; leave it out")
+    problem = DrivenProblem.of(scenario, setup)
+    params, seen, replanner = problem.params, problem.seen(), problem.replanner()
     model, limits = problem.robot, problem.limits
     world, machine, rng = prepare(model, problem.world, limits, None, problem.seed, shared=seen is not None)
     senses: Perception = NoisyGroundTruth(world, params.assumptions, PerceptionParams(), rng) if seen is None else seen
     make: Callable[[], Plant] = partial(KinematicPlant, model, limits, MACHINE, seed=problem.seed)
-    plan = FaultPlan(faults)
+    plan = FaultPlan(setup.faults)
     if plan.faults:
         make = partial(faulty_plant, make, plan, problem.seed)
         senses = cast("Perception", FaultyPerception(senses, plan))
@@ -220,38 +259,11 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
     return params
 
 
-def _planned_with(
-    problem: DrivenProblem,
-    scenario: Scenario,
-    evade: bool,
-    sensors: SensorConfig | None,
-    alternatives: int,
-    level: str,
-    params: DriveParams | None,
-) -> tuple[DriveParams, Perception | None, Replanner | None]:
-    """Parameters, the perception where sensors are given, and the replanner where it is not the usual one."""
-    check_type("params", params, DriveParams, none=True)
-    check_type("sensors", sensors, SensorConfig, none=True)
-    check_count("alternatives", alternatives, low=1)
-    if params is None:
-        params = drive_params(scenario, evade=evade, sensors=sensors)
-    if level:
-        constraint = OrientationConstraint.from_configuration(problem.robot, problem.start, level)
-        params = replace(params, constraint=constraint)
-    seen = None
-    if sensors is not None:
-        seen = SensorPerception(problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed)
-    replanner = None
-    if alternatives > 1:
-        family = StripSetParams(count=alternatives, backward=params.backward)
-        replanner = SwitchingReplanner(problem.robot, params, seed=problem.seed, grid=True, family=family)
-    return params, seen, replanner
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivenProblem:
     """A scenario with all parts of a closed loop."""
 
+    setup: DriveSetup
     robot: RobotModel
     world: World
     start: Array
@@ -259,40 +271,52 @@ class DrivenProblem:
     limits: MotionLimits
     machine: Plant
     seed: int
+    params: DriveParams
     metadata: dict[str, object]
 
     @classmethod
-    def of(
-        cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str, limits: MotionLimits | None
-    ) -> DrivenProblem:
+    def of(cls, scenario: Scenario, setup: DriveSetup) -> DrivenProblem:
         check_type("scenario", scenario, Scenario, ScenarioError)
-        check_type("robot", robot, RobotModel, RobotError, none=True)
-        check_type("limits", limits, MotionLimits, none=True)
-        check_choice("plant", plant, PLANTS)
-        if seed is not None:
-            check_count("seed", seed)
-        robot = scenario.load_robot(preset="default") if robot is None else robot
-        seed = scenario.seed if seed is None else seed
-        limits, world = MotionLimits.for_robot(robot) if limits is None else limits, scenario.world
+        robot = scenario.load_robot(preset="default") if setup.robot is None else setup.robot
+        seed = scenario.seed if setup.seed is None else setup.seed
+        limits = MotionLimits.for_robot(robot) if setup.limits is None else setup.limits
         machine: Plant
-        if plant == "mujoco":
+        if setup.plant == "mujoco":
             from elastic_strips.sim.mujoco.plant import MujocoPlant
 
-            machine = MujocoPlant(robot, limits, world, seed=seed)
+            machine = MujocoPlant(robot, limits, scenario.world, seed=seed)
         else:
             machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
-        metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": plant}
-        return cls(robot, world, *scenario.ends(robot), limits, machine, seed, metadata)
+        start, goal = scenario.ends(robot)
+        params = setup.params or drive_params(scenario, evade=setup.evade, sensors=setup.sensors)
+        if setup.level:
+            params = replace(params, constraint=OrientationConstraint.from_configuration(robot, start, setup.level))
+        metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": setup.plant}
+        return cls(setup, robot, scenario.world, start, goal, limits, machine, seed, params, metadata)
+
+    def seen(self) -> Perception | None:
+        """The perception where sensors are given."""
+        sensors = self.setup.sensors
+        if sensors is None:
+            return None
+        return SensorPerception(self.robot, self.world, self.start, sensors=sensors, seed=self.seed)
+
+    def replanner(self) -> Replanner | None:
+        """The replanner where it is not the usual one."""
+        if self.setup.alternatives == 1:
+            return None
+        family = StripSetParams(count=self.setup.alternatives, backward=self.params.backward)
+        return SwitchingReplanner(self.robot, self.params, seed=self.seed, grid=True, family=family)
 
 
-def conclude(
-    scenario: Scenario, driven: Simulation[Controller], result: DriveResult, *, plant: str, seed: int
-) -> DriveOutcome:
-    """Evaluate the finished run of a simulation, with the name of its plant and its seed."""
+def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveResult) -> DriveOutcome:
+    """Evaluate the finished run of a simulation of a scenario; plant, seed and method are those of its record."""
     perception, tolerance = driven.perception, driven.controller.tolerance
     evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=tolerance)
     suite: SensorSuite | None = getattr(perception, "suite", None)
-    method, separation = str(result.record.metadata.get("method", STRIP)), None
+    about = result.record.metadata
+    method, separation = str(about.get("method", STRIP)), None
+    plant, seed = str(about.get("plant", PLANTS[0])), int(str(about.get("seed", scenario.seed)))
     if method == STRIP:
         separation = protective_separation(driven.limits, driven.params, perception.params)
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
@@ -317,36 +341,28 @@ def _missed(driven: Simulation[Controller], result: DriveResult) -> float | None
 
 
 def drive_scenario(
-    scenario: Scenario,
-    *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    time_limit: float | None = None,
-    **options: object,
+    scenario: Scenario, setup: DriveSetup | None = None, *, time_limit: float | None = None, **options: object
 ) -> DriveOutcome:
     """Drive a scenario from start to goal, and evaluate it.
 
     Args:
         scenario: the problem.
-        robot, seed, plant, **options: as in :func:`make_simulation`.
+        setup: how it is driven.
         time_limit: longest run [s of simulated time].
+        **options: values of the setup by name, and others of :func:`make_simulation`.
     """
     check_type("scenario", scenario, Scenario, ScenarioError)
     make = cast("Callable[..., Simulation[Controller]]", make_simulation)
-    driven = make(scenario, robot=robot, seed=seed, plant=plant, **options)
-    return driven_to_its_end(driven, scenario, plant, seed, time_limit)
+    return driven_to_its_end(make(scenario, setup, **options), scenario, time_limit)
 
 
-def driven_to_its_end(
-    driven: Simulation[Controller], scenario: Scenario, plant: str, seed: int | None, time_limit: float | None
-) -> DriveOutcome:
+def driven_to_its_end(driven: Simulation[Controller], scenario: Scenario, time_limit: float | None) -> DriveOutcome:
     """Run a simulation of a scenario, and evaluate it; see :func:`drive_scenario`."""
     try:
         result = driven.run(time_limit=time_limit)
     finally:
         driven.plant.close()
-    return conclude(scenario, driven, result, plant=plant, seed=scenario.seed if seed is None else seed)
+    return conclude(scenario, driven, result)
 
 
 DRIVE_FORMAT = "elastic-strips-drive"
