@@ -13,7 +13,7 @@ from elastic_strips.control import Controller, DriveParams
 from elastic_strips.control.evasion import _LONGER, EvasivePlanner, motion_to
 from elastic_strips.control.lookahead import ObstacleLookahead
 from elastic_strips.control.params import EvasionParams, Margins, ObstacleAssumptions
-from elastic_strips.control.prediction import predict
+from elastic_strips.control.prediction import Outlook, predict
 from elastic_strips.control.progress import reconnect
 from elastic_strips.control.rollout import RollOuts, Targets, lattice
 from elastic_strips.control.strip_timer import PlanOutcome

@@ -81,14 +81,14 @@ def test_a_search_that_fails_does_not_end_it(robot, monkeypatch):
     def fail(*_, **__):
         raise SceneError("no")
 
-    monkeypatch.setattr("elastic_strips.viewer.live.plan_report", fail)
+    monkeypatch.setattr("elastic_strips.planning.keeper.plan_report", fail)
     wall = Scene([Box((0.2, 3.0, 1.4), at=(1.5, 3.5, 0.7), name="wall")])
     strip = plan(robot, wall, robot.home(x=-1.0), robot.home(x=4.0))
     with LiveStrip(robot, wall, strip, speed=100.0, rate=100.0, thread=False) as live:
         live.move("wall", (1.5, 0.0, 0.7))
         for _ in range(60):  # it is broken after the first, and looked for a path after 0.4 s
             live.tick()
-        wait(lambda: live._search is None or live._search.done())
+        wait(lambda: not live._keeper.searching or live._keeper._search.done())
         live.tick()
         assert live._searched > 0.0
         assert live.replans == 0
