@@ -13,7 +13,7 @@ import pytest
 from command_line import CALL, interrupted
 
 from elastic_strips.cli import main
-from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.process.log_stream import read_log
 
 SHORT = """\
 name: short

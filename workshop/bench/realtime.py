@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control.child_process import end_process, start_process
 from elastic_strips.control.controller import Controller
-from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.control.log_stream import read_log
 from elastic_strips.control.params import DriveParams
-from elastic_strips.control.process_priority import raise_priority
+from elastic_strips.control.process.child import end_process, start_process
+from elastic_strips.control.process.executor_process import ExecutorProcess
+from elastic_strips.control.process.log_stream import read_log
+from elastic_strips.control.process.priority import raise_priority
 from elastic_strips.control.record import DriveResult
 from elastic_strips.robot import RobotModel
 from elastic_strips.sim.closed_loop import MACHINE, Simulation, prepare, simulation

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.control.child_process import end_process
 from elastic_strips.control.interfaces import RunState
-from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.process.child import end_process
+from elastic_strips.control.process.log_stream import read_log
 from elastic_strips.control.record import RecordError
 from elastic_strips.robot import load_robot
 from elastic_strips.sim.closed_loop import MACHINE, sensed_by

@@ -28,13 +28,13 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 from elastic_strips.validation import check_able, check_count, check_type
 
-from .executor import Executor, ExecutorLink
+from .executor import ExecutorLink, MotionExecutor
 from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
 from .params import DriveParams, Tolerance
-from .process_priority import keep_memory, undisturbed
+from .process.priority import keep_memory, undisturbed
 from .record import TickStatistics
 from .replanning import Replanned, Replanner
 from .strip_timer import PlanOutcome, PlanResult
@@ -182,9 +182,9 @@ class Controller:
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
         self.tolerance: Tolerance = self.params.tolerance
-        self._here: Executor | None = None
+        self._here: MotionExecutor | None = None
         if executor is None:
-            executor = self._here = Executor(
+            executor = self._here = MotionExecutor(
                 robot, self.limits, self.params, self.start, self.goal, self.tolerance, keep=events
             )
         self.executor: ExecutorLink = executor

@@ -125,7 +125,7 @@ class ExecutorLink(Protocol):
         ...
 
 
-class Executor:
+class MotionExecutor:
     """Workspace: follows the active trajectory, watches what its certificate assumes, and brakes where that fails.
 
     In every control period: :meth:`measure`, then what the planner has (:meth:`submit`, …), then :meth:`command`.

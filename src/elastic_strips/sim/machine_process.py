@@ -26,11 +26,11 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control.channel import ChannelClosedError, channel, put, take
-from elastic_strips.control.child_process import NOTHING_HEARD, end_process, orphaned, start_process
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.control.process_priority import raise_priority
+from elastic_strips.control.process.channel import ChannelClosedError, channel, put, take
+from elastic_strips.control.process.child import NOTHING_HEARD, end_process, orphaned, start_process
+from elastic_strips.control.process.priority import raise_priority
 from elastic_strips.errors import ParameterError
 from elastic_strips.validation import check_number
 

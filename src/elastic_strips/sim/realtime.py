@@ -20,9 +20,9 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control.controller import Controller
-from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Event, RunState
-from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.process.executor_process import ExecutorProcess
+from elastic_strips.control.process.log_stream import read_log
 from elastic_strips.control.record import DriveResult, RecordError
 from elastic_strips.scene import World
 from elastic_strips.validation import check_number

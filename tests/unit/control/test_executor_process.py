@@ -17,11 +17,11 @@ import pretend
 import pytest
 from pretend import Machine, certificate_of, set_off, straight
 
-from elastic_strips.control import executor_process
-from elastic_strips.control.channel import ChannelClosedError, channel, put, take
-from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import RunState
-from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.process import executor_process
+from elastic_strips.control.process.channel import ChannelClosedError, channel, put, take
+from elastic_strips.control.process.executor_process import ExecutorProcess
+from elastic_strips.control.process.log_stream import read_log
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 
@@ -260,11 +260,11 @@ def test_a_program_that_starts_it_when_it_is_read_is_told_so(tmp_path: Path):
     program = tmp_path / "program.py"
     program.write_text(
         "import elastic_strips as es\n"
-        "from elastic_strips.control.executor_process import ExecutorProcess\n"
+        "from elastic_strips.control.process.executor_process import ExecutorProcess\n"
         "robot = es.load_robot('silvermate')\n"
         "ExecutorProcess(robot, robot.home(), robot.home(x=1.0)).start(None)\n"
     )
-    source = str(Path(executor_process.__file__).parents[2])
+    source = str(Path(executor_process.__file__).parents[3])
     ended = subprocess.run(
         [sys.executable, str(program)], capture_output=True, text=True, timeout=100.0,
         env=os.environ | {"PYTHONPATH": source}, check=False,

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_strips.control import log_stream
-from elastic_strips.control.log_stream import LogStream, read_log
+from elastic_strips.control.process import log_stream
+from elastic_strips.control.process.log_stream import LogStream, read_log
 from elastic_strips.control.record import RecordError
 
 _LOGS_UNTIL_KILLED = """
 import sys, time
-from elastic_strips.control.log_stream import LogStream
+from elastic_strips.control.process.log_stream import LogStream
 log = LogStream(sys.argv[1])
 while True:
     log.row({"time": time.monotonic()})

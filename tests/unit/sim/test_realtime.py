@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.control.interfaces import RunState
-from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.process.log_stream import read_log
 from elastic_strips.io.scene_file import PoseSpec
 from elastic_strips.scene import Scene
 from elastic_strips.sim.realtime import RealtimeSimulation

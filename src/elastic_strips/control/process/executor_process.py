@@ -4,8 +4,8 @@ The process needs nothing of planning but the next certified motion. Planning ma
 comes to rest on the motion that it has.
 
 What is promised of the messages: they come in order, and none twice, but any may be missing (see
-:mod:`~elastic_strips.control.channel`). So a motion is checked where it is executed, by itself and against the one that
-it continues, whatever planning believed; a status is whole, and the next one makes up for one that is missing: events
+:mod:`~elastic_strips.control.process.channel`). So a motion is checked where it is executed, by itself and against the
+one that it continues, whatever planning believed; a status is whole, and the next one makes up for one that is missing: events
 and stops are told until they are taken, the samples of the active trajectory again and again. Until these come,
 planning may continue a trajectory that is active no longer; what it makes of it is refused. Who planned and died does
 not come back: the process ends as soon as the robot stands, and another one starts from there.
@@ -29,6 +29,10 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
+from elastic_strips.control.driver import Driver
+from elastic_strips.control.interfaces import Event, RunState
+from elastic_strips.control.params import DriveParams, Tolerance
+from elastic_strips.control.supervisor import RunLog
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.files import refuse_input
 from elastic_strips.robot import RobotModel
@@ -36,12 +40,8 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 
 from .channel import ChannelClosedError, channel, put, take
-from .child_process import NOTHING_HEARD, end_process, start_process
-from .driver import Driver
+from .child import NOTHING_HEARD, end_process, start_process
 from .executor_loop import Status, serve
-from .interfaces import Event, RunState
-from .params import DriveParams, Tolerance
-from .supervisor import RunLog
 
 _log = logging.getLogger(__name__)
 _BUFFER = 1 << 20  # [bytes] of a channel

@@ -16,19 +16,19 @@ from typing import TypeVar
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
+from elastic_strips.control.driver import Driver
+from elastic_strips.control.executor import MotionExecutor
+from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
+from elastic_strips.control.params import DriveParams, Tolerance
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.validation import check_array, check_number, check_type
 
 from .channel import ChannelClosedError, put, take
-from .child_process import orphaned
-from .driver import Driver
-from .executor import Executor
-from .interfaces import Command, Event, Measurement, RunState
+from .child import orphaned
 from .log_stream import LogStream
-from .params import DriveParams, Tolerance
-from .process_priority import raise_priority
+from .priority import raise_priority
 
 _log = logging.getLogger(__name__)
 _TOLD = 20  # periods in which a motion of the executor's own is told
@@ -87,7 +87,7 @@ def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | No
     stream: LogStream | None = None
     try:
         stream = None if log is None else LogStream(log)
-        loop = _Loop(link, Executor(*task, keep=500), driver, stream)
+        loop = _Loop(link, MotionExecutor(*task, keep=500), driver, stream)
     except Exception as error:
         put(link, f"{type(error).__name__}: {error}")
         driver.close()
@@ -109,7 +109,7 @@ def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | No
 class _Loop:
     """Workspace: the control loop in its process, on the wall clock."""
 
-    def __init__(self, link: socket.socket, executor: Executor, driver: Driver, log: LogStream | None) -> None:
+    def __init__(self, link: socket.socket, executor: MotionExecutor, driver: Driver, log: LogStream | None) -> None:
         self.link, self.executor, self.driver, self.log = link, executor, driver, log
         self.epoch, self.dt = 0.0, executor.params.control_dt
         self.heard: float | None = None  # [s] when the last word of planning came

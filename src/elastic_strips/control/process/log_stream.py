@@ -13,9 +13,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from elastic_strips.control.record import RecordError
 from elastic_strips.files import read_input
-
-from .record import RecordError
 
 _log = logging.getLogger(__name__)
 _EVERY = 0.05  # [s] from one write to the next
@@ -30,7 +29,7 @@ class LogStream:
 
     What was written survives the process, however it ends: at most about 0.1 s of rows is lost. It does not survive the
     machine, whose disk may be written later. In a process with raised priority it is to be made after that was raised
-    (:func:`~elastic_strips.control.process_priority.raise_priority`).
+    (:func:`~elastic_strips.control.process.priority.raise_priority`).
 
     Args:
         path: the file; one that exists is replaced.
