@@ -13,6 +13,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.report import DeformReport
+from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 
 from .evasion import EvasivePlanner
@@ -20,7 +21,7 @@ from .pace import Pace
 from .params import DriveParams, Margins
 from .prediction import ArrivalTimes, Outlook
 from .progress import reconnect, trim_passed
-from .strip_timer import PlanOutcome, PlanResult, Stopwatch, StripTimer
+from .strip_timer import PlanOutcome, PlanResult, StripTimer
 
 PATIENCE = 4
 """Steps for which a strip that has broken gets new nodes; then other means have to help."""
@@ -145,7 +146,7 @@ class LocalPlanner:
         Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once.
         """
         start = active.at(begin)
-        watch = Stopwatch()
+        watch = PhaseClock()
         self._age = 0
         outlook = self._outlook(scene)
         if self.pace.slow and self.report is not None and start.v.any():
@@ -161,7 +162,7 @@ class LocalPlanner:
             before = self.pace.reading()
             result = self.evasion.improved(result, start, active, outlook, self.timer.certify, self.arrival, self.pace)
             self._evasion_took = self.pace.reading() - before
-            watch.lap("evasion")
+            watch.mark("evasion")
         self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not result.accepted)
         if result.outcome is PlanOutcome.BRAKE:
             self._proof = None
@@ -170,14 +171,14 @@ class LocalPlanner:
         return result
 
     def _brake(
-        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: Stopwatch
+        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
     ) -> PlanResult | None:
         """The active trajectory braked, where the scene is not what it was certified for, and it is certified no
         longer; else None."""
         if not self._surprised(active, outlook.scene):
             return None
         certificate = self.timer.certify(active.tail(start.time), outlook)
-        watch.lap("motion certificate")
+        watch.mark("motion certificate")
         if certificate.certified:
             self._proof = active, outlook
             return None
@@ -186,10 +187,10 @@ class LocalPlanner:
         braked = self.timer.hard.brake(active, start.time)
         if braked.end_time >= active.end_time - 0.01:  # it brakes already: look for a way on
             return None
-        return PlanResult(PlanOutcome.BRAKE, braked, certificate, reason, report, 0.0, watch.timings)
+        return PlanResult(PlanOutcome.BRAKE, braked, certificate, reason, report, 0.0, watch.phases)
 
     def _on_active(
-        self, result: PlanResult, start: ReferenceState, active: Trajectory, outlook: Outlook, watch: Stopwatch
+        self, result: PlanResult, start: ReferenceState, active: Trajectory, outlook: Outlook, watch: PhaseClock
     ) -> PlanResult:
         """Decide on the active trajectory where the robot moves and there is no new motion.
 
@@ -201,7 +202,7 @@ class LocalPlanner:
             return result
         rest = active.tail(start.time)
         certificate = self.timer.certify(rest, outlook)
-        watch.lap("motion certificate")
+        watch.mark("motion certificate")
         if certificate.certified and tried:
             return result
         result = replace(result, motion=rest, certificate=certificate)
@@ -223,7 +224,7 @@ class LocalPlanner:
             self._compared = scene, before, not before.allows(scene)
         return self._compared[2]
 
-    def _deform(self, now: float, outlook: Outlook, start: ReferenceState, watch: Stopwatch) -> DeformReport:
+    def _deform(self, now: float, outlook: Outlook, start: ReferenceState, watch: PhaseClock) -> DeformReport:
         """One tick of the strip from the start state on; several where it has just lost its certificate."""
         params, scene = self.params, outlook.scene
         expected = outlook.expected(params.horizon + now - scene.time)
@@ -236,7 +237,7 @@ class LocalPlanner:
         prediction = None
         if len(expected):
             prediction = partial(self.arrival.prediction, expected, start.time - scene.time)
-        watch.lap("strip")
+        watch.mark("strip")
         self._ticks += 1
         before, last = self.report, self._last
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
@@ -258,5 +259,5 @@ class LocalPlanner:
                     report.strip, scene, prediction=prediction, nodes=prediction is None, retry=False
                 )
         self.strip, self.report = report.strip, report
-        watch.lap("deform")
+        watch.mark("deform")
         return report

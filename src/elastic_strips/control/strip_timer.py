@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from time import perf_counter
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
 from elastic_strips.strip.report import DeformReport
+from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import (
     MotionLimits,
     ReferenceState,
@@ -81,20 +81,6 @@ class PlanResult:
         return self.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE, PlanOutcome.EVADE)
 
 
-class Stopwatch:
-    """Workspace: seconds by phase, in :attr:`timings`."""
-
-    def __init__(self) -> None:
-        self.timings: dict[str, float] = {}
-        self._mark = perf_counter()
-
-    def lap(self, phase: str) -> None:
-        """Add the time since the last call to a phase, by its name."""
-        now = perf_counter()
-        self.timings[phase] = self.timings.get(phase, 0.0) + now - self._mark
-        self._mark = now
-
-
 class StripTimer:
     """Workspace: times motions along strips, and certifies them.
 
@@ -140,7 +126,7 @@ class StripTimer:
         active: Trajectory,
         outlook: Outlook,
         report: DeformReport,
-        watch: Stopwatch,
+        watch: PhaseClock,
         *,
         off_strip: bool = False,
     ) -> PlanResult:
@@ -162,7 +148,7 @@ class StripTimer:
         last = np.inf
 
         def result(outcome: PlanOutcome) -> PlanResult:
-            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.timings)
+            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.phases)
 
         speeds = self.params.speeds
         if self._failures:  # while it waits or brakes: one a tick, the slowest first
@@ -176,14 +162,14 @@ class StripTimer:
                 break  # the next tick tries the slowest first
             last, began = distance, self.pace.reading()
             motion, reason = self._timed(coordinates, start, active, distance, speed, off_strip)
-            watch.lap("retiming")
+            watch.mark("retiming")
             if motion is None:
                 if start.v.any():
                     break  # what cannot stop in time at this speed does not at a lower one
                 continue
             certificate = self.certify(motion, outlook)
             self._attempt_took = self.pace.reading() - began
-            watch.lap("motion certificate")
+            watch.mark("motion certificate")
             if certificate.certified:
                 arrives = self._ends_at(motion, coordinates[-1])
                 if not (arrives or start.v.any()) and self._stays(motion):

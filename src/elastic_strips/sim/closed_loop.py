@@ -26,14 +26,14 @@ from .computing import ChargedExecutor, Computing
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
 from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
-from .plant import KinematicPlant, Plant, PlantParams
+from .plant import STANDING_SPEED, KinematicPlant, Plant, PlantParams
 from .sensed_perception import SensorPerception
 
 _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 """A plant that reaches exactly its limits; motions are planned with less (``DriveParams.speed_scale``)."""
-_PATIENCE = 30.0  # [s] longest simulation after the time limit, for a controller that does not come to rest
-_RESTS = 1e-3  # [m/s, rad/s] a plant slower than this stands
+LONGEST_OVERTIME = 30.0
+"""Time [s] after the time limit for which a robot that does not come to rest is simulated."""
 
 _Driver = TypeVar("_Driver", bound=Controller)
 
@@ -116,7 +116,7 @@ class Simulation(Generic[_Driver]):
             command = self._control(t)
             self._advance(t, command)
             self._step += 1
-            if (controller.ended and self._settled()) or t > limit + _PATIENCE:
+            if (controller.ended and self._settled()) or t > limit + LONGEST_OVERTIME:
                 break
             if self.realtime:
                 ahead = began + (self._step - first) * params.control_dt - perf_counter()
@@ -168,7 +168,7 @@ class Simulation(Generic[_Driver]):
 
     def _settled(self) -> bool:
         """Whether the robot truly stands; only to end the recording."""
-        return bool(np.abs(self.plant.v).max(initial=0.0) < _RESTS)
+        return bool(np.abs(self.plant.v).max(initial=0.0) < STANDING_SPEED)
 
     def _after_tick(self, tick: Tick) -> None:
         result = tick.result

@@ -35,14 +35,13 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.validation import check_number
 
 from .faults import FaultPlan, FaultyPlant
-from .plant import Plant
+from .plant import STANDING_SPEED, Plant
 
 _log = logging.getLogger(__name__)
 _LARGEST = 1 << 16  # [bytes] of the first message
 _READINGS = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
 _STATES = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
 _START = 120.0  # [s] longest start of the process
-_STILL = 1e-3  # [m/s, rad/s] below this speed the machine has come to rest
 _LONGEST_STOP = 5.0  # [s] and it ends after this time if it has not
 _AT_ONCE = 50  # true states in one message
 _KEPT = 20_000  # true states that wait for a reader, at most
@@ -411,7 +410,7 @@ class _Machine:
 
     def at_rest(self) -> bool:
         speeds = (self.plant.motors, self.plant.v[self.first :])
-        return all(float(np.abs(v).max(initial=0.0)) < _STILL for v in speeds)
+        return all(float(np.abs(v).max(initial=0.0)) < STANDING_SPEED for v in speeds)
 
 
 def _run(

@@ -19,6 +19,8 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import Bound, Checked, NonNegative, check_fields
 
+STANDING_SPEED = 1e-3
+"""Speed [m/s, rad/s] of bases and joints below which a machine stands."""
 _SLACK = 1e-9  # [s] times that differ by less are the same
 _Margin = Annotated[float, Bound(low=1.0, infinite=True)]
 _Slip = Annotated[float, Bound(low=0.0, high=0.2)]

@@ -27,16 +27,14 @@ from elastic_strips.control.record import DriveResult, RecordError
 from elastic_strips.scene import World
 from elastic_strips.validation import check_number
 
-from .closed_loop import Simulation, sensed_by
+from .closed_loop import LONGEST_OVERTIME, Simulation, sensed_by
 from .machine_process import MachineProcess, TrueState
 from .perception import Perception
 from .plant import Plant
 
 _log = logging.getLogger(__name__)
-_STARTS = 0.1  # [s] from now to time 0
-_STOPS = 1.0  # [s] in which a machine stops that gets no commands
-_RESTS = 1e-3  # [m/s, rad/s] a machine slower than this stands
-_PATIENCE = 30.0  # [s] after the time limit, for a robot that does not come to rest
+_LEAD_TIME = 0.1  # [s] from now to time 0
+_STOPPING_TIME = 1.0  # [s] in which a machine stops that gets no commands
 _WORLD = 0.0099  # [s] from one step of pedestrians and sensors to the next
 
 
@@ -134,10 +132,10 @@ class RealtimeSimulation(Simulation[Controller]):
                 stack.enter_context(executor)
                 executor.start(machine.driver())
                 controller.warm_up()
-                epoch = time.monotonic() + _STARTS
+                epoch = time.monotonic() + _LEAD_TIME
                 machine.begin(epoch)
                 executor.begin(epoch)
-                time.sleep(_STARTS)
+                time.sleep(_LEAD_TIME)
                 self._drive(machine, limit)
             self._observe(machine)
             return self._result(time.perf_counter() - began)
@@ -161,13 +159,13 @@ class RealtimeSimulation(Simulation[Controller]):
             controller.plan(t, sensed, trouble=trouble)
             if controller.tick is not None and controller.tick.time == t:
                 self._after_tick(controller.tick)
-            if (controller.ended and self._settled()) or t > limit + _PATIENCE:
+            if (controller.ended and self._settled()) or t > limit + LONGEST_OVERTIME:
                 return
             if not machine.alive:
                 controller.log("fault", "the machine's process is gone")
                 return
             if controller.state is RunState.FAILED:  # the executor is gone: the machine stops by itself
-                time.sleep(_STOPS)
+                time.sleep(_STOPPING_TIME)
                 return
             if not self.eager:  # the perception's time is part of the tick
                 time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))

@@ -5,10 +5,10 @@ comes to rest on the motion that it has.
 
 What is promised of the messages: they come in order, and none twice, but any may be missing (see
 :mod:`~elastic_strips.control.process.channel`). So a motion is checked where it is executed, by itself and against the
-one that it continues, whatever planning believed; a status is whole, and the next one makes up for one that is missing: events
-and stops are told until they are taken, the samples of the active trajectory again and again. Until these come,
-planning may continue a trajectory that is active no longer; what it makes of it is refused. Who planned and died does
-not come back: the process ends as soon as the robot stands, and another one starts from there.
+one that it continues, whatever planning believed; a status is whole, and the next one makes up for one that is
+missing: events and stops are told until they are taken, the samples of the active trajectory again and again. Until
+these come, planning may continue a trajectory that is active no longer; what it makes of it is refused. Who planned and
+died does not come back: the process ends as soon as the robot stands, and another one starts from there.
 """
 
 from __future__ import annotations
