@@ -26,7 +26,7 @@ import trimesh
 from elastic_strips.arrays import Array
 from elastic_strips.collision import certify
 from elastic_strips.collision.proof import robot_statement, scene_statement
-from elastic_strips.control.local_planner import PATIENCE
+from elastic_strips.control.local_planner import BROKEN_STEPS
 from elastic_strips.errors import ElasticStripsError, ParameterError
 from elastic_strips.planning import plan_report
 from elastic_strips.planning.joint_search import divided
@@ -195,7 +195,7 @@ def _ours(
             if pushed is None:
                 break
             scene, before = pushed, strip
-            seconds, _, last = recover(deformer, strip, scene, PATIENCE)
+            seconds, _, last = recover(deformer, strip, scene, BROKEN_STEPS)
             strip, solved, reason = last.strip, last.certified, last.reason
             if not solved:
                 plan = plan_report(robot, scene, strip.q[0], strip.q[-1], deformer=Deformer(robot), timeout=timeout)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastic_strips.control.local_planner import PATIENCE
+from elastic_strips.control.local_planner import BROKEN_STEPS
 from elastic_strips.planning import PlanReport, plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -120,7 +120,7 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: fl
                 break
             scene = moved
             before = strip
-            seconds, ticks, last = recover(deformer, strip, scene, _MAX_TICKS if into is None else PATIENCE)
+            seconds, ticks, last = recover(deformer, strip, scene, _MAX_TICKS if into is None else BROKEN_STEPS)
             strip, certified, reason, anew = last.strip, last.certified, last.reason, False
             if into is not None and not certified:
                 plan = plan_report(robot, scene, strip.q[0], strip.q[-1], seed=seed, deformer=Deformer(robot))

@@ -42,7 +42,7 @@ from .strip_timer import PlanOutcome, PlanResult
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
 """Events that are kept by default: a robot may run for days."""
-_ELSEWHERE = 0.02
+_STRIP_START_OFFSET = 0.02
 """Distance [m, rad] from the beginning of a strip that was planned while the robot braked, from which on it stands
 elsewhere."""
 _Planned = TypeVar("_Planned")
@@ -561,7 +561,7 @@ class Controller:
 
     def _apart(self, one: Array, other: Array) -> bool:
         """Whether a strip that begins at one configuration does not begin at another."""
-        return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _ELSEWHERE
+        return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _STRIP_START_OFFSET
 
     def _submit(self, plan: Callable[[], _Planned]) -> Future[_Planned]:
         if self._workers is None:

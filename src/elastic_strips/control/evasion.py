@@ -78,25 +78,25 @@ def motion_to(
     return Trajectory(robot, limits, time, coordinates, limits.to_tangent(v), limits.to_tangent(a))
 
 
-_TOUCHING = 40.0
+_CONTACT_COST = 40.0
 """Cost of a contact, per second."""
-_DETOUR = 1.5
+_DETOUR_COST = 1.5
 """Cost of a metre beside the strip, in metres along it."""
-_TURN = 0.3
+_HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
 _LONGER = np.array([0.0, 0.2, 0.5, 0.9])
 """Times [s] for which a manoeuvre may be followed beyond the least one, to end at a free place."""
 _ROOM_STEP = 0.1
 """Step [s] at which the way to that place is looked at."""
-_STANDING = 0.25
+_FREE_PLACE_TIME = 0.25
 """Time [s] for which that place is to stay free."""
-_FEW = 8
+_COMPARED_AT_ONCE = 8
 """So many of the shortlist are compared with what stands at a time."""
-_GAIN = 0.1
+_LEAST_GAIN = 0.1
 """Gain of cost [s] for which a robot in motion, or at risk, leaves the strip."""
-_PACE = 0.75
+_STRIP_PACE = 0.75
 """Part of the largest speed and acceleration that the strip is assumed to be followed with."""
-_STEADY = 0.15
+_STEADINESS_BONUS = 0.15
 """Bonus [s] of the manoeuvre that was chosen last: it goes on unless another is better."""
 
 
@@ -172,7 +172,7 @@ class EvasivePlanner(OneThread):
         if not threatened and (result.accepted or by_standing):
             self._last = None
             return result
-        gain = _GAIN if threatened or start.v.any() else self.params.min_gain
+        gain = _LEAST_GAIN if threatened or start.v.any() else self.params.min_gain
         began = 0.0 if pace is None else pace.reading()
         for motion in self.options(start, cost - gain):
             certificate = certify(motion, outlook)
@@ -191,8 +191,8 @@ class EvasivePlanner(OneThread):
         Where the strip is broken the robot is assumed to stop and wait.
         """
         strip, speed, times = result.report.strip.coordinates, result.speed, self.time
-        top = _PACE * float(self.limits.drive_speed.max(initial=1.0))
-        change = _PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
+        top = _STRIP_PACE * float(self.limits.drive_speed.max(initial=1.0))
+        change = _STRIP_PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
         now = min(fastest_drive(self.limits, start.v) / top, speed)
         ramp = np.minimum(times, (speed - now) / change)
         passed = now * times + change * ramp * (times - 0.5 * ramp)
@@ -262,7 +262,7 @@ class EvasivePlanner(OneThread):
         pose = self._rolling.poses(start, targets, horizon=params.horizon)
         cost = self._to_go(pose[:, -1])
         if last is not None:  # a bonus for the present manoeuvre
-            cost[(np.abs(targets.first - last) < 1e-9).all(axis=1)] -= _STEADY
+            cost[(np.abs(targets.first - last) < 1e-9).all(axis=1)] -= _STEADINESS_BONUS
         able = cost < better  # risk only adds to it
         targets, pose, cost = targets.take(able), pose[able], cost[able]
         cost += self._risk(pose)
@@ -288,8 +288,8 @@ class EvasivePlanner(OneThread):
         """Those of ``best``, in ascending order of cost, that stay below ``better`` with the risk of touching what
         stands, by cost with that risk. It only adds to a cost: few are asked for it before the first is sure."""
         known: list[tuple[float, int]] = []  # cost, and place among the best
-        for begin in range(0, len(best), _FEW):
-            few = best[begin : begin + _FEW]
+        for begin in range(0, len(best), _COMPARED_AT_ONCE):
+            few = best[begin : begin + _COMPARED_AT_ONCE]
             risen = cost[few] + self._standing_risk(pose[few])
             known += [(c, begin + k) for k, c in enumerate(risen.tolist()) if c < better]
             known.sort()
@@ -305,7 +305,7 @@ class EvasivePlanner(OneThread):
         The next tick plans anew, and most places are free: the longer times are tried where the shortest does not do.
         """
         kinds, longer = self._kinds, len(_LONGER) - 1
-        after = _STANDING + _ROOM_STEP
+        after = _FREE_PLACE_TIME + _ROOM_STEP
         held = self._free(start, kinds, np.full(len(kinds), self.hold + _LONGER[0]), after=after).astype(np.intp) - 1
         left = np.flatnonzero(held < 0)
         if len(left):
@@ -318,19 +318,19 @@ class EvasivePlanner(OneThread):
         """(N,) whether motions to targets (N, k), held for times (N,) [s], keep clear of the forecast."""
         time, pose, rest = self._stopping.to_rest(start, target, hold, after=after)
         apart = self._lookahead.possible(pose, self._delay + time, 2.0 * self._clearance)
-        return np.all((apart > self._clearance) | (time > rest[:, None] + _STANDING), axis=1)
+        return np.all((apart > self._clearance) | (time > rest[:, None] + _FREE_PLACE_TIME), axis=1)
 
     def _risk(self, pose: Array) -> Array:
         """(N,) cost [s] of coming near moving obstacles, discounted with time, as predictions become less certain."""
         params = self.params
         apart = self._lookahead.near(pose, self._delay + self.time, params.lookahead) - self._clearance
         near = np.minimum(np.maximum(1.0 - apart / self._radius, 0.0), 1.5)
-        return (params.proximity_weight * near * near + _TOUCHING * (apart < 0.0)) @ self._weight
+        return (params.proximity_weight * near * near + _CONTACT_COST * (apart < 0.0)) @ self._weight
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching static obstacles."""
         apart = self._lookahead.from_standing(pose[:, 1::2], 2.0 * self._clearance)
-        return (_TOUCHING * (apart < self._clearance)) @ (2.0 * self._weight[1::2])
+        return (_CONTACT_COST * (apart < self._clearance)) @ (2.0 * self._weight[1::2])
 
     def _to_go(self, pose: Array) -> Array:
         """(N,) time [s] to the goal from poses (N, 3): back to the strip, along it, and turning."""
@@ -339,7 +339,7 @@ class EvasivePlanner(OneThread):
         length = (at * at).sum(axis=1)[:, None] + self._square
         length -= 2.0 * (at @ path.T)
         np.sqrt(np.maximum(length, 0.0, out=length), out=length)
-        length *= _DETOUR
+        length *= _DETOUR_COST
         length += self._rest
         node = length.argmin(axis=1)
         least = length[np.arange(len(pose)), node] / top
@@ -348,4 +348,6 @@ class EvasivePlanner(OneThread):
         to = self._ahead[node] - at
         turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
         turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is possible too
-        return least + _TURN * turn * np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is none left
+        return least + _HEADING_COST * turn * np.minimum(
+            np.hypot(to[:, 0], to[:, 1]), 1.0
+        )  # at the goal there is none left

@@ -27,8 +27,8 @@ from .params import DriveParams, Tolerance
 from .supervisor import RunLog, Supervisor
 from .tracking import TrackingController, TrackingGains
 
-_STEP = 0.005  # [m] in which the tracking error grows
-_RESTS = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
+_TRACKING_ERROR_STEP = 0.005  # [m] in which the tracking error grows
+_STANDING_SPEED = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
 
 
 class ExecutorLink(Protocol):
@@ -198,7 +198,7 @@ class MotionExecutor:
 
     @property
     def settled(self) -> bool:
-        return self._speed < _RESTS
+        return self._speed < _STANDING_SPEED
 
     @property
     def lost_for(self) -> float:
@@ -217,7 +217,11 @@ class MotionExecutor:
         """In steps of 5 mm."""
         params = self.params
         needed = params.monitor.control_share * params.tracking_error + self.monitor.uncertainty
-        return params.tracking_error if needed <= params.tracking_error else math.ceil(needed / _STEP) * _STEP
+        return (
+            params.tracking_error
+            if needed <= params.tracking_error
+            else math.ceil(needed / _TRACKING_ERROR_STEP) * _TRACKING_ERROR_STEP
+        )
 
     def reference(self, t: float) -> ReferenceState:
         return self.supervisor.reference(t)

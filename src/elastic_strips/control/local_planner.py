@@ -23,9 +23,9 @@ from .prediction import ArrivalTimes, Outlook
 from .progress import reconnect, trim_passed
 from .strip_timer import PlanOutcome, PlanResult, StripTimer
 
-PATIENCE = 4
+BROKEN_STEPS = 4
 """Steps for which a strip that has broken gets new nodes; then other means have to help."""
-_SELDOM = 4
+_STUCK_EVERY = 4
 """After that it is deformed in every so many ticks while the robot waits, in case that what broke it goes away."""
 
 
@@ -241,8 +241,8 @@ class LocalPlanner:
         self._ticks += 1
         before, last = self.report, self._last
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
-        stuck = self._broken > PATIENCE
-        every = _SELDOM if stuck else 1 if prediction is None else 2
+        stuck = self._broken > BROKEN_STEPS
+        every = _STUCK_EVERY if stuck else 1 if prediction is None else 2
         if before is not None and waits and scene.names == self._names and self._ticks % every:
             report = replace(before, strip=strip)  # only the motion is planned again
         else:

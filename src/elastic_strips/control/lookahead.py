@@ -17,10 +17,10 @@ from elastic_strips.work import count_work
 
 FAR = 3.0
 """Largest separation that is returned [m]."""
-_ROUND = ("Cylinder", "Sphere", "Capsule", "Cone")
+_ROUND_SHAPES = ("Cylinder", "Sphere", "Capsule", "Cone")
 _LEAST_DISC = 0.12  # [m] radius of the smallest discs that cover the robot's boxes
 _PARTS = np.linspace(0.0, 1.0, 7)[:, None]  # of the horizon, at which moving pieces are looked at
-_LOW = 0.02  # [m] lower obstacles are driven over
+_DRIVEN_OVER_HEIGHT = 0.02  # [m] lower obstacles are driven over
 
 
 class ObstacleLookahead:
@@ -53,7 +53,7 @@ class ObstacleLookahead:
         flat = np.where(np.abs(turn[:, 2, 2]) < 0.999, table.radius, flat)  # those lie or lean
         tall = (np.abs(turn[:, 2]) * half).sum(axis=1)
         low, high = middle[:, 2] - tall, middle[:, 2] + tall
-        counts = (high >= _LOW) & (low <= footprint.high.max())
+        counts = (high >= _DRIVEN_OVER_HEIGHT) & (low <= footprint.high.max())
         near = np.hypot(x - centre[0], y - centre[1]) - flat < reach
         at = np.flatnonzero(counts & near & (mover < 0))
         yaw = np.arctan2(turn[at, 1, 0], turn[at, 0, 0])
@@ -164,7 +164,7 @@ class ObstacleLookahead:
 @lru_cache(maxsize=4)
 def _round(parts: tuple[Part, ...]) -> Mask:
     """(P,) which parts are round; scenes that differ in poses have the same."""
-    return np.array([type(part.geometry).__name__ in _ROUND for part in parts], dtype=bool)
+    return np.array([type(part.geometry).__name__ in _ROUND_SHAPES for part in parts], dtype=bool)
 
 
 def _pairs(pose: Array, pieces: Array) -> int:

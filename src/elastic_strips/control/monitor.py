@@ -19,8 +19,8 @@ from .params import MonitorParams
 
 _TOO_FAST = 2.0
 """A motor that seems this many times as fast as its limit was misread."""
-_SLACK = 0.05  # [m, rad] and what a reading may be off besides
-_FEW = 1
+_READING_SLACK = 0.05  # [m, rad] and what a reading may be off besides
+_MOST_VANISHED = 1
 """So few obstacles may vanish at once."""
 
 
@@ -170,7 +170,7 @@ class SceneMonitor:
         if not scene.time <= t + self.params.clock_skew:
             return f"the scene's time is {scene.time - t:.2f} s ahead"
         gone = len(self._seen.difference(scene.names))
-        if gone > _FEW and gone > self.params.vanished * len(self._seen):
+        if gone > _MOST_VANISHED and gone > self.params.vanished * len(self._seen):
             self._doubted_since = t if self._doubted_since is None else self._doubted_since
             if t - self._doubted_since < self.params.scene_doubt or not at_rest:
                 return f"{gone} of {len(self._seen)} obstacles have vanished at once"
@@ -181,7 +181,9 @@ class SceneMonitor:
 def _near(values: Array, others: Array, speed: Array, span: float) -> bool:
     """Whether values can be what others have become in ``span`` [s], at speeds of at most about ``speed``."""
     return np.shape(values) == others.shape and bool(
-        (np.abs(np.asarray(values) - others) <= _TOO_FAST * speed * span + _SLACK).all()  # False of what is no number
+        (
+            np.abs(np.asarray(values) - others) <= _TOO_FAST * speed * span + _READING_SLACK
+        ).all()  # False of what is no number
     )
 
 

@@ -26,11 +26,11 @@ from .params import DriveParams
 from .prediction import Outlook
 from .progress import trim_passed
 
-_SPACING = 0.04
+_TAKEN_OVER_SPACING = 0.04
 """Spacing [m] of nodes that are taken over from the active trajectory."""
-_NOWHERE = 1e-3
+_SHORTEST_MOTION = 1e-3
 """A motion of which no coordinate [m or rad] ends further than this from its beginning leads nowhere."""
-_SHARES = (0.5, 1.0)
+_FOLLOWED_SHARES = (0.5, 1.0)
 """Parts of the active trajectory that are followed first, where the strip bends too sharply."""
 
 
@@ -202,7 +202,7 @@ class StripTimer:
         if self._failures > 1 and start.v.any():  # what all that the motors give and other ways failed with just now
             attempts = attempts[1:]
         elif not off_strip:
-            attempts += [(share, self.hard) for share in _SHARES]
+            attempts += [(share, self.hard) for share in _FOLLOWED_SHARES]
         for share, retimer in attempts:
             began = self.pace.reading()
             nodes = coordinates if share == 0.0 else self._continued(coordinates, start, active, share)
@@ -226,7 +226,7 @@ class StripTimer:
         rows = [start.coordinates]
         for row in ahead[: int(np.ceil(share * len(ahead)))]:
             v = space.difference(rows[-1], row)
-            if float((v * v) @ weight) > _SPACING**2:
+            if float((v * v) @ weight) > _TAKEN_OVER_SPACING**2:
                 rows.append(row)
         rest, _ = trim_passed(space, coordinates, rows[-1], weight, moving=False)
         return np.vstack([np.array(rows), rest[1:]])
@@ -244,7 +244,7 @@ class StripTimer:
     def _stays(self, motion: Trajectory) -> bool:
         """Whether a motion ends where it begins; there would be another like it for ever."""
         way = self.robot.space.difference(motion.coordinates[0], motion.coordinates[-1])
-        return float(np.abs(way).max(initial=0.0)) < _NOWHERE
+        return float(np.abs(way).max(initial=0.0)) < _SHORTEST_MOTION
 
     def _ends_at(self, motion: Trajectory, goal: Array) -> bool:
         v = self.robot.space.difference(motion.coordinates[-1], goal)

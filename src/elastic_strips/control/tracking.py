@@ -15,7 +15,7 @@ from elastic_strips.validation import Bound, Checked, NonNegative
 
 from .interfaces import Command
 
-_REST = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
+_RESTING_REFERENCE = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +88,7 @@ class TrackingController:
             estimate: (nv,) estimated coordinate row now.
         """
         v, a = reference.v, reference.a
-        if max(v.max(), -v.min(), a.max(), -a.min()) <= _REST:
+        if max(v.max(), -v.min(), a.max(), -a.min()) <= _RESTING_REFERENCE:
             return self.rest
         g, first = self.gains, self._first
         error = reference.coordinates[first:] - estimate[first:]

@@ -22,9 +22,9 @@ from .problem import Deadline, PlanningProblem
 from .report import PlanReport
 from .straight import AXES, plan_straight
 
-_COUNT = 24  # configurations that are tried, at most
-_SAID = 3  # reasons, at most
-_IN_TURNS, _LEAST = 3, 0.1  # configurations share the work that is left, and have this [s] at least
+_MOST_CONFIGURATIONS = 24  # configurations that are tried, at most
+_MOST_REASONS = 3  # reasons, at most
+_IN_TURNS, _LEAST_TURN_TIME = 3, 0.1  # configurations share the work that is left, and have this [s] at least
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -102,7 +102,9 @@ def plan_approach(
     ).deadline  # fmt: skip
     drive = reach = None
     reasons: list[str] = []
-    found = goal_configurations(robot, scene, start, goals, seed=seed, params=near, count=_COUNT, deadline=deadline)
+    found = goal_configurations(
+        robot, scene, start, goals, seed=seed, params=near, count=_MOST_CONFIGURATIONS, deadline=deadline
+    )
     deadline = Deadline(deadline.time_left, work)
     for k, q in enumerate(found):
         if k and deadline.over():
@@ -117,11 +119,11 @@ def plan_approach(
             continue
         there = away.strip.reversed()
         reach = replace(away, strip=there, initial=there, report=replace(away.report, strip=there))
-        left = max(deadline.left, _LEAST)
+        left = max(deadline.left, _LEAST_TURN_TIME)
         try:
             drive = plan_report(
                 robot, beyond, start, away.strip.q[-1], params=params, constraint=constraint, seed=seed,
-                work=left / min(_IN_TURNS, len(found) - k), timeout=max(deadline.time_left, _LEAST),
+                work=left / min(_IN_TURNS, len(found) - k), timeout=max(deadline.time_left, _LEAST_TURN_TIME),
             )  # fmt: skip
         except ConfigurationError as error:
             reasons.append(f"before the place: {error}")
@@ -129,5 +131,5 @@ def plan_approach(
         if drive.certified:
             return ApproachReport(True, drive, reach, f"configuration {k + 1} of {len(found)}; {drive.reason}")
         reasons.append(drive.reason)
-    said = "; ".join(dict.fromkeys(reasons[-_SAID:]))
+    said = "; ".join(dict.fromkeys(reasons[-_MOST_REASONS:]))
     return ApproachReport(False, drive, reach, f"none of {len(found)} configurations has a way to it: {said}")

@@ -30,16 +30,16 @@ from .validity import ValidityChecker
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much room
-_LEAST = 1e-3  # [m] that they keep at least, where no clearance is given
-_ENOUGH = 6  # configurations of a goal
+_GOAL_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much room
+_LEAST_GOAL_MARGIN = 1e-3  # [m] that they keep at least, where no clearance is given
+_ENOUGH_CONFIGURATIONS = 6  # configurations of a goal
 _ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
-_ASKED = 24  # configurations that touch something, of which it is asked what
+_MOST_ASKED = 24  # configurations that touch something, of which it is asked what
 _ROUNDS_IN_ALL = 400  # where work is bounded
-_YAWS, _PLACES = 16, 60  # tried, of a base whose yaw or place is free
-_HOPELESS, _FAR_OFF = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
-_SAID = 3  # goals that are named where none is reached
-_SECONDS = 2.0  # [s]
+_YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
+_HOPELESS_ROUNDS, _HOPELESS_MISS = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
+_MOST_GOALS_NAMED = 3  # goals that are named where none is reached
+_LONGEST_GOAL_SEARCH = 2.0  # [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,10 +175,10 @@ def find_goals(
     start: npt.ArrayLike,
     goal: Goal | Sequence[Goal],
     *,
-    count: int = _ENOUGH,
+    count: int = _ENOUGH_CONFIGURATIONS,
     seed: int = 0,
     params: DeformParams | None = None,
-    timeout: float = _SECONDS,
+    timeout: float = _LONGEST_GOAL_SEARCH,
     rounds: int | None = None,
     base: bool = True,
 ) -> GoalSearch:
@@ -285,7 +285,7 @@ class _Source:
             for k in range(_ROUNDS):
                 if moves and (self.free or self.narrow) and k > 0:
                     return
-                if moves and k >= _HOPELESS and hand.distance > _FAR_OFF:
+                if moves and k >= _HOPELESS_ROUNDS and hand.distance > _HOPELESS_MISS:
                     break
                 yield hand.round(base=False)
             for _ in range(_BASE_ROUNDS if moves and not self.free else 0):
@@ -321,10 +321,10 @@ class _Source:
         half = np.asarray(goal.within)
         places = [np.zeros(2)]
         if half.any():
-            places += list(self.rng.uniform(-half, half, (_PLACES, 2)))
+            places += list(self.rng.uniform(-half, half, (_PLACES_TRIED, 2)))
         turns = np.zeros(1)
         if goal.yaw is None:
-            turns = np.array(sorted(np.linspace(-np.pi, np.pi, _YAWS, endpoint=False), key=abs))
+            turns = np.array(sorted(np.linspace(-np.pi, np.pi, _YAWS_TRIED, endpoint=False), key=abs))
 
         def at(place: Array, turn: float) -> Array:
             row = here.copy()
@@ -344,8 +344,8 @@ class _Search:
         self.robot, self.scene, self.start, self.base = robot, scene, start, base
         self.params: DeformParams = params or DeformParams()
         self.here: Array = robot.space.to_coordinates(start)
-        clearance = _LEAST if params is None else params.clearance
-        self.wide = ValidityChecker(robot, scene, margin=max(_MARGIN, clearance))
+        clearance = _LEAST_GOAL_MARGIN if params is None else params.clearance
+        self.wide = ValidityChecker(robot, scene, margin=max(_GOAL_MARGIN, clearance))
         self.tight = ValidityChecker(robot, scene, margin=clearance, bounds=self.wide.bounds)
 
     def result(self, sources: Sequence[_Source], count: int) -> GoalSearch:
@@ -358,8 +358,8 @@ class _Search:
             if len(failures) == 1:
                 return failures[0]
             nearest = min(failures, key=lambda each: each.distance)
-            reasons = "; ".join(each.reason for each in failures[:_SAID])
-            more = f"; and {len(failures) - _SAID} more" if len(failures) > _SAID else ""
+            reasons = "; ".join(each.reason for each in failures[:_MOST_GOALS_NAMED])
+            more = f"; and {len(failures) - _MOST_GOALS_NAMED} more" if len(failures) > _MOST_GOALS_NAMED else ""
             return replace(nearest, reason=reasons + more)
         found = self.robot.space.from_coordinates(np.array(rows))
         if self.robot.space.planar:  # one that did not move stands exactly where it stood
@@ -381,7 +381,7 @@ class _Search:
             return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle)
         counted: Counter[str] = Counter()
         work = Deformer(self.robot, self.params).workspace
-        for row in source.touching[:_ASKED]:
+        for row in source.touching[:_MOST_ASKED]:
             q = self.robot.space.from_coordinates(row)
             near = nearest_things(work, self.robot, self.scene, (q, q))
             worst = min(near, key=lambda each: each.distance)
@@ -394,7 +394,7 @@ class _Search:
 
 def goal_configurations(
     robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, seed: int,
-    params: DeformParams | None, deadline: Deadline, count: int = _ENOUGH,
+    params: DeformParams | None, deadline: Deadline, count: int = _ENOUGH_CONFIGURATIONS,
 ) -> Array:  # fmt: skip
     """Configurations (K, nq) of a goal, to be planned to one after the other; looked for in a few seconds, or rounds
     where the deadline bounds work.
@@ -402,7 +402,7 @@ def goal_configurations(
     Raises:
         GoalError: none is free; the message says why, and ``search`` of the error has it as data.
     """
-    timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_SECONDS, None)
+    timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_LONGEST_GOAL_SEARCH, None)
     search = find_goals(
         robot, scene, start, goal, count=count, seed=seed, params=params, timeout=timeout, rounds=rounds
     )  # fmt: skip

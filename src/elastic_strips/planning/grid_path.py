@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 FLOOR = 0.02  # [m] obstacles that lie lower are driven over
-_STEEP = 12.0  # cost of a cell at the narrowest clearance against one in the open
-_SMOOTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
+_NARROW_COST = 12.0  # cost of a cell at the narrowest clearance against one in the open
+_SMOOTHING_WIDTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
 MOST_CELLS = 400_000
 """Largest grid; searching it takes about a second."""
 COMFORT = 0.35
 """Clearance [m] beyond the inner disc from which on more of it is worth nothing."""
-_RESOLUTION = 0.05  # [m] edge of a cell, where the grid is not too large
-_WIDEN = 3.0  # [m] a grid reaches so far beyond what it is about
-_COARSEST = 0.5  # [m] a larger cell says nothing about where a robot passes
-_FEW = 5_000  # cells; where there are more, a coarse grid says where to search
-_BLOCK = 3  # cells along the edge of a coarse one
-_ASIDE = 2  # coarse cells aside of the coarse path that are searched
-_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
+_CELL_EDGE = 0.05  # [m] edge of a cell, where the grid is not too large
+GRID_MARGIN = 3.0  # [m] a grid reaches so far beyond what it is about
+_LARGEST_CELL = 0.5  # [m] a larger cell says nothing about where a robot passes
+_MOST_FINE_CELLS = 5_000  # cells; where there are more, a coarse grid says where to search
+_COARSE_CELLS = 3  # cells along the edge of a coarse one
+_COARSE_CELLS_ASIDE = 2  # coarse cells aside of the coarse path that are searched
+_GRID_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -88,7 +88,7 @@ def grid_path(
     endpoints = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
     low_in, high_in = box_about(endpoints) if box is None else box
     low, shape, resolution = grid_frame(low_in, high_in, most_cells)
-    if resolution > _COARSEST:
+    if resolution > _LARGEST_CELL:
         size = resolution * (shape - 1)
         reason = f"an area of {size[0]:.0f} m × {size[1]:.0f} m is too large for a grid of {most_cells} cells"
         return GridPath(None, reason)
@@ -111,7 +111,7 @@ def grid_path(
 
 def box_about(points: Array) -> tuple[Array, Array]:
     """Low and high corner (2,) [m] of a grid about positions (K, 2) of the base."""
-    return points.min(axis=0) - _WIDEN, points.max(axis=0) + _WIDEN
+    return points.min(axis=0) - GRID_MARGIN, points.max(axis=0) + GRID_MARGIN
 
 
 def grid_frame(low: Array, high: Array, most_cells: int) -> tuple[Array, Indices, float]:
@@ -121,15 +121,15 @@ def grid_frame(low: Array, high: Array, most_cells: int) -> tuple[Array, Indices
         low, high: (2,) corners [m].
         most_cells: largest number of cells; their edge is a multiple of 5 cm where there would be more.
     """
-    edge, most_cells = _RESOLUTION, max(most_cells, 16)
+    edge, most_cells = _CELL_EDGE, max(most_cells, 16)
     while True:
         first = np.floor(low / edge) * edge
         shape = np.ceil((high - first) / edge).astype(np.int64) + 1
         cells = float(shape[0]) * float(shape[1])
         if cells <= most_cells:
             return first, shape, edge
-        times = edge / _RESOLUTION
-        edge = _RESOLUTION * max(np.ceil(times * np.sqrt(cells / most_cells)), np.rint(times) + 1.0)
+        times = edge / _CELL_EDGE
+        edge = _CELL_EDGE * max(np.ceil(times * np.sqrt(cells / most_cells)), np.rint(times) + 1.0)
 
 
 def cheapest_path(
@@ -147,7 +147,7 @@ def cheapest_path(
     """
     cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
     cost = cell_cost(clear, inner, comfort, cells, resolution)
-    about = _about_coarse_path(cost, cells) if cost.size > _FEW else None
+    about = _about_coarse_path(cost, cells) if cost.size > _MOST_FINE_CELLS else None
     route = None if about is None else _cheapest_route(np.where(about, cost, np.inf), cells)
     if route is None:
         route = _cheapest_route(cost, cells)
@@ -179,16 +179,18 @@ def _about_coarse_path(cost: Array, ends: Indices) -> Mask | None:
     """
     from scipy.ndimage import binary_dilation  # late: slow to import
 
-    blocks = -(-np.array(cost.shape) // _BLOCK)
-    padded = np.full(tuple(_BLOCK * blocks), np.inf)
+    blocks = -(-np.array(cost.shape) // _COARSE_CELLS)
+    padded = np.full(tuple(_COARSE_CELLS * blocks), np.inf)
     padded[: cost.shape[0], : cost.shape[1]] = cost
-    route = _cheapest_route(padded.reshape(blocks[0], _BLOCK, blocks[1], _BLOCK).min(axis=(1, 3)), ends // _BLOCK)
+    route = _cheapest_route(
+        padded.reshape(blocks[0], _COARSE_CELLS, blocks[1], _COARSE_CELLS).min(axis=(1, 3)), ends // _COARSE_CELLS
+    )
     if route is None:
         return None
     about = np.zeros(tuple(blocks), dtype=np.bool_)
     about[route[:, 0], route[:, 1]] = True
-    about = binary_dilation(about, np.ones((3, 3), dtype=np.bool_), iterations=_ASIDE)
-    cells = np.asarray(about.repeat(_BLOCK, axis=0).repeat(_BLOCK, axis=1), dtype=np.bool_)
+    about = binary_dilation(about, np.ones((3, 3), dtype=np.bool_), iterations=_COARSE_CELLS_ASIDE)
+    cells = np.asarray(about.repeat(_COARSE_CELLS, axis=0).repeat(_COARSE_CELLS, axis=1), dtype=np.bool_)
     return cells[: cost.shape[0], : cost.shape[1]]
 
 
@@ -240,7 +242,7 @@ def owner_map(
     return owner
 
 
-_UPRIGHT = 1e-9  # a half plane whose normal has a smaller part along y bounds x alone
+_UPRIGHT_NORMAL = 1e-9  # a half plane whose normal has a smaller part along y bounds x alone
 
 
 @cache
@@ -248,7 +250,7 @@ def _half_planes() -> tuple[Indices, tuple[tuple[Mask, Array, Array], ...]]:
     """Directions towards x, y, -x, -y; and those that bound y from above, from below and not at all: which they are,
     the factor of their supports and the slope along x."""
     around, quarter = outline_directions(), DIRECTIONS // 4
-    up, down = around[:, 1] > _UPRIGHT, around[:, 1] < -_UPRIGHT
+    up, down = around[:, 1] > _UPRIGHT_NORMAL, around[:, 1] < -_UPRIGHT_NORMAL
     sides = []
     for which, scale in ((up, around[:, 1]), (down, around[:, 1]), (~(up | down), np.ones(DIRECTIONS))):
         sides.append((which, 1.0 / scale[which, None], around[which, :1] / scale[which, None]))
@@ -276,13 +278,13 @@ def _fill(owner: Indices, whose: int, reach: Array, at: Array, low: Array, resol
 def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, resolution: float) -> Array:
     """Cost of each cell per metre: 1 in the open, more near obstacles, infinite where the robot does not fit."""
     spare = np.clip((clear - inner) / comfort, 0.0, 1.0)
-    cost = 1.0 + (_STEEP - 1.0) * (1.0 - spare) ** 2
+    cost = 1.0 + (_NARROW_COST - 1.0) * (1.0 - spare) ** 2
     cost[clear < inner] = np.inf
     reach = int(np.ceil(inner / resolution))
     for i, j in endpoints:  # start and goal are known to be free; the map is coarse
         window = (slice(max(i - reach, 0), i + reach + 1), slice(max(j - reach, 0), j + reach + 1))
         closed = ~np.isfinite(cost[window]) & (clear[window] > 0.0)
-        cost[window] = np.where(closed, 4.0 * _STEEP, cost[window])
+        cost[window] = np.where(closed, 4.0 * _NARROW_COST, cost[window])
     return cost
 
 
@@ -295,7 +297,7 @@ def cell_graph(cost: Array) -> csr_array:
     padded[2:-2, 2:-2] = cost
     open_ = np.flatnonzero(np.isfinite(cost))
     count_work(batches=1, cells=len(open_))
-    steps = np.array(_MOVES + tuple((-i, -j) for i, j in _MOVES))
+    steps = np.array(_GRID_MOVES + tuple((-i, -j) for i, j in _GRID_MOVES))
     at = (open_ // columns + 2) * (columns + 4) + open_ % columns + 2
     flat = padded.ravel()
     weight = flat[at[:, None] + steps @ (columns + 4, 1)]
@@ -318,7 +320,7 @@ def smooth_path(path: Array, resolution: float) -> Array:
         return even
     aside = even - np.linspace(even[0], even[-1], len(even))  # zero at both ends: an odd continuation keeps them
     rounded = gaussian_filter1d(
-        np.vstack((-aside[:0:-1], aside, -aside[-2::-1])), _SMOOTH / step, axis=0, mode="nearest"
+        np.vstack((-aside[:0:-1], aside, -aside[-2::-1])), _SMOOTHING_WIDTH / step, axis=0, mode="nearest"
     )
     result = rounded[len(even) - 1 : 2 * len(even) - 1] + np.linspace(even[0], even[-1], len(even))
     result[0], result[-1] = path[0], path[-1]

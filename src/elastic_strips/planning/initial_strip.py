@@ -22,7 +22,7 @@ from .grid_path import resample
 from .ompl_planner import PathResult, ompl_path
 from .problem import Deadline, PlanningProblem
 
-_TURN = 0.35  # largest turn in place between two nodes [rad]
+_LARGEST_TURN = 0.35  # largest turn in place between two nodes [rad]
 
 
 def straight_line(
@@ -72,8 +72,8 @@ def _turn_drive_turn(
     drive_yaw = heading if forward <= backward + 0.5 or not may_back else back
     turn_in = float(wrap_angle(np.array(drive_yaw - a[2])))
     turn_out = float(wrap_angle(np.array(b[2] - drive_yaw)))
-    n_in = int(np.ceil(abs(turn_in) / _TURN - 1e-9))
-    n_out = int(np.ceil(abs(turn_out) / _TURN - 1e-9))
+    n_in = int(np.ceil(abs(turn_in) / _LARGEST_TURN - 1e-9))
+    n_out = int(np.ceil(abs(turn_out) / _LARGEST_TURN - 1e-9))
     joints = np.abs(offset[3:]).max(initial=0.0)
     n_drive = max(int(np.ceil(max(length / spacing, 0.4 * joints / spacing))), 4)
     if most is not None:  # the drive needs one row, and so does a turn
@@ -97,9 +97,9 @@ def _turned(row: Array, yaw: float) -> Array:
     return out
 
 
-_BEND = 1.0  # [rad] a heading that differs by less from the path's is bent into it, without a turn in place
-_LEAD = 0.8  # [m] over which it is bent
-_FOLD = 0.3  # largest motion of a joint between two rows while the base stands [rad or m]
+_LARGEST_BEND = 1.0  # [rad] a heading that differs by less from the path's is bent into it, without a turn in place
+_BEND_LENGTH = 0.8  # [m] over which it is bent
+_LARGEST_FOLD_STEP = 0.3  # largest motion of a joint between two rows while the base stands [rad or m]
 
 
 def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLike, *, spacing: float) -> Array:
@@ -180,7 +180,7 @@ def tucked_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLik
     moves[:, : space.base_nv] = 0.0
     stands = []
     for move, row in zip(moves, folded, strict=True):
-        count = int(np.ceil(float(np.abs(move).max(initial=0.0)) / _FOLD - 1e-9))
+        count = int(np.ceil(float(np.abs(move).max(initial=0.0)) / _LARGEST_FOLD_STEP - 1e-9))
         stands.append(row + (np.arange(count)[:, None] / max(count, 1) - 1.0) * move)  # from the end's posture on
     return np.vstack((stands[0], rows, stands[1][::-1]))
 
@@ -189,11 +189,11 @@ def _bent(points: Array, yaw: float) -> Array:
     """The path (K, 2), its beginning bent so that it starts with the heading ``yaw`` where they do not differ much."""
     fine = resample(points, 0.02)
     length = 0.02 * (len(fine) - 1)
-    count = int(min(_LEAD, 0.4 * length) / 0.02)
+    count = int(min(_BEND_LENGTH, 0.4 * length) / 0.02)
     if count < 3:
         return points
     chord = fine[count] - fine[0]
-    if abs(float(wrap_angle(np.array(yaw - np.arctan2(chord[1], chord[0]))))) >= _BEND:
+    if abs(float(wrap_angle(np.array(yaw - np.arctan2(chord[1], chord[0]))))) >= _LARGEST_BEND:
         return points
     reach = float(np.hypot(*chord))
     after = fine[count + 1] - fine[count]
@@ -211,9 +211,9 @@ def _bent(points: Array, yaw: float) -> Array:
 def _turn(row: Array, yaw: float) -> Array:
     """Rows that turn in place from ``row`` to the heading ``yaw``; the row alone where that is a small bend."""
     turn = float(wrap_angle(np.array(yaw - row[2])))
-    if abs(turn) < _BEND:
+    if abs(turn) < _LARGEST_BEND:
         return row[None]
-    count = int(np.ceil(abs(turn) / _TURN)) + 1
+    count = int(np.ceil(abs(turn) / _LARGEST_TURN)) + 1
     rows = np.repeat(row[None], count, axis=0)
     rows[:, 2] += np.linspace(0.0, turn, count)
     return rows
@@ -223,10 +223,10 @@ _LINE_TICKS = 6  # most that a straight line gets
 _LINE_DEPTH = (-0.28, -0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 0, 1, 2 … is given up
 _LINE_LINKS, _LINE_SHARE = 4, 0.5  # an arm's line that touches with more links, or for longer, is given up
 _LINE_STRIDE, _LINE_FEWEST = 8, 3  # every eighth node is looked at before the line is, where there are so many
-_TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it
+_TUCKED_WITHIN = 0.05  # [rad or m] joints that differ by less from the home posture are in it
 STUCK_TICKS = 6
 """Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
-_GAIN = 1e-3  # [m] by which it must get clearer to count
+_LEAST_GAIN_OF_CLEARANCE = 1e-3  # [m] by which it must get clearer to count
 _MOST_TICKS = 30  # of a strip along a path, until it is certified
 _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
 _NEAR_ARM = 2.0  # very near an arm's strip: this many times its clearance; in a shelf everything is within ``near``
@@ -252,7 +252,7 @@ def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, st
     robot = problem.robot
     yield rows_along(problem, path), ""
     joints = robot.space.to_coordinates(np.stack((robot.home_q, problem.start, problem.goal)))[:, robot.space.base_nv :]
-    if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED:
+    if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED_WITHIN:
         yield rows_along(problem, path, tucked_rows), " with the arm tucked"
 
 
@@ -312,7 +312,7 @@ def relax_path(
 
     def ended(report: DeformReport) -> bool:
         nonlocal clearest, since
-        since = 0 if report.node_clearance > clearest + _GAIN else since + 1
+        since = 0 if report.node_clearance > clearest + _LEAST_GAIN_OF_CLEARANCE else since + 1
         clearest = max(clearest, report.node_clearance)
         return (report.usable and not problem.missed(report)) or (stuck is not None and since >= stuck) or over()
 

@@ -20,9 +20,11 @@ from .validity import Checker
 
 PLANNERS = ("LBKPIECE1", "LBKPIECE1", "LBKPIECE1", "RRTConnect")
 """What searches, in turns: the first is the better one in tight places, the last where there is room."""
-_RANGE = 0.6  # longest motion of a tree, in scaled units: the square root of a motion radius [m] times an angle
-_CELLS = 10.0  # of the trees' grid, from one end of the hand's reach to the other
-_SHORTCUTS = 60  # most tries to shorten a path
+_LONGEST_TREE_MOTION = (
+    0.6  # longest motion of a tree, in scaled units: the square root of a motion radius [m] times an angle
+)
+_TREE_CELLS = 10.0  # of the trees' grid, from one end of the hand's reach to the other
+_MOST_SHORTCUTS = 60  # most tries to shorten a path
 
 
 def search_joints(
@@ -86,7 +88,7 @@ def _search(
             return motion(numbers(one), numbers(two), step)
 
     projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
-    cells = np.abs(projection) @ ((high - low) * scale) / _CELLS
+    cells = np.abs(projection) @ ((high - low) * scale) / _TREE_CELLS
     if (cells > 0.0).all():
         space.registerDefaultProjection(
             ob.RealVectorLinearProjectionEvaluator(space, cells.tolist(), np.asfortranarray(projection))
@@ -102,7 +104,7 @@ def _search(
             state[k] = float(end[b + k] * scale[k])  # type: ignore[index]
     setup.setStartAndGoalStates(first, last, 1e-9)
     chosen = getattr(og, planner)(info)
-    chosen.setRange(_RANGE)
+    chosen.setRange(_LONGEST_TREE_MOTION)
     setup.setPlanner(chosen)
     if not solved(setup, valid, search):
         return None
@@ -133,7 +135,7 @@ def shortened(
     b = corners.shape[1] - len(scale)
     corners = corners[np.r_[True, (np.diff(corners, axis=0) != 0.0).any(axis=1)]]
     along = _along(corners[:, b:] * scale)
-    tries = [(0.0, 1.0), *np.sort(np.random.default_rng(seed).random((_SHORTCUTS - 1, 2)), axis=1).tolist()]
+    tries = [(0.0, 1.0), *np.sort(np.random.default_rng(seed).random((_MOST_SHORTCUTS - 1, 2)), axis=1).tolist()]
     for first, last in tries:
         if len(corners) < 3 or over():
             break

@@ -30,13 +30,13 @@ from elastic_strips.summary import Summary
 MOST_DEPTH = 0.05
 """Depths [m] beyond this are no slight contact."""
 
-_STEP = 2.5e-4  # [m] that any point of the robot moves in a step, at most
+_LARGEST_STEP = 2.5e-4  # [m] that any point of the robot moves in a step, at most
 _MOST_STEPS = 600
-_BEYOND = 1e-3  # [m] more than is needed, where it counts as free: what is planned from there needs room
-_REACH = 0.02  # [m] beyond what is needed, that distances are known of
-_DIFFERENCE = 1e-5  # [rad or m] of numerical derivatives
-_COAL = 1e-5  # [m] accuracy of Coal's distances
-_HALVINGS = 5
+_FREE_MARGIN = 1e-3  # [m] more than is needed, where it counts as free: what is planned from there needs room
+_DISTANCE_REACH = 0.02  # [m] beyond what is needed, that distances are known of
+_DERIVATIVE_STEP = 1e-5  # [rad or m] of numerical derivatives
+_COAL_ACCURACY = 1e-5  # [m] accuracy of Coal's distances
+_MOST_HALVINGS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ def leave_contact(
         )
     here = begin
     for _ in range(_MOST_STEPS):
-        if all(d > near.needed(pair) + _BEYOND for pair, d in here.items() if pair in tight):
+        if all(d > near.needed(pair) + _FREE_MARGIN for pair, d in here.items() if pair in tight):
             break
         found = _step(near, rows[-1], here, set(tight))
         if found is None:
@@ -207,7 +207,7 @@ class _Distances:
             first, second = for_penetration(one, two)
             self._result.clear()
             distance = coal.distance(first, poses[pair[0]], second, other, self._request, self._result)
-            found[pair] = float(distance) - _COAL
+            found[pair] = float(distance) - _COAL_ACCURACY
         return found
 
     def _part(self, part: int, box: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
@@ -220,7 +220,7 @@ class _Distances:
 
     def _near(self, middle: Array) -> Iterator[_Pair]:
         """Pairs that may be nearer than is of interest, by balls and boxes about them."""
-        table, reach = self.table, self._reach + self.clearance + _REACH
+        table, reach = self.table, self._reach + self.clearance + _DISTANCE_REACH
         if len(table.parts):
             apart = np.abs(middle[:, None] - table.center[None]) - table.half_extents[None]
             gap = np.linalg.norm(np.maximum(apart, 0.0), axis=2)  # (bodies, parts)
@@ -236,7 +236,7 @@ class _Distances:
                         yield int(body), int(part), k
         for one, two in self.robot.self_pairs:
             between = np.linalg.norm(middle[one] - middle[two])
-            if between <= self._reach[one] + self._reach[two] + self.own + _REACH:
+            if between <= self._reach[one] + self._reach[two] + self.own + _DISTANCE_REACH:
                 yield int(one), int(two), -1
 
 
@@ -245,8 +245,8 @@ def _step(
 ) -> tuple[Array, dict[_Pair, float]] | None:
     """The next row, with its distances: all that is too near is farther, and nothing else is too near."""
     space = near.robot.space
-    watched = [p for p, d in here.items() if d <= near.needed(p) + _BEYOND + 4.0 * _STEP]
-    wanted = np.array([1.0 if p in tight and here[p] <= near.needed(p) + _BEYOND else 0.0 for p in watched])
+    watched = [p for p, d in here.items() if d <= near.needed(p) + _FREE_MARGIN + 4.0 * _LARGEST_STEP]
+    wanted = np.array([1.0 if p in tight and here[p] <= near.needed(p) + _FREE_MARGIN else 0.0 for p in watched])
     slopes = np.zeros((len(watched), space.nv))
     free = np.ones(space.nv, dtype=bool)
     if near.robot.base_kind is BaseKind.DIFF_DRIVE:
@@ -254,10 +254,10 @@ def _step(
     base = np.array([here[p] for p in watched])
     for i in np.flatnonzero(free):
         v = np.zeros(space.nv)
-        sign = -1.0 if i >= space.base_nv and row[i] + _DIFFERENCE > space.upper[i] else 1.0
-        v[i] = sign * _DIFFERENCE
+        sign = -1.0 if i >= space.base_nv and row[i] + _DERIVATIVE_STEP > space.upper[i] else 1.0
+        v[i] = sign * _DERIVATIVE_STEP
         moved = near.at(space.integrate(row[None], v[None])[0], watched)
-        slopes[:, i] = sign * (np.array([moved[p] for p in watched]) - base) / _DIFFERENCE
+        slopes[:, i] = sign * (np.array([moved[p] for p in watched]) - base) / _DERIVATIVE_STEP
     lever = near.bounds.travel(np.eye(space.nv)).max(axis=1)  # a unit of each coordinate moves a point so far at most
     scale = np.where(free, 1.0 / np.maximum(lever, 1e-3), 0.0)
     rows, least = [slopes * scale], [wanted]
@@ -270,8 +270,8 @@ def _step(
     if direction is None:
         return None
     v = direction * scale
-    v *= _STEP / float(near.bounds.travel(v[None]).max())
-    for _ in range(_HALVINGS):
+    v *= _LARGEST_STEP / float(near.bounds.travel(v[None]).max())
+    for _ in range(_MOST_HALVINGS):
         new = space.integrate(row[None], v[None])[0]
         if (new[space.base_nv :] >= space.lower[space.base_nv :]).all() and (
             new[space.base_nv :] <= space.upper[space.base_nv :]
@@ -285,9 +285,9 @@ def _step(
 
 def _allowed(near: _Distances, pair: _Pair, before: float | None, distance: float, tight: set[_Pair]) -> bool:
     """Whether a distance may be so after a step: it has grown where it is too small, else it stays large enough."""
-    if pair in tight and before is not None and before <= near.needed(pair) + _BEYOND:
+    if pair in tight and before is not None and before <= near.needed(pair) + _FREE_MARGIN:
         return distance > before
-    return distance > near.needed(pair) + _STEP
+    return distance > near.needed(pair) + _LARGEST_STEP
 
 
 def _least_motion(slopes: Array, least: Array) -> Array | None:
@@ -321,12 +321,12 @@ def _checked(near: _Distances, strip: Strip, tight: set[_Pair]) -> float:
         for pair, distance in there.items():
             before = last.get(pair, np.inf)
             slack = (twice if pair[2] < 0 else half)[k - 1]
-            grows = pair in tight and (distance > before or before > near.needed(pair) + _BEYOND)
+            grows = pair in tight and (distance > before or before > near.needed(pair) + _FREE_MARGIN)
             if not grows and min(before, distance) - slack <= near.needed(pair):
                 one, two = near.names(pair)
                 raise ConfigurationError(f"start touches, and on the way out {one!r} comes too near to {two!r}")
         last = there
-    return float(twice.max()) + _COAL
+    return float(twice.max()) + _COAL_ACCURACY
 
 
 def joined(departure: Departure, rest: Strip) -> Strip:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
 OMPL_LOCK = threading.Lock()
 """OMPL draws all its seeds from one generator of the process: one search at a time, or seeds mean nothing."""
-_WIDEN = 2.0  # [m] the base may go so far beyond start and goal
+_STATE_SPACE_MARGIN = 2.0  # [m] the base may go so far beyond start and goal
 _TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
 _BASE_STEP = 0.07  # spacing of validity checks [m]
 _TURN_STEP = 0.14  # of a base that turns on the spot [rad]
@@ -94,7 +94,7 @@ def ompl_path(
     space = robot.space
     endpoints = space.to_coordinates(np.stack((start, goal)))
     base = endpoints[:, :2]
-    low, high = (base.min(axis=0) - _WIDEN, base.max(axis=0) + _WIDEN) if box is None else box
+    low, high = (base.min(axis=0) - _STATE_SPACE_MARGIN, base.max(axis=0) + _STATE_SPACE_MARGIN) if box is None else box
     planar = space.planar
     valid = ValidityChecker(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
     for name, q in (("start", start), ("goal", goal)):

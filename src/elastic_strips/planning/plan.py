@@ -30,8 +30,8 @@ from .problem import ARM, Deadline, PlanningProblem, check_kinds, one_configurat
 from .report import PlanReport
 from .search import PlanSearch
 
-_DETOUR, _ASIDE = 3.0, 5.0  # a grid's path of more than 3 times the direct one and 5 m [m] waits for OMPL
-_SHORTER_SHARE, _SHORTER = 0.25, 2.0  # of the time, and most [s], is OMPL's then
+_DETOUR_RATIO, _DETOUR_LENGTH = 3.0, 5.0  # a grid's path of more than 3 times the direct one and 5 m [m] waits for OMPL
+_SHORTENING_SHARE, _LONGEST_SHORTENING = 0.25, 2.0  # of the time, and most [s], is OMPL's then
 _LEAST_SHARE = 0.1  # [s]
 _IN_TURNS = 3  # configurations of a goal share the time that is left
 
@@ -146,11 +146,11 @@ def plan_report(
     report = report or search.straight(line)
     if report is None and grid and problem.region is not None:
         direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
-        report = search.over_the_grid(_DETOUR * direct + _ASIDE)
+        report = search.over_the_grid(_DETOUR_RATIO * direct + _DETOUR_LENGTH)
         if report is None and search.put_off:  # is there no shorter one that the base alone does not find?
-            report = search.with_ompl(min(_SHORTER_SHARE * problem.deadline.left, _SHORTER)) or search.over_the_grid(
-                np.inf
-            )
+            report = search.with_ompl(
+                min(_SHORTENING_SHARE * problem.deadline.left, _LONGEST_SHORTENING)
+            ) or search.over_the_grid(np.inf)
     if report is None and problem.region is None:
         report = search.of_the_joints()
     return report or search.with_ompl() or search.failed()

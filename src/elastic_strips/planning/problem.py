@@ -30,15 +30,18 @@ from .leaving import MOST_DEPTH
 
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
-_FAR = 200.0  # [m] a warning is logged for a goal farther away
-_ENDLESS = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
-_HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
-_ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
-_LEAST = 2.0  # [m] about start and goal, to turn and to back up
+_FAR_GOAL = 200.0  # [m] a warning is logged for a goal farther away
+_ENDLESS_SIZE = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
+_HUGE_SIZE, _THICK_SIZE = (
+    200.0,
+    1.0,
+)  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
+_PASSING_ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
+_LEAST_TURNING_ROOM = 2.0  # [m] about start and goal, to turn and to back up
 ARM = DeformParams(influence=0.1, near=0.04)
 """Of an arm's relaxation, by default: in a shelf everything is within 0.3 m, and not all of it need be measured."""
 _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself
-_SPACING = 0.13  # [m] between the nodes of a first strip, at most
+_FIRST_NODE_SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
 _Box = tuple[Array, Array]
 """Low and high corner (2,) of an upright box [m]."""
@@ -170,7 +173,7 @@ class PlanningProblem:
             self.constraint.check(self.endpoints, ("start", "goal"))
         if self.region is None and bounds is not None:
             raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
-        self.spacing: float = min(_SPACING, self.params.max_spacing)
+        self.spacing: float = min(_FIRST_NODE_SPACING, self.params.max_spacing)
 
     def satisfying(self, coordinates: Array) -> Array:
         """Rows (N, nv), the inner ones moved to where they satisfy the constraint if there is one."""
@@ -323,7 +326,7 @@ def _check_distance(distance: float, params: DeformParams) -> None:
             f"goal is {distance:.6g} m from start, more than the {_MOST_DISTANCE:g} m that are planned at once; "
             "lengths are in metres (are these millimetres?), and a longer way takes goals in between"
         )
-    if distance > _FAR:
+    if distance > _FAR_GOAL:
         _warn_once(
             f"goal is {distance:.6g} m from start: lengths are in metres; a strip has at most {params.max_nodes} nodes "
             "(max_nodes)"
@@ -333,7 +336,7 @@ def _check_distance(distance: float, params: DeformParams) -> None:
 def _warn_of_size(scene: Scene) -> None:
     table = scene.table
     size = 2.0 * table.half_extents
-    huge = (size.max(axis=1, initial=0.0) > _HUGE) & (size.min(axis=1, initial=np.inf) > _THICK)
+    huge = (size.max(axis=1, initial=0.0) > _HUGE_SIZE) & (size.min(axis=1, initial=np.inf) > _THICK_SIZE)
     if huge.any():
         k = int(np.argmax(np.where(huge, size.max(axis=1), 0.0)))
         x, y, z = size[k]
@@ -388,8 +391,8 @@ class Region:
         outer, height = np.max(postures, axis=0)
         table = scene.table
         low, high = table.center - table.half_extents, table.center + table.half_extents
-        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR) & ((high - low).max(axis=1, initial=0.0) < _ENDLESS)
-        least, room = max(_LEAST, outer + _ROOM), outer + _ROOM
+        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR) & ((high - low).max(axis=1, initial=0.0) < _ENDLESS_SIZE)
+        least, room = max(_LEAST_TURNING_ROOM, outer + _PASSING_ROOM), outer + _PASSING_ROOM
         corners = np.vstack(
             (self.endpoints - least, self.endpoints + least, low[counts, :2] - room, high[counts, :2] + room)
         )

@@ -23,17 +23,19 @@ from .report import PlanReport
 from .validity import Checker, SatisfyingChecker, ValidityChecker
 
 _log = logging.getLogger(__name__)
-_FINEST = 4.0  # times as many samples on an edge as usual, at most
-_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
+_MOST_FINENESS = 4.0  # times as many samples on an edge as usual, at most
+_SEARCH_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 _GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
 _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
-_STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
-_SPACING = 0.4  # [m or rad] of the nodes along a path of the joints
-_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
-_STAGINGS = 2  # tries of each posture
-_STAGE = 0.6  # [s] longest search for a path of the joints at either end of a drive
-_FIRST_SEARCH, _LONGER = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
+_EDGE_STEP = (
+    0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
+)
+_JOINT_NODE_SPACING = 0.4  # [m or rad] of the nodes along a path of the joints
+_JOINT_PATH_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
+_STAGING_TRIES = 2  # tries of each posture
+_LONGEST_STAGE_SEARCH = 0.6  # [s] longest search for a path of the joints at either end of a drive
+_FIRST_SEARCH, _SEARCH_GROWTH = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
 _WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
 
 
@@ -123,7 +125,7 @@ class PlanSearch(PathSearch):
 
     def _validity(self) -> tuple[ValidityChecker, SatisfyingChecker | None]:
         """What the joints' paths are checked by, and with the constraint where there is one."""
-        margin = max(min(_MARGIN, 0.5 * self.problem.room), self.params.clearance)
+        margin = max(min(_JOINT_PATH_MARGIN, 0.5 * self.problem.room), self.params.clearance)
         valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=self.deformer.workspace.bounds)
         constraint = self.problem.constraint
         return valid, None if constraint is None else SatisfyingChecker(valid, constraint)
@@ -141,7 +143,7 @@ class PlanSearch(PathSearch):
         self.staged = True
         valid, satisfying = self._validity()
         postures = ("as at the start", ends[0, b:]), ("at home", home[b:]), ("as at the goal", ends[1, b:])
-        for attempt, (what, joints) in product(range(_STAGINGS), postures):
+        for attempt, (what, joints) in product(range(_STAGING_TRIES), postures):
             drive = ends.copy()
             drive[:, b:] = joints
             constraint = problem.constraint
@@ -172,15 +174,15 @@ class PlanSearch(PathSearch):
         if np.array_equal(ends[0], ends[1]):
             return ends[:1]
         corners = search_joints(
-            valid, ends, seed=self.problem.seed + 7919 * attempt, planner=PLANNERS[0], step=_STEP * 0.5**attempt,
-            timeout=_STAGE, deadline=self.deadline,
+            valid, ends, seed=self.problem.seed + 7919 * attempt, planner=PLANNERS[0], step=_EDGE_STEP * 0.5**attempt,
+            timeout=_LONGEST_STAGE_SEARCH, deadline=self.deadline,
         )  # fmt: skip
-        return None if corners is None else divided(corners, _SPACING)
+        return None if corners is None else divided(corners, _JOINT_NODE_SPACING)
 
     def of_the_joints(self) -> PlanReport | None:
         """Paths of the joints alone, the base as it stands; ever longer searches, and looked at ever more closely."""
         problem = self.problem
-        futile, step, seconds = 0, _STEP, _FIRST_SEARCH
+        futile, step, seconds = 0, _EDGE_STEP, _FIRST_SEARCH
         valid, satisfying = self._validity()
         ends = self.robot.space.to_coordinates(problem.endpoints)
         while not self.deadline.over():
@@ -194,9 +196,11 @@ class PlanSearch(PathSearch):
                 )  # fmt: skip
             if corners is None:
                 futile += 1
-                seconds *= _LONGER
+                seconds *= _SEARCH_GROWTH
                 continue
-            report = self.relaxed(divided(corners, _SPACING), "ompl", f"path {self.attempts} of the joints", 3)
+            report = self.relaxed(
+                divided(corners, _JOINT_NODE_SPACING), "ompl", f"path {self.attempts} of the joints", 3
+            )
             if report is not None:
                 return report
             step *= 0.5
@@ -213,7 +217,11 @@ class PlanSearch(PathSearch):
             self.calls += 1
             self.attempts += 1
             self.box = self._ompl_box(searches)
-            margin = _MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance)
+            margin = (
+                _SEARCH_MARGINS[attempt]
+                if attempt < len(_SEARCH_MARGINS)
+                else min(_SEARCH_MARGINS[-1], self.params.clearance)
+            )
             found = self.ompl(attempt, margin, 1.0 + 0.5 * searches, self.box, deadline, self.fineness)
             self.searches += found.searched
             if found.rows is None:
@@ -223,7 +231,7 @@ class PlanSearch(PathSearch):
             report = self.relaxed(found.rows, "ompl", f"OMPL path {self.attempts}")
             if report is not None:
                 return report
-            if self.fineness < _FINEST and not certify_path(self.deformer, self.scene, found.rows).certified:
+            if self.fineness < _MOST_FINENESS and not certify_path(self.deformer, self.scene, found.rows).certified:
                 self.fineness *= 2.0  # the planner's samples had missed something on an edge
         if futile:
             self.reasons.append(f"{last} ({futile} searches without a path)" if futile > 1 else last)

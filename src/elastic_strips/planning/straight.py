@@ -19,10 +19,10 @@ from .report import PlanReport
 
 AXES = ("hand", "world")
 """Whose axes a straight motion is said in."""
-_STEP = 0.01  # [m] of the hand between two nodes
-_OFF = 1e-5  # [m] that the hand may be off the line at a node
-_JUMP = 0.3  # [rad or m] most that a joint may move between two nodes
-_ITERATIONS = 15
+_HAND_STEP = 0.01  # [m] of the hand between two nodes
+_LINE_TOLERANCE = 1e-5  # [m] that the hand may be off the line at a node
+_LARGEST_JOINT_STEP = 0.3  # [rad or m] most that a joint may move between two nodes
+_MOST_ITERATIONS = 15
 
 
 def plan_straight(
@@ -95,16 +95,16 @@ def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]
     robot, space = solver.robot, solver.robot.space
     position, turn = (each[0].copy() for each in solver.place(here[None]))
     length = float(np.linalg.norm(offset))
-    count = max(1, int(np.ceil(length / _STEP)))
+    count = max(1, int(np.ceil(length / _HAND_STEP)))
     free, exact = np.ones(robot.nv), np.zeros(3)
     free[: space.base_nv] = 0.0
     rows = [here]
     for k in range(1, count + 1):
         begin = rows[-1] + (rows[-1] - rows[-2] if len(rows) > 1 else 0.0)
         begin = np.clip(begin, space.lower, space.upper)
-        found, size = solver.solve(begin[None], position + k / count * offset, turn, exact, free, _ITERATIONS)
+        found, size = solver.solve(begin[None], position + k / count * offset, turn, exact, free, _MOST_ITERATIONS)
         jump = float(np.abs(space.difference(rows[-1][None], found)).max())
-        if size[0] > _OFF or jump > _JUMP:
+        if size[0] > _LINE_TOLERANCE or jump > _LARGEST_JOINT_STEP:
             return np.array(rows if len(rows) > 1 else [here, here]), length * (1.0 - (k - 1) / count)
         rows.append(found[0])
     return np.array(rows), 0.0

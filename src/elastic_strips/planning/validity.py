@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from elastic_strips.native import _native
 
 _MAX_PAIRED = 400
-_REACH = 2.0  # [m] that a robot extends from its base, at most
-_JUMP = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
+_LONGEST_REACH = 2.0  # [m] that a robot extends from its base, at most
+_LARGEST_PROJECTED_MOTION = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
 
 
 class ValidityChecker(OneThread):
@@ -57,7 +57,7 @@ class ValidityChecker(OneThread):
         if module is not None and bodies is not None:
             least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
             if low is not None and high is not None:
-                least[0, :2], most[0, :2] = low - _REACH, high + _REACH
+                least[0, :2], most[0, :2] = low - _LONGEST_REACH, high + _LONGEST_REACH
             candidates = CandidateParts.build(scene, least, most, 0.0)
             solids = [native_part(part) for part in candidates.parts]
             self.native = module.Validity(
@@ -68,7 +68,7 @@ class ValidityChecker(OneThread):
         rows = np.arange(len(table.parts))
         if low is not None and high is not None and len(rows):
             c, h = table.center[:, :2], table.half_extents[:, :2]
-            near = ((c - h <= high + _REACH) & (c + h >= low - _REACH)).all(axis=1)
+            near = ((c - h <= high + _LONGEST_REACH) & (c + h >= low - _LONGEST_REACH)).all(axis=1)
             rows = rows[near]
         shapes = []
         for r in rows:
@@ -215,7 +215,7 @@ class SatisfyingChecker(OneThread):
         v = space.difference(a, b)
         count = max(1, math.ceil(float(self.bounds.travel(v[None]).max(initial=0.0)) / step))
         rows = space.integrate(a[None], np.arange(count + 1)[:, None] / count * v)
-        return self._all(rows, _JUMP * step)
+        return self._all(rows, _LARGEST_PROJECTED_MOTION * step)
 
     def in_chart(self, row: Array, unit: Array) -> Callable[[Sequence[float], Sequence[float], float], bool]:
         """As :meth:`ValidityChecker.in_chart`."""

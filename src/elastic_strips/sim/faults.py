@@ -32,9 +32,9 @@ _SIZES = {
     "scene_late": 0.3, "scene_future": 1.0,
 }  # fmt: skip
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
-_COARSE = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
-_OUTLIER = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]
-_ROLLS_ON = 1.0  # [s] time constant of the speed of a drive without power
+_COARSE_LOCALIZATION = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
+_OUTLIER_FIXES = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]
+_ROLLING_TIME = 1.0  # [s] time constant of the speed of a drive without power
 _Seconds = Annotated[float, Bound(low=0.0, unit="s")]
 
 
@@ -183,7 +183,7 @@ class FaultyPlant:
         if command.stop:
             return command
         if self._faults.active("amplifier_dead", t):
-            return Command(self._inner.motors * math.exp(-dt / _ROLLS_ON), np.zeros_like(command.joints))
+            return Command(self._inner.motors * math.exp(-dt / _ROLLING_TIME), np.zeros_like(command.joints))
         return self._held or command
 
     def _misread(self, measurement: Measurement, t: float) -> Measurement:
@@ -206,13 +206,13 @@ class FaultyPlant:
 
     def _coarse(self, measurement: Measurement, scale: float) -> Measurement:
         """A measurement with a fix that is less exact, rarer and later, and says so."""
-        off, turn, period, latency = _COARSE
+        off, turn, period, latency = _COARSE_LOCALIZATION
         t = measurement.time
         if t >= self._next_fix:
             noise = np.clip(self._rng.standard_normal(3), -3.0, 3.0) * scale * np.array([off, off, turn])
-            if self._rng.random() < _OUTLIER[0]:
+            if self._rng.random() < _OUTLIER_FIXES[0]:
                 way = self._rng.uniform(0.0, 2.0 * np.pi)
-                noise[:2] += _OUTLIER[1] * np.array([np.cos(way), np.sin(way)])
+                noise[:2] += _OUTLIER_FIXES[1] * np.array([np.cos(way), np.sin(way)])
             self._fixes.append((t, self._inner.coordinates[:3] + noise))
             self._next_fix = t + period
         if not self._fixes or self._fixes[0][0] + latency > t:

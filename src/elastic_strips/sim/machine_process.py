@@ -38,13 +38,13 @@ from .faults import FaultPlan, FaultyPlant
 from .plant import STANDING_SPEED, Plant
 
 _log = logging.getLogger(__name__)
-_LARGEST = 1 << 16  # [bytes] of the first message
-_READINGS = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
-_STATES = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
-_START = 120.0  # [s] longest start of the process
+_LARGEST_FIRST_MESSAGE = 1 << 16  # [bytes] of the first message
+_DRIVER_BUFFER = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
+_WORLD_BUFFER = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
+_LONGEST_START = 120.0  # [s] longest start of the process
 _LONGEST_STOP = 5.0  # [s] and it ends after this time if it has not
 _AT_ONCE = 50  # true states in one message
-_KEPT = 20_000  # true states that wait for a reader, at most
+_MOST_WAITING_STATES = 20_000  # true states that wait for a reader, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,15 +121,15 @@ class MachineProcess:
         Raises:
             ParameterError: it cannot; the message says why.
         """
-        self._driver, executor = channel(_READINGS)
-        self._world, world = channel(_STATES)
+        self._driver, executor = channel(_DRIVER_BUFFER)
+        self._world, world = channel(_WORLD_BUFFER)
         try:
             task = (self._make_plant, self._coordinates, self.period, self.timeout)
             self._process = start_process(_run, (executor, world), task, name="machine")
             executor.close()
             world.close()
-            self._world.settimeout(_START)
-            data = self._world.recv(_LARGEST)
+            self._world.settimeout(_LONGEST_START)
+            data = self._world.recv(_LARGEST_FIRST_MESSAGE)
             self._world.setblocking(False)
             ready = pickle.loads(data) if data else NOTHING_HEARD
         except BaseException as error:
@@ -140,7 +140,7 @@ class MachineProcess:
                 raise ParameterError(f"the simulated machine does not start: {error}") from error
             raise
         if isinstance(ready, str):
-            self._end(_START)
+            self._end(_LONGEST_START)
             raise ParameterError(f"the simulated machine does not start: {ready}")
         self._count, self.priority = ready
         _log.info("the simulated machine runs (%s)", self.priority)
@@ -298,7 +298,7 @@ class _Machine:
         self.error = ""
         self.last = Measurement(0.0, None, plant.coordinates[self.first :])
         self.epoch = 0.0
-        self.states: deque[tuple[object, ...]] = deque(maxlen=_KEPT)
+        self.states: deque[tuple[object, ...]] = deque(maxlen=_MOST_WAITING_STATES)
 
     def try_out(self) -> None:
         """One step that does not count: what is loaded at the first use is loaded now.

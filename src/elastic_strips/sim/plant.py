@@ -21,7 +21,7 @@ from elastic_strips.validation import Bound, Checked, NonNegative, check_fields
 
 STANDING_SPEED = 1e-3
 """Speed [m/s, rad/s] of bases and joints below which a machine stands."""
-_SLACK = 1e-9  # [s] times that differ by less are the same
+_TIME_SLACK = 1e-9  # [s] times that differ by less are the same
 _Margin = Annotated[float, Bound(low=1.0, infinite=True)]
 _Slip = Annotated[float, Bound(low=0.0, high=0.2)]
 
@@ -108,13 +108,13 @@ class Odometry:
             joints = joints.copy()
         if pose is None:
             return Measurement(time, np.zeros(0), joints)
-        if time <= self._lost_until + _SLACK:
-            while self._next_fix <= time + _SLACK:
+        if time <= self._lost_until + _TIME_SLACK:
+            while self._next_fix <= time + _TIME_SLACK:
                 self._next_fix += p.fix_period
             return Measurement(time, None, joints)
         drive = np.array([b - a for a, b in zip(before, self._reading, strict=True)])
-        if time >= self._next_fix - _SLACK:
-            while self._next_fix <= time + _SLACK:
+        if time >= self._next_fix - _TIME_SLACK:
+            while self._next_fix <= time + _TIME_SLACK:
                 self._next_fix += p.fix_period
             x, y, yaw = pose
             self._pending.append(
@@ -125,13 +125,13 @@ class Odometry:
                     yaw + p.fix_angle_noise * next(normal),
                 )
             )
-        if self._pending and self._pending[0][0] + p.fix_latency <= time + _SLACK:
+        if self._pending and self._pending[0][0] + p.fix_latency <= time + _TIME_SLACK:
             at, *fix = self._pending.popleft()
             return Measurement(time, drive, joints, np.array(fix), at)
         return Measurement(time, drive, joints)
 
 
-_STICTION = 5e-4  # [m/s, rad/s] a motor with zero command stands below this speed
+_STICTION_SPEED = 5e-4  # [m/s, rad/s] a motor with zero command stands below this speed
 
 
 def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[float, float]:
@@ -154,12 +154,12 @@ def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[f
     left = math.exp(-h / lag)
     way += u * h - gap * lag * (1.0 - left)
     v = u - gap * left
-    if u == 0.0 and abs(v) < _STICTION:
+    if u == 0.0 and abs(v) < _STICTION_SPEED:
         v = 0.0
     return v, way
 
 
-_ARC = 0.005  # [s] longest time that is integrated as one arc
+_LONGEST_ARC = 0.005  # [s] longest time that is integrated as one arc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -393,7 +393,7 @@ class KinematicPlant:
         p = self.params
         drive, joints = self._command
         if self._k:
-            pieces = max(1, math.ceil(h / _ARC - 1e-9))
+            pieces = max(1, math.ceil(h / _LONGEST_ARC - 1e-9))
             piece = h / pieces
             for _ in range(pieces):
                 ground = []

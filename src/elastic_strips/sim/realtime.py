@@ -35,7 +35,7 @@ from .plant import Plant
 _log = logging.getLogger(__name__)
 _LEAD_TIME = 0.1  # [s] from now to time 0
 _STOPPING_TIME = 1.0  # [s] in which a machine stops that gets no commands
-_WORLD = 0.0099  # [s] from one step of pedestrians and sensors to the next
+_WORLD_PERIOD = 0.0099  # [s] from one step of pedestrians and sensors to the next
 
 
 class MachineView:
@@ -175,7 +175,7 @@ class RealtimeSimulation(Simulation[Controller]):
         states = machine.truth()
         self._truth += states
         for state in states:
-            if state.time < self._moved + _WORLD:
+            if state.time < self._moved + _WORLD_PERIOD:
                 continue
             self._moved = state.time
             self.view.state = state

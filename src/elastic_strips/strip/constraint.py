@@ -18,10 +18,10 @@ from elastic_strips.validation import Bound, Positive, check_array, check_fields
 from .solver import System
 from .strip import Strip
 
-_PART = 0.01  # [rad] that joints turn between looks along a segment
-_PROJECTIONS = 30  # Newton's steps, at most
-_ASIDE, _LONGEST = 1e-3, 0.3  # damping, and what a step turns a joint at most [rad]
-_WITHIN = 0.2  # of the tolerance: so exactly rows are projected
+_LOOK_ANGLE = 0.01  # [rad] that joints turn between looks along a segment
+_MOST_NEWTON_STEPS = 30  # Newton's steps, at most
+_PROJECTION_DAMPING, _LARGEST_JOINT_STEP = 1e-3, 0.3  # damping, and what a step turns a joint at most [rad]
+_PROJECTION_SHARE = 0.2  # of the tolerance: so exactly rows are projected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,7 +140,7 @@ class ConstraintForce:
         space, rows = self._robot.space, strip.coordinates
         v = space.difference(rows[:-1], rows[1:])
         turn = np.abs(v) @ self._turns
-        parts = np.maximum(np.ceil(turn / _PART).astype(int), 1)
+        parts = np.maximum(np.ceil(turn / _LOOK_ANGLE).astype(int), 1)
         segment = np.repeat(np.arange(len(parts)), parts)
         share = (np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[segment]
         off = self.errors_at(np.vstack((space.integrate(rows[segment], share[:, None] * v[segment]), rows[-1:])))
@@ -180,18 +180,18 @@ class ConstraintForce:
         space, b = self._robot.space, self._robot.space.base_nv
         rows = coordinates.copy()
         kin = Kinematics(self._robot.tree, len(rows))
-        for k in range(_PROJECTIONS + 1):
+        for k in range(_MOST_NEWTON_STEPS + 1):
             kin.update(rows)
             angle = self.errors(kin)
-            todo = angle > _WITHIN * self.constraint.tolerance
-            if not todo.any() or k == _PROJECTIONS:
+            todo = angle > _PROJECTION_SHARE * self.constraint.tolerance
+            if not todo.any() or k == _MOST_NEWTON_STEPS:
                 break
             off, turns = self._off(kin)
             J = turns[todo][:, :, b:]  # (K, 3, n)
-            step = np.linalg.solve(J @ J.transpose(0, 2, 1) + _ASIDE * np.eye(3), off[todo][:, :, None])
+            step = np.linalg.solve(J @ J.transpose(0, 2, 1) + _PROJECTION_DAMPING * np.eye(3), off[todo][:, :, None])
             move = -(J.transpose(0, 2, 1) @ step)[:, :, 0]
             longest = np.abs(move).max(axis=1, keepdims=True)
-            rows[todo, b:] += move * np.minimum(1.0, _LONGEST / np.maximum(longest, _LONGEST))
+            rows[todo, b:] += move * np.minimum(1.0, _LARGEST_JOINT_STEP / np.maximum(longest, _LARGEST_JOINT_STEP))
             np.clip(rows, space.lower, space.upper, out=rows)
         return rows, angle
 

@@ -36,9 +36,9 @@ from .strip import Strip
 from .workspace import NodePredictor, TickResult, Workspace
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
-_SPARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
-_NEEDED_FOR = 8  # rounds of maintenance in which no node is removed again, where removing cost the certificate
-_HOLDS = 2  # times that a step is solved again for the robot's own links
+_JOINED_SPACING_SHARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
+_KEPT_ROUNDS = 8  # rounds of maintenance in which no node is removed again, where removing cost the certificate
+_MOST_HOLDS = 2  # times that a step is solved again for the robot's own links
 _SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
 
 
@@ -348,7 +348,7 @@ class Deformer(OneThread):
         if b == 0 or len(pairs.pairs) == 0:
             return coordinates, slip
         least, held = own_distances_to_keep(pairs, self.params.self_clearance), np.zeros(len(before), dtype=bool)
-        for _ in range(_HOLDS):
+        for _ in range(_MOST_HOLDS):
             work.try_joints(coordinates)
             lost = (pairs.bound < least).any(axis=1) & ~held
             if not lost.any():
@@ -476,7 +476,7 @@ class Deformer(OneThread):
         work.edit(coordinates, source, scene)
         edited = replace(result, certificate=work.certify(scene, known), slip=slip)
         if proven and not _is_proven(edited):  # the removed nodes were needed
-            self._needed = _NEEDED_FOR
+            self._needed = _KEPT_ROUNDS
             work.replace(before, scene)
             return replace(result, certificate=work.certify(scene))
         asked.policy.resampled(source)
@@ -486,7 +486,7 @@ class Deformer(OneThread):
         """(N,) nodes that a proven strip does not need: it was divided there while something was in its way, and there
         is more room about them now than their neighbours are apart."""
         joined = spacing[:-1] + spacing[1:]
-        close = joined < _SPARE * self.params.max_spacing
+        close = joined < _JOINED_SPACING_SHARE * self.params.max_spacing
         if not close.any():
             return None
         free = self.workspace.obstacles.clearance().min(axis=1, initial=np.inf) - self.params.clearance

@@ -20,7 +20,7 @@ from .report import DeformReport
 from .solver import project_rolling
 from .strip import Strip
 
-_SHARES = 200  # of the path, where two are compared
+_COMPARED_PLACES = 200  # of the path, where two are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -90,7 +90,7 @@ def displacement(one: Strip, two: Strip) -> float:
     """
     a, b = _points(one), _points(two)
     if len(a) != len(b):
-        count = max(len(a), len(b), _SHARES)
+        count = max(len(a), len(b), _COMPARED_PLACES)
         a, b = _resampled(a, count), _resampled(b, count)
     return float(np.linalg.norm(a - b, axis=2).max())
 

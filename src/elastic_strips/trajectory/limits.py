@@ -157,7 +157,7 @@ def _radius(root: etree._Element, link_name: str, path: Path) -> float | None:
     return max(sizes, default=None)
 
 
-_UNLIMITED = 1e6
+_UNLIMITED_SPEED = 1e6
 """Speeds [rad/s or m/s] above this mean in a description that there is no limit."""
 
 
@@ -253,7 +253,7 @@ class MotionLimits(Summary):
                 track = found.track if track is None else track
                 wheel_radius = found.radius if wheel_radius is None else wheel_radius
                 if wheel_speed is None:
-                    wheels = () if 0.0 < found.speed < _UNLIMITED else found.joints
+                    wheels = () if 0.0 < found.speed < _UNLIMITED_SPEED else found.joints
                     wheel_speed = found.speed * wheel_radius
             drive, change = [wheel_speed] * 2, [wheel_acceleration] * 2
         elif robot.base_kind is BaseKind.OMNI:
@@ -345,7 +345,7 @@ def _joint_limits(
     out_speed, out_change = np.empty(len(names)), np.empty(len(names))
     for i, (name, sliding) in enumerate(zip(names, sliding_joints(robot), strict=True)):
         value = speeds.get(name, float(stated[i]))
-        out_speed[i] = value if name in speeds or 0.0 < value < _UNLIMITED else np.nan
+        out_speed[i] = value if name in speeds or 0.0 < value < _UNLIMITED_SPEED else np.nan
         # one number for all joints means the revolute ones: 4 is plenty for an arm and absurd for a lift
         named = isinstance(acceleration, Mapping) and name in acceleration
         out_change[i] = prismatic_acceleration if sliding and not named else changes.get(name, 4.0)

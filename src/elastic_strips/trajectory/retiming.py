@@ -18,22 +18,24 @@ from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, 
 from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, rate_bounds
 from .trajectory import Trajectory, joined, stationary
 
-_MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
+_LIMIT_MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
 """Parts of the speed and acceleration limits to plan with, and how many times finer the grid is: between the points of
 its grid a profile exceeds what it was planned with, by up to 0.5 % or, in the sharpest bends, more. The second is tried
 where there is no room to brake, the others where a limit is broken."""
 
-_LEADS = ((0.04, 0.5), (0.08, 1.0))
+_LEAD_WINDOWS = ((0.04, 0.5), (0.08, 1.0))
 """Nearest knot to the start and length of the windows [m]; the second turns more gently into the polyline."""
 
-_STILL = 5e-4  # part of the speed limits below which a start counts as rest
-_SLOW = 0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the path
-_SHARPEST = 10.0  # bend at the start [1/m] up to which it is continued
-_GROWTH = 1.3
-_NOWHERE = 1e-6  # shorter paths are none [m]
+_RESTING_SHARE = 5e-4  # part of the speed limits below which a start counts as rest
+_BEND_LEAST_SPEED = (
+    0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the path
+)
+_SHARPEST_BEND = 10.0  # bend at the start [1/m] up to which it is continued
+_STEP_GROWTH = 1.3
+_SHORTEST_PATH = 1e-6  # shorter paths are none [m]
 
 _BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)
-_STOPPED = 1e-9  # squared part of the trajectory's own speed that counts as none
+_STOPPED_SHARE = 1e-9  # squared part of the trajectory's own speed that counts as none
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,15 +191,15 @@ class Retimer:
                 f"the speed at the start in coordinate {worst} (drive, then joints) is {abs(velocity[worst]):.4g}; "
                 f"the limit is {self._speed[worst]:.4g}"
             )
-        if over.max(initial=0.0) <= _STILL:
+        if over.max(initial=0.0) <= _RESTING_SHARE:
             return _Start(time, np.zeros_like(velocity), False)
         x = float(((velocity * self.weight) ** 2).sum())
-        if a is None or x < _SLOW * _SLOW:
+        if a is None or x < _BEND_LEAST_SPEED * _BEND_LEAST_SPEED:
             return _Start(time, velocity, True)
         change = self.limits.to_coordinates(rows["a_start"])
         bend = (change - velocity * float((change * velocity) @ self.weight**2) / x) / x
         sharpness = float(np.linalg.norm(bend * self.weight))
-        return _Start(time, velocity, True, bend * min(1.0, _SHARPEST / max(sharpness, 1e-12)))
+        return _Start(time, velocity, True, bend * min(1.0, _SHARPEST_BEND / max(sharpness, 1e-12)))
 
     def _drive(
         self, line: Polyline, available: float, start: _Start, distance: float, speed: float, *, insist: bool = True
@@ -206,7 +208,7 @@ class Retimer:
         with np.errstate(divide="ignore"):
             rate = float(np.min(self._acceleration / np.abs(start.velocity), initial=np.inf))
         braking = 0.5 * float(np.linalg.norm(start.velocity * self.weight)) / rate  # [m in the metric], straight on
-        if available < max(0.9 * braking, _NOWHERE):
+        if available < max(0.9 * braking, _SHORTEST_PATH):
             if not start.moving:
                 return stationary(self.robot, self.limits, line.coordinates[0], start.time, self.dt)
             raise RetimingError(
@@ -218,22 +220,22 @@ class Retimer:
         path = None
         while True:
             if path is None:
-                lead, window = _LEADS[attempt]
+                lead, window = _LEAD_WINDOWS[attempt]
                 heading = start.velocity if start.moving else None
                 path = smooth_path(
                     self.robot, self.limits, line, length,
                     weight=self.weight, heading=heading, bend=start.bend, lead=lead, window=window,
                 )  # fmt: skip
-            result = self._timed(path, start, speed, _MARGINS[margin])
+            result = self._timed(path, start, speed, _LIMIT_MARGINS[margin])
             if isinstance(result, Trajectory):
                 return result
             if result is None and length < longest:
-                length, path = min(_GROWTH * length, longest), None
+                length, path = min(_STEP_GROWTH * length, longest), None
             elif result is None and insist and start.moving and margin == 0:
                 margin = 1
-            elif result is None and insist and start.moving and attempt + 1 < len(_LEADS):
+            elif result is None and insist and start.moving and attempt + 1 < len(_LEAD_WINDOWS):
                 attempt, margin, path = attempt + 1, 0, None
-            elif result is not None and margin + 1 < len(_MARGINS):
+            elif result is not None and margin + 1 < len(_LIMIT_MARGINS):
                 margin = max(margin + 1, 2)
             else:
                 why = result or f"no profile of speeds brakes from {start.velocity.round(3).tolist()}"
@@ -337,7 +339,7 @@ class _Timed:
         for i in range(len(h)):
             u = min(float((-room[i] - slope[i] * x[i]).max()), 0.0)
             x[i + 1] = x[i] + 2.0 * h[i] * u
-            if x[i + 1] <= _STOPPED:
+            if x[i + 1] <= _STOPPED_SHARE:
                 grid = np.append(time[: i + 1], time[i] - x[i] / (2.0 * u))
                 return Profile.of(grid, np.append(x[: i + 1], 0.0))
         return None

@@ -19,8 +19,8 @@ from elastic_strips.validation import check_array
 
 from .limits import MotionLimits
 
-_REST = 1e-9
-_SLIVER = 1e-9  # a first step shorter than this is left out [s]
+_RESTING_SPEED = 1e-9
+_SHORTEST_STEP = 1e-9  # a first step shorter than this is left out [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class Trajectory(Summary):
     @property
     def at_rest_at_end(self) -> bool:
         """Whether it ends with the robot standing still."""
-        return bool(np.abs(self.v[-1]).max(initial=0.0) <= _REST)
+        return bool(np.abs(self.v[-1]).max(initial=0.0) <= _RESTING_SPEED)
 
     def at(self, t: float) -> ReferenceState:
         """The reference at a time [s]: the first sample before the start, the last one at rest after the end."""
@@ -152,13 +152,13 @@ class Trajectory(Summary):
         """
         if t <= self.time[0]:
             return self
-        if t + _SLIVER >= self.time[-1]:
+        if t + _SHORTEST_STEP >= self.time[-1]:
             step = float(self.time[-1] - self.time[-2])
             rows = np.stack([self.coordinates[-1], self.coordinates[-1]])
             rest = np.zeros_like(rows)
             return replace(self, time=np.array([t, t + step]), coordinates=rows, v=rest, a=rest)
         state = self.at(t)
-        i = int(np.searchsorted(self.time, t + _SLIVER, side="right"))
+        i = int(np.searchsorted(self.time, t + _SHORTEST_STEP, side="right"))
         return replace(
             self,
             time=np.concatenate([[t], self.time[i:]]),

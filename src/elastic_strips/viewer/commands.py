@@ -33,8 +33,8 @@ from .server import Command, CommandLog
 
 _WEB = Path(__file__).parent / "web"
 _UINT8, _UINT16, _FLOAT32 = 0x12, 0x14, 0x17
-_GRAIN = 2.0**16  # steps in a metre
-_LARGE = 20.0  # [m]: places in a larger mesh are sent as they are
+_STEPS_PER_METRE = 2.0**16  # steps in a metre
+_LARGE_MESH = 20.0  # [m]: places in a larger mesh are sent as they are
 _serial = itertools.count()
 
 
@@ -45,7 +45,7 @@ def key(path: str, kind: str) -> str:
 
 def _floats(array: ArrayLike) -> Ext:
     """Pack numbers as a Float32Array, rounded to 15 µm: what nobody sees is not worth its bytes."""
-    rounded = np.rint(np.asarray(array, dtype=float) * _GRAIN) / _GRAIN
+    rounded = np.rint(np.asarray(array, dtype=float) * _STEPS_PER_METRE) / _STEPS_PER_METRE
     return Ext(_FLOAT32, np.ascontiguousarray(rounded, dtype="<f4").tobytes())
 
 
@@ -289,7 +289,7 @@ def _in_order(faces: NDArray[np.uint32]) -> tuple[Indices, Document]:
 
 def _places(vertices: Floats, steps: int) -> Document:
     """Pack places (V, 3) [m] as whole numbers, ``steps`` for the mesh's size, or as they are in a large mesh."""
-    if not len(vertices) or not 0.0 < float(np.ptp(vertices, axis=0).max()) <= _LARGE:
+    if not len(vertices) or not 0.0 < float(np.ptp(vertices, axis=0).max()) <= _LARGE_MESH:
         return _attribute(vertices, _FLOAT32, "<f4")
     low = vertices.min(axis=0)
     unit = float(np.ptp(vertices, axis=0).max()) / steps

@@ -11,8 +11,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-_KINDS = ("grab", "drag", "release")
-_FARTHEST, _LONGEST = 1e3, 1000  # [m], characters of a name
+_DRAG_KINDS = ("grab", "drag", "release")
+_FARTHEST_PLACE, _LONGEST_NAME = 1e3, 1000  # [m], characters of a name
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +50,10 @@ def parse(line: bytes) -> Drag | None:
         shift, turn = tuple(float(x) for x in data.get("shift", (0, 0, 0))), float(data.get("turn", 0))
     except (AttributeError, LookupError, TypeError, ValueError, RecursionError, OverflowError):
         return None
-    if kind not in _KINDS or not (name is None or (isinstance(name, str) and len(name) <= _LONGEST)):
+    if kind not in _DRAG_KINDS or not (name is None or (isinstance(name, str) and len(name) <= _LONGEST_NAME)):
         return None
     if (
-        not isinstance(hand, bool) or len(shift) != 3 or not all(abs(x) <= _FARTHEST for x in (*shift, turn))
+        not isinstance(hand, bool) or len(shift) != 3 or not all(abs(x) <= _FARTHEST_PLACE for x in (*shift, turn))
     ):  # NaN neither
         return None
     return Drag(kind, name, shift, turn, hand)

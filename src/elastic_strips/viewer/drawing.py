@@ -36,11 +36,17 @@ MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
-_FEW, _MANY = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
-_AHEAD, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
+_NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
+_PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
-_PIN, _SPOT, _HEAD, _POLE, _BALL = 1.9, 0.16, 0.09, 0.02, 0.07  # height of the pin, radii [m]
-_MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
+_PIN_HEIGHT, _SPOT_RADIUS, _PIN_HEAD_RADIUS, _POLE_RADIUS, _BALL_RADIUS = (
+    1.9,
+    0.16,
+    0.09,
+    0.02,
+    0.07,
+)  # height of the pin, radii [m]
+_LONGEST_CARD_REASON, _LONGEST_PLACE_REASON = 400, 90  # characters of a reason, in the card and at the place
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
 _NONE = np.zeros((0, 16), dtype=np.float32)
 
@@ -131,11 +137,13 @@ class Drawing:
         """The robot's bodies and its ghosts'; ``coarse`` ones are small enough for a notebook."""
         if self.robot is None:
             return []
-        bodies = geometry.drawn_bodies(self.robot, faces=_FEW) if coarse else self.bodies
+        bodies = geometry.drawn_bodies(self.robot, faces=_NOTEBOOK_FACES) if coarse else self.bodies
         steps, look = 4095 if coarse else 65535, commands.material(roughness=0.55)
         out = [commands.mesh(p, b.mesh, look, steps=steps) for p, b in zip(self.body_paths, bodies, strict=True)]
         look = commands.material(linear(_GHOST), opacity=0.27, roughness=0.9)
-        for body in geometry.drawn_bodies(self.robot, faces=_FEW // 2 if coarse else _MANY, plain=True):
+        for body in geometry.drawn_bodies(
+            self.robot, faces=_NOTEBOOK_FACES // 2 if coarse else _REPEATED_FACES, plain=True
+        ):
             path = f"/ghosts/{body.joint}"
             ghosts = commands.mesh(path, body.mesh, look, instances=self.ghosts, cast=False, veiled=True, steps=steps)
             out.append(ghosts)
@@ -229,11 +237,11 @@ class Drawing:
                 legend.append(["protective hulls", _HULL])
             card["chip"] = [status, _CHIP[status]]
             if bad:
-                card["note"] = report.reason[:_MOST]
+                card["note"] = report.reason[:_LONGEST_CARD_REASON]
             if snapshot.live:  # whether it is certified is what one looks for; a note that is not always there moves it
                 rows.insert(0, ["state", status])
                 card["chip"] = ["certified", CERTIFIED] if report.certificate.certified else ["not certified", REFUSED]
-                card["note"] = report.reason[:_MOST] if bad or not report.certificate.certified else ""
+                card["note"] = report.reason[:_LONGEST_CARD_REASON] if bad or not report.certificate.certified else ""
         if snapshot.tick is not None:
             rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
         rows += [list(note) for note in snapshot.notes]
@@ -275,7 +283,7 @@ class Drawing:
         out, path = [], "/markers/hand"
         if self._first("hand"):
             look = commands.material(linear(HAND_THREAD), opacity=0.55, hides=False)
-            out.append(commands.mesh(path, geometry.sphere().scaled(np.full(3, _BALL)), look, cast=False))
+            out.append(commands.mesh(path, geometry.sphere().scaled(np.full(3, _BALL_RADIUS)), look, cast=False))
             out.append(commands.names(path, [path], ["hand at the goal"]))
         T = np.eye(4)
         T[:3, 3] = points[-1]
@@ -305,14 +313,18 @@ class Drawing:
         self._pinned = spot is not None
         ball = head = pole = None
         if spot is not None:
-            foot, top = spot * [1.0, 1.0, 0.0], spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN]
-            ball, head = geometry.spheres(spot, _SPOT), geometry.spheres(top, _HEAD)
-            pole = geometry.between(foot[None], top[None], _POLE)
+            foot, top = spot * [1.0, 1.0, 0.0], spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN_HEIGHT]
+            ball, head = geometry.spheres(spot, _SPOT_RADIUS), geometry.spheres(top, _PIN_HEAD_RADIUS)
+            pole = geometry.between(foot[None], top[None], _POLE_RADIUS)
         clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
         reason = "" if report is None else report.reason or "not clear here"
-        top = np.zeros((0, 3)) if spot is None else (spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN + _HEAD])[None]
+        top = (
+            np.zeros((0, 3))
+            if spot is None
+            else (spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN_HEIGHT + _PIN_HEAD_RADIUS])[None]
+        )
         return [
-            commands.labels("/trouble", [reason[:_SHORT]] * len(top), top),
+            commands.labels("/trouble", [reason[:_LONGEST_PLACE_REASON]] * len(top), top),
             *self._many("/trouble/spot", geometry.sphere(), clear, ball, room=1),
             *self._many("/trouble/head", geometry.sphere(), solid, head, room=1),
             *self._many("/trouble/pole", geometry.rod(), solid, pole, room=1),
@@ -455,7 +467,7 @@ class ObstacleDrawing:
         """Draw where obstacles that move will be soon, if they go on as their motions say."""
         out, seen = [], set()
         for obstacle in self.moving(scene)[:_MOST_MOVING]:
-            for k, (ahead, opacity) in enumerate(_AHEAD):
+            for k, (ahead, opacity) in enumerate(_PREDICTED_TIMES):
                 path = f"/predictions/{k}/{self.path(obstacle).rsplit('/', 1)[1]}"
                 seen.add(path)
                 if path not in self._predicted:

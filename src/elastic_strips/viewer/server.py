@@ -38,8 +38,8 @@ Command = tuple[str, bytes]  # key, payload
 _HEADER = struct.Struct(">IQ")
 _HOST = "127.0.0.1"
 _FIRST_PORT, _PORTS = 7000, 100
-_START, _SEND = 20.0, 10  # longest waits [s]
-_LONGEST = 4096  # bytes of what a page says
+_LONGEST_START, _LONGEST_SEND = 20.0, 10  # longest waits [s]
+_LONGEST_MESSAGE = 4096  # bytes of what a page says
 _NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
 """Who may frame the page: what a notebook of this machine is shown by."""
 
@@ -114,7 +114,7 @@ class ServerProcess:
         self.id = secrets.token_hex(4)
         ours, theirs = socket.socketpair()
         # Writes block in the kernel, without the interpreter's lock; one that waits too long fails.
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _SEND, 0))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _LONGEST_SEND, 0))
         ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         self._socket = ours
         try:
@@ -134,7 +134,7 @@ class ServerProcess:
         atexit.register(self.close)
         answer = self._process.stdout
         assert answer is not None
-        ready, _, _ = select.select([answer], [], [], _START)
+        ready, _, _ = select.select([answer], [], [], _LONGEST_START)
         name, _, value = (answer.readline().decode().strip() if ready else "").partition("=")
         if name != "url":
             self.close()
@@ -168,7 +168,7 @@ class ServerProcess:
         try:
             self._socket.sendall(b"".join(chunks))
         except BlockingIOError:
-            raise ServerError(f"the server has not read for {_SEND} s") from None
+            raise ServerError(f"the server has not read for {_LONGEST_SEND} s") from None
         except OSError as error:
             raise ServerError(f"the server process is gone: {error}") from error
 
@@ -333,7 +333,7 @@ async def _serve(port: int, own: str) -> None:
             os._exit(0)
 
     app = tornado.web.Application(
-        [("/", Page), ("/ws", Client)], log_function=lambda _: None, websocket_max_message_size=_LONGEST
+        [("/", Page), ("/ws", Client)], log_function=lambda _: None, websocket_max_message_size=_LONGEST_MESSAGE
     )
     server = tornado.httpserver.HTTPServer(app)
     wanted = [port] if port else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]

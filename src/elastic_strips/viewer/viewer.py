@@ -29,8 +29,8 @@ from .drawing import Drawing, Snapshot
 from .server import CommandLog, ServerError, ServerProcess
 
 _log = logging.getLogger(__name__)
-_RATE = 30.0  # pictures per second
-_PATIENCE = 60.0  # [s]
+_PICTURE_RATE = 30.0  # pictures per second
+_LONGEST_FLUSH = 60.0  # [s]
 _Job = Snapshot | StripAnimation | RunReplay
 
 
@@ -334,7 +334,7 @@ class Viewer:
             self._posted += 1
             self._condition.notify_all()
 
-    def _flush(self, timeout: float = _PATIENCE) -> None:
+    def _flush(self, timeout: float = _LONGEST_FLUSH) -> None:
         with self._condition:
             self._condition.wait_for(lambda: self._drawn >= self._posted or self._failed or self._closed, timeout)
 
@@ -398,5 +398,5 @@ class Viewer:
             self._drawn = number
             self._condition.notify_all()
         self._send([*drawn, *extra])
-        time.sleep(max(0.0, 1.0 / _RATE - (time.monotonic() - begin)))
+        time.sleep(max(0.0, 1.0 / _PICTURE_RATE - (time.monotonic() - begin)))
         return True

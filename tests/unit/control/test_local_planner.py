@@ -147,7 +147,7 @@ def test_a_strip_that_stays_broken_is_not_pushed_on_at_full_size(silvermate, mon
         return most
 
     few = most_nodes()
-    monkeypatch.setattr(local_planner, "PATIENCE", 10_000)
+    monkeypatch.setattr(local_planner, "BROKEN_STEPS", 10_000)
     assert few < 0.6 * most_nodes()
 
 

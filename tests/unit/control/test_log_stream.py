@@ -72,7 +72,7 @@ def test_a_torn_last_line_is_left_out_and_another_is_not(tmp_path: Path):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_raises_nothing_and_drops_the_oldest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(log_stream, "_RETRY", 0.05)
+    monkeypatch.setattr(log_stream, "_RETRY_AFTER", 0.05)
     full = os.open("/dev/full", os.O_WRONLY)
     with LogStream(tmp_path / "log", capacity=10) as log:
         sound = os.dup(log._file)

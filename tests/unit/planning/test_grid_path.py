@@ -97,7 +97,7 @@ def test_a_coarse_grid_leads_to_a_path_that_costs_little_more_than_the_cheapest(
     module = sys.modules["elastic_strips.planning.grid_path"]
     scene, low = slalom(seed), np.array([-3.0, -3.0])
     clear = clearance_map(owner_map(scene, low, np.array([241, 121]), 0.05, 1.0) >= 0, 0.05)
-    assert clear.size > module._FEW
+    assert clear.size > module._MOST_FINE_CELLS
     ends, inner = np.array([[0.0, 0.0], [6.0, 0.0]]), PlanarFootprint.of(jackal_box, jackal_box.home_q).inner
     cells = np.rint((ends - low) / 0.05).astype(int)
     cost = cell_cost(clear, inner, COMFORT, cells, 0.05)
@@ -109,7 +109,7 @@ def test_a_coarse_grid_leads_to_a_path_that_costs_little_more_than_the_cheapest(
         return float((0.5 * (cost[at][1:] + cost[at][:-1]) * np.linalg.norm(np.diff(path, axis=0), axis=1)).sum())
 
     guided = total()
-    monkeypatch.setattr(module, "_FEW", clear.size)
+    monkeypatch.setattr(module, "_MOST_FINE_CELLS", clear.size)
     assert np.isfinite(guided)
     assert total() - 1e-9 <= guided <= 1.1 * total()
 

@@ -42,7 +42,7 @@ def inside(panda) -> np.ndarray:
 @pytest.fixture(autouse=True)
 def _takes_its_time(monkeypatch):
     """No search of the joints is given up because a machine is busy."""
-    monkeypatch.setattr(search_module, "_STAGE", 60.0)
+    monkeypatch.setattr(search_module, "_LONGEST_STAGE_SEARCH", 60.0)
 
 
 def search(robot: RobotModel, scene: Scene, start: np.ndarray, goal: np.ndarray):

@@ -118,7 +118,7 @@ def test_rows_are_projected_by_the_joints_alone(silvermate, rng):
 
 
 def test_where_steps_end_before_it_is_satisfied_the_error_is_that_of_the_rows(silvermate, rng, monkeypatch):
-    monkeypatch.setattr("elastic_strips.strip.constraint._PROJECTIONS", 2)
+    monkeypatch.setattr("elastic_strips.strip.constraint._MOST_NEWTON_STEPS", 2)
     up = OrientationConstraint.from_configuration(silvermate, silvermate.home(), "hand_frame")
     force = ConstraintForce(
         silvermate, OrientationConstraint(frame="hand_frame", axis=up.axis, direction=(0.0, 0.3, -1.0))

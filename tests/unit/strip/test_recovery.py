@@ -58,7 +58,7 @@ def test_an_arm_that_is_pushed_does_not_go_through_the_body(tiago_omni, broken):
 
 
 def test_without_it_the_arm_does_go_through_the_body(tiago_omni, broken, monkeypatch):
-    monkeypatch.setattr(tick, "_HOLDS", 0)
+    monkeypatch.setattr(tick, "_MOST_HOLDS", 0)
     least = [
         own_room(Deformer(tiago_omni), Deformer(tiago_omni).step(*what, nodes=False).strip, what[1]) for what in broken
     ]
@@ -68,7 +68,7 @@ def test_without_it_the_arm_does_go_through_the_body(tiago_omni, broken, monkeyp
 def test_what_a_tick_divides_or_joins_is_certified_anew(tiago_omni, broken, monkeypatch):
     """Segments that stay keep what a tick found of them, all others are looked at: no more is certified than is true,
     while the arm goes through the body and nodes come where it does."""
-    monkeypatch.setattr(tick, "_HOLDS", 0)
+    monkeypatch.setattr(tick, "_MOST_HOLDS", 0)
     changed = 0
     for strip, scene in broken:
         deformer = Deformer(tiago_omni)

@@ -114,7 +114,7 @@ def test_a_path_ends_at_its_first_stop(name, request):
 def test_without_shapes_the_base_drifts(silvermate, monkeypatch):
     """What the shapes are for: the test above would fail by millimetres."""
     nodes = arcs(silvermate, 3)
-    monkeypatch.setattr(following, "_ITERATIONS", 1)
+    monkeypatch.setattr(following, "_MOST_ITERATIONS", 1)
     end = driven(silvermate, path_of(silvermate, nodes))[-1]
     assert 1e-3 < np.hypot(*silvermate.space.difference(end, nodes[-1])[:2]) < 0.05
 

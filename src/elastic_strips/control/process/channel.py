@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 from elastic_strips.errors import ConfigurationError
 
-_LARGEST = 1 << 20  # [bytes] of one message
+_LARGEST_MESSAGE = 1 << 20  # [bytes] of one message
 
 
 class ChannelClosedError(Exception):
@@ -54,7 +54,7 @@ def take(end: socket.socket) -> Iterator[object]:
     """
     while True:
         try:
-            data = end.recv(_LARGEST, socket.MSG_DONTWAIT)
+            data = end.recv(_LARGEST_MESSAGE, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return
         except ConnectionResetError:  # told once where the other end left something unread; what it sent comes after it

@@ -31,10 +31,10 @@ from .log_stream import LogStream
 from .priority import raise_priority
 
 _log = logging.getLogger(__name__)
-_TOLD = 20  # periods in which a motion of the executor's own is told
-_QUIET = 0.0015  # [s] before a period begins nothing else is begun
-_AT_ONCE = 50  # messages that are taken in one period: no flood of them holds up the command
-_CREEPS = 2.0  # [s] after the end of its motion a robot that does not stand is left to its driver
+_TELLING_PERIODS = 20  # periods in which a motion of the executor's own is told
+_QUIET_BEFORE_PERIOD = 0.0015  # [s] before a period begins nothing else is begun
+_MESSAGES_PER_PERIOD = 50  # messages that are taken in one period: no flood of them holds up the command
+_LONGEST_CREEP = 2.0  # [s] after the end of its motion a robot that does not stand is left to its driver
 _Thing = TypeVar("_Thing")
 _Samples = tuple[Array, Array, Array, Array]  # time, coordinates, v, a
 
@@ -160,16 +160,16 @@ class _Loop:
         if not self.gone:
             self.listen()
         while (ahead := until - time.monotonic()) > 0.0:
-            if self.gone or ahead < _QUIET:
+            if self.gone or ahead < _QUIET_BEFORE_PERIOD:
                 time.sleep(ahead)
-            elif select.select([self.link], [], [], ahead - _QUIET)[0]:
+            elif select.select([self.link], [], [], ahead - _QUIET_BEFORE_PERIOD)[0]:
                 self.listen()
 
     def over(self) -> bool:
         executor = self.executor
         if not ((self.closing or self.gone) and executor.at_rest(executor.time)):
             return False
-        return executor.settled or executor.time > executor.active.end_time + _CREEPS
+        return executor.settled or executor.time > executor.active.end_time + _LONGEST_CREEP
 
     def step(self, t: float) -> None:
         """One control period: whatever fails in it, a command goes out."""
@@ -206,7 +206,7 @@ class _Loop:
         """Do what planning says."""
         executor = self.executor
         try:
-            for message in islice(take(self.link), _AT_ONCE):
+            for message in islice(take(self.link), _MESSAGES_PER_PERIOD):
                 self.heard = executor.time
                 try:
                     self.obey(message)
@@ -270,7 +270,7 @@ class _Loop:
                 proven = check_number("proven", proven, low=0.0, unit="m")
                 executor.submit(motion, certificate, at_goal=bool(at_goal), proven=proven)
             if executor.active is motion:
-                self.known, self.serial, self.told = motion, int(serial), _TOLD
+                self.known, self.serial, self.told = motion, int(serial), _TELLING_PERIODS
         elif what == "hold":
             reason, proven = values
             executor.hold(str(reason), check_number("proven", proven, low=0.0, unit="m"))
@@ -295,7 +295,7 @@ class _Loop:
             self.known, self.serial, self.told = executor.active, self.own, 0
         self.told += 1
         samples = None
-        if self.told <= _TOLD or self.told % _TOLD == 0:
+        if self.told <= _TELLING_PERIODS or self.told % _TELLING_PERIODS == 0:
             active = executor.active
             samples = (active.time, active.coordinates, active.v, active.a)
         reference = executor.reference(t)

@@ -44,12 +44,12 @@ from .child import NOTHING_HEARD, end_process, start_process
 from .executor_loop import Status, serve
 
 _log = logging.getLogger(__name__)
-_BUFFER = 1 << 20  # [bytes] of a channel
-_START = 120.0  # [s] longest start of the process
-_END = 15.0  # [s] longest time in which the robot comes to rest at the end
-_BEAT = 0.02  # [s] from one heartbeat of planning to the next
-_SETTLING = 0.03  # [s] a motion that was sent so short a time ago is taken for accepted
-_SENT = 10  # motions that were sent last, which the active one may be
+_CHANNEL_BUFFER = 1 << 20  # [bytes] of a channel
+_LONGEST_START = 120.0  # [s] longest start of the process
+_LONGEST_END = 15.0  # [s] longest time in which the robot comes to rest at the end
+_HEARTBEAT_PERIOD = 0.02  # [s] from one heartbeat of planning to the next
+_TAKEN_FOR_ACCEPTED = 0.03  # [s] a motion that was sent so short a time ago is taken for accepted
+_REMEMBERED_MOTIONS = 10  # motions that were sent last, which the active one may be
 
 
 class ExecutorProcess:
@@ -104,7 +104,9 @@ class ExecutorProcess:
             0.0, RunState.STOPPED, "not started", 0, None, False, row, True, 0.0, "", 0.0, self.params.tracking_error,
             0, row, np.zeros(robot.nv), (), (),
         )  # fmt: skip
-        self._motions: deque[tuple[int, Trajectory]] = deque(maxlen=_SENT)  # that were sent last, by number
+        self._motions: deque[tuple[int, Trajectory]] = deque(
+            maxlen=_REMEMBERED_MOTIONS
+        )  # that were sent last, by number
         self._active: tuple[int, Trajectory] = (0, resting)
         self._lock = threading.Lock()
         self._closing = False
@@ -126,14 +128,14 @@ class ExecutorProcess:
         """
         if self._process is not None:
             raise ConfigurationError("an executor's process is started once; make another one")
-        self._link, child = channel(_BUFFER)
+        self._link, child = channel(_CHANNEL_BUFFER)
         process: SpawnProcess | None = None
         first: object = NOTHING_HEARD
         try:
             process = start_process(serve, (child, driver), (self._task, self._log), name="executor")
             child.close()
-            self._link.settimeout(_START)
-            data = self._link.recv(_BUFFER)
+            self._link.settimeout(_LONGEST_START)
+            data = self._link.recv(_CHANNEL_BUFFER)
             self._link.setblocking(False)
             first = pickle.loads(data) if data else first
         except Exception as error:  # the driver cannot be sent to a process, or takes too long there
@@ -143,7 +145,7 @@ class ExecutorProcess:
             if not isinstance(first, tuple):
                 self._link.close()
                 if process is not None:
-                    end_process(process, 0.0 if process.is_alive() else _END)
+                    end_process(process, 0.0 if process.is_alive() else _LONGEST_END)
         if not isinstance(first, tuple):
             raise ConfigurationError(f"the executor's process does not start: {first}")
         self._process = process
@@ -167,7 +169,7 @@ class ExecutorProcess:
             return
         self._closing = True
         put(self._link, ("close",))
-        if not end_process(self._process, _END):
+        if not end_process(self._process, _LONGEST_END):
             _log.warning("the executor's process did not end; it is killed")
         self._ending.set()
         if self._thread is not None:
@@ -199,14 +201,14 @@ class ExecutorProcess:
     def active(self) -> Trajectory:
         with self._lock:
             sent, serial, motion, _ = self._sent
-            mine = serial == self._status.serial or self._status.time < sent + _SETTLING
+            mine = serial == self._status.serial or self._status.time < sent + _TAKEN_FOR_ACCEPTED
             return motion if mine else self._active[1]
 
     @property
     def at_goal(self) -> bool:
         with self._lock:
             sent, _, _, at_goal = self._sent
-            return at_goal if self._status.time < sent + _SETTLING else self._status.at_goal
+            return at_goal if self._status.time < sent + _TAKEN_FOR_ACCEPTED else self._status.at_goal
 
     @property
     def estimate(self) -> Array:
@@ -300,7 +302,7 @@ class ExecutorProcess:
 
     def _beat(self) -> None:
         """The thread: heartbeats there, what is told back; so that both go on while planning computes."""
-        while not self._ending.wait(_BEAT):
+        while not self._ending.wait(_HEARTBEAT_PERIOD):
             put(self._link, ("beat",))
             self._listen()
 

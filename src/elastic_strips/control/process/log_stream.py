@@ -17,11 +17,11 @@ from elastic_strips.control.record import RecordError
 from elastic_strips.files import read_input
 
 _log = logging.getLogger(__name__)
-_EVERY = 0.05  # [s] from one write to the next
-_RETRY = 1.0  # [s] after a write that failed
-_DECIMALS = 6
-_CHUNK = 1 << 20  # [bytes] about so much is formatted before it is written
-_LARGEST = 1 << 32  # [bytes]
+_WRITE_PERIOD = 0.05  # [s] from one write to the next
+_RETRY_AFTER = 1.0  # [s] after a write that failed
+_LOG_DECIMALS = 6
+_CHUNK_SIZE = 1 << 20  # [bytes] about so much is formatted before it is written
+_LARGEST_LOG = 1 << 32  # [bytes]
 
 
 class LogStream:
@@ -92,7 +92,7 @@ class LogStream:
         self.close()
 
     def _run(self) -> None:
-        while not self._end.wait(_RETRY if self.error else _EVERY):
+        while not self._end.wait(_RETRY_AFTER if self.error else _WRITE_PERIOD):
             self._write()
         self._write()
         if self.error:  # the disk is still full
@@ -113,7 +113,7 @@ class LogStream:
     def _format(self) -> None:
         lines: list[bytes] = []
         size = 0
-        while self._rows and size < _CHUNK:
+        while self._rows and size < _CHUNK_SIZE:
             number, row = self._rows.popleft()
             self.lost += number - self._next
             self._next = number + 1
@@ -137,7 +137,7 @@ def _plain(value: object) -> object:
     """A value as JSON can hold it."""
     if isinstance(value, np.ndarray):
         if value.dtype.kind == "f":
-            value = np.round(value, _DECIMALS)
+            value = np.round(value, _LOG_DECIMALS)
             if np.isfinite(value).all():
                 return value.tolist()
         return _plain(value.tolist())
@@ -158,7 +158,7 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, object]]:
     Raises:
         RecordError: the file cannot be read, or another line than the last is no row.
     """
-    lines = read_input(path, "log", _LARGEST, RecordError).split(b"\n")
+    lines = read_input(path, "log", _LARGEST_LOG, RecordError).split(b"\n")
     rows: list[dict[str, object]] = []
     for number, line in enumerate(lines, start=1):
         if not line:

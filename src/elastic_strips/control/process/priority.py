@@ -8,8 +8,8 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-_PRIORITY = 10  # above the kernel's default of 1, below its own threads
-_NICE = -15
+_REALTIME_PRIORITY = 10  # above the kernel's default of 1, below its own threads
+_NICENESS = -15
 
 
 def keep_memory() -> None:
@@ -50,8 +50,8 @@ def raise_priority() -> str:
     keep_memory()
     gc.disable()
     tries: tuple[tuple[str, Callable[[], object]], ...] = (
-        (f"SCHED_FIFO {_PRIORITY}", _real_time),
-        (f"nice {_NICE}", lambda: os.setpriority(os.PRIO_PROCESS, 0, _NICE)),
+        (f"SCHED_FIFO {_REALTIME_PRIORITY}", _real_time),
+        (f"nice {_NICENESS}", lambda: os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)),
     )
     for said, attempt in tries:
         try:
@@ -63,4 +63,4 @@ def raise_priority() -> str:
 
 
 def _real_time() -> None:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_REALTIME_PRIORITY))

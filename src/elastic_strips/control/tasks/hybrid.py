@@ -28,7 +28,7 @@ from .tasks import DeliberativeLayer, DriveAndReach, DriveTo, ReachHand, Task, T
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-_LONGEST = 8
+_MOST_RETRY_GROWTH = 8
 """Largest factor by which the time between attempts to resume grows."""
 
 
@@ -114,7 +114,7 @@ class ConstraintMonitor:
                 else f"the strip is broken: {report.certificate.broken}"
             )
             if self.state is ConstraintState.TRYING and any(e.state is ConstraintState.SUSPENDED for e in self.events):
-                self._wait = min(2 * self._wait, _LONGEST * self.retry)
+                self._wait = min(2 * self._wait, _MOST_RETRY_GROWTH * self.retry)
             self._enter(t, ConstraintState.SUSPENDED, reason)
         return self.state
 

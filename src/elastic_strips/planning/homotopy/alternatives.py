@@ -19,7 +19,7 @@ from .classes import ClusterMap, HomotopyClass, cluster_map, homotopy_class, hom
 _log = logging.getLogger(__name__)
 _NO_CLEARANCE_COST = 1.0  # [m] of a strip without any clearance
 _FURTHER_TICKS = 12  # most ticks that a certified strip gets to become short and clear
-_MARGINS = (0.04, 0.02, 0.01, 0.005)
+_SEARCH_MARGINS = (0.04, 0.02, 0.01, 0.005)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -159,7 +159,7 @@ class AlternativesSearch(PathSearch):
         for attempt in range(self._ompl_attempts):
             if hopeless or self._over():
                 return
-            margin = _MARGINS[min(attempt, len(_MARGINS) - 1)]
+            margin = _SEARCH_MARGINS[min(attempt, len(_SEARCH_MARGINS) - 1)]
             box = region.box(2.0 * 1.6**attempt) if region else None
             path = self.ompl(attempt, margin, 1.0, box, self.problem.deadline)
             if path.rows is None:

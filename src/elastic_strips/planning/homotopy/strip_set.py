@@ -25,8 +25,8 @@ from .alternatives import Alternative, AlternativesSearch, base_path, strip_cost
 from .classes import cluster_map, homotopy_class, separating_obstacles, single_obstacles
 
 _log = logging.getLogger(__name__)
-_LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre
-_NEAR = 0.03  # [m] a node that is so near the robot is left out
+_ANGLE_LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre
+_LEFT_OUT_DISTANCE = 0.03  # [m] a node that is so near the robot is left out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -428,7 +428,7 @@ def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> D
     first = coordinates.copy()
     if strip.robot.space.planar:
         first[2] += 2.0 * np.pi * np.rint((rest[0, 2] - first[2]) / (2.0 * np.pi))
-    skip = int(len(rest) > 1 and np.linalg.norm(_weighed(strip, first[None], rest[:1])) < _NEAR)
+    skip = int(len(rest) > 1 and np.linalg.norm(_weighed(strip, first[None], rest[:1])) < _LEFT_OUT_DISTANCE)
     source = np.arange(segment + 1 + skip, len(strip))
     rows = np.vstack((first, rest[skip:]))
     if strip.robot.base_kind is BaseKind.DIFF_DRIVE:
@@ -454,5 +454,5 @@ def _nearest(strip: Strip, coordinates: Array) -> int:
 def _weighed(strip: Strip, a: Array, b: Array) -> Array:
     v = strip.robot.space.difference(a, b)
     base = 2 if strip.robot.space.planar else 0
-    v[:, base:] *= _LEVER
+    v[:, base:] *= _ANGLE_LEVER
     return v

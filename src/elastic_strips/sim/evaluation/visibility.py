@@ -108,8 +108,8 @@ def _hit(ends: Array, center: Array, half: Array, tolerance: float) -> bool:
     )
 
 
-_HISTORY = 1.0  # [s] before a contact
-_STEP = 0.1  # [s]
+_LOOK_BACK = 1.0  # [s] before a contact
+_LOOK_STEP = 0.1  # [s]
 
 
 def unseen_contacts(
@@ -139,7 +139,7 @@ def unseen_contacts(
     unseen = []
     for contact in evaluation.contacts:
         name, first = contact.obstacle, contact.time
-        times = np.arange(max(first - _HISTORY, float(rows.time[0])), first + 1e-9, _STEP)
+        times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _LOOK_STEP)
         looks = []
         for t in times.tolist():
             coordinates = rows.coordinates[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]

@@ -43,10 +43,10 @@ HALF_WIDTH = 2.0
 """Half the distance [m] between the two walls."""
 _OBSTACLES = 32
 _BLOCKERS = 4
-_PASSAGE = 0.56
+_PASSAGE_HALF_WIDTH = 0.56
 """Half width [m] kept free about the guide curve: base radius, arm and room to turn."""
-_ENDS = 0.95  # radius [m] about start and goal kept free: robot and influence distance
-_STEPS = 400
+_FREE_ENDS_RADIUS = 0.95  # radius [m] about start and goal kept free: robot and influence distance
+_CURVE_STEPS = 400
 
 
 def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
@@ -83,7 +83,10 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
         x = float(rng.uniform(0.0, LENGTH)) if not block else float(rng.uniform(1.2, LENGTH - 1.2))
         y = float(rng.uniform(-0.12, 0.12)) if block else float(rng.uniform(-HALF_WIDTH, HALF_WIDTH))
         free = np.min(np.hypot(guide[:, 0] - x, guide[:, 1] - y))
-        if free < radius + _PASSAGE or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _ENDS:
+        if (
+            free < radius + _PASSAGE_HALF_WIDTH
+            or min(np.hypot(x, y), np.hypot(x - LENGTH, y)) < radius + _FREE_ENDS_RADIUS
+        ):
             continue
         items.append(_obstacle(kind, radius, x, y, rng, f"{kind}-{len(items)}"))
         blockers += block
@@ -97,7 +100,7 @@ def corridor_guide(seed: int) -> Array:
 
 def _guide(rng: np.random.Generator) -> Array:
     """A smooth curve from start to goal that swings to both sides: (K, 2)."""
-    x = np.linspace(0.0, LENGTH, _STEPS)
+    x = np.linspace(0.0, LENGTH, _CURVE_STEPS)
     envelope = np.sin(np.pi * x / LENGTH) ** 0.5
     waves = rng.integers(1, 3)
     y = envelope * float(rng.uniform(0.95, 1.25)) * np.sin(np.pi * waves * x / LENGTH + rng.uniform(-0.3, 0.3))
@@ -133,12 +136,12 @@ def _obstacle(kind: str, radius: float, x: float, y: float, rng: np.random.Gener
     return Sphere(radius, at=(x, y, float(rng.uniform(0.8, 1.4))), name=name)
 
 
-_FINE = 10
+_TRACK_PIECES = 10
 """Pieces between two keyframes of such a track."""
 
 
 def _smooth_stop(places: Array, frame: float, acceleration: float) -> Array:
-    """A track (K, 2) with a stop at its end, and smooth: `_FINE` places a frame, each the mean over one frame.
+    """A track (K, 2) with a stop at its end, and smooth: `_TRACK_PIECES` places a frame, each the mean over one frame.
 
     So the velocity changes in steps that are small beside what braking adds to them; no place moves by half a
     millimetre.
@@ -149,9 +152,9 @@ def _smooth_stop(places: Array, frame: float, acceleration: float) -> Array:
     stop = places[-1] + frame * np.cumsum(np.outer(slower, velocity / speed), axis=0)
     first, last = 2.0 * places[0] - places[1], stop[-1] if len(stop) else places[-1]
     p = np.vstack((first, places, stop, last, last))
-    i = np.arange(_FINE * (len(p) - 3) + 1)
-    k = (i + _FINE // 2) // _FINE
-    u = (i / _FINE - k)[:, None]
+    i = np.arange(_TRACK_PIECES * (len(p) - 3) + 1)
+    k = (i + _TRACK_PIECES // 2) // _TRACK_PIECES
+    u = (i / _TRACK_PIECES - k)[:, None]
     bend = p[k + 2] - 2.0 * p[k + 1] + p[k]
     return p[k + 1] + 0.5 * u * (p[k + 2] - p[k]) + (0.5 * u * u + 0.125) * bend
 
@@ -172,7 +175,7 @@ More than `ACCELERATION`, so that it can brake in a turn, and a little less than
 """
 DURATION = 60.0
 """Time [s] at which all movers are gone."""
-_COUNTS = (1, 8)
+_MOVER_COUNTS = (1, 8)
 """Least and most movers."""
 SPEEDS = (0.2, 1.5)
 """Range that the speed class is drawn from by default [m/s]."""
@@ -186,11 +189,11 @@ Until it stands, 0.83 s later, the mover travels less than in `REACTION`.
 REACTION = 1.0
 """See `APPEAR_DISTANCE` [s]."""
 
-_PACE = 0.6  # [m/s] speed of the robot along x that is assumed by movers that aim at it
+_ASSUMED_PACE = 0.6  # [m/s] speed of the robot along x that is assumed by movers that aim at it
 _GOAL_FREE = 1.0  # [m] between the goal and a mover that exists from the beginning
-_BEYOND = 1.5  # [m] length of the walls beyond start and goal
-_OUT = 0.6  # [m] between the corridor and a mover when it is gone
-_ATTEMPTS = 2000
+_WALL_OVERHANG = 1.5  # [m] length of the walls beyond start and goal
+_GONE_DISTANCE = 0.6  # [m] between the corridor and a mover when it is gone
+_MOST_ATTEMPTS = 2000
 
 _Point = tuple[float, float]
 _Target = Callable[[float, _Point], _Point]  # wanted velocity [m/s] at a time [s] and place [m]
@@ -240,7 +243,7 @@ def moving_corridor(
     rng = np.random.default_rng([seed, 60])
     low, high = float(speed[0]), float(speed[1])
     fastest = float(rng.uniform(low, high))
-    number = int(rng.integers(_COUNTS[0], _COUNTS[1] + 1))
+    number = int(rng.integers(_MOVER_COUNTS[0], _MOVER_COUNTS[1] + 1))
     count = number if count is None else int(count)
     aimed = max(1, round(count / 3))
     guide = corridor_guide(seed)
@@ -265,8 +268,10 @@ def _check(seed: int, count: int | None, speed: tuple[float, float]) -> None:
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"{MOVING}: seed={seed!r} must be an integer ≥ 0")
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-    if count is not None and not (whole and _COUNTS[0] <= count <= _COUNTS[1]):
-        raise ScenarioError(f"{MOVING}: count={count!r} must be an integer from {_COUNTS[0]} to {_COUNTS[1]}")
+    if count is not None and not (whole and _MOVER_COUNTS[0] <= count <= _MOVER_COUNTS[1]):
+        raise ScenarioError(
+            f"{MOVING}: count={count!r} must be an integer from {_MOVER_COUNTS[0]} to {_MOVER_COUNTS[1]}"
+        )
     try:
         low, high = check_array("speed", speed, (2,)).tolist()
     except ValueError as error:
@@ -286,7 +291,7 @@ def _mover(
 ) -> tuple[Obstacle, float, float]:
     """An obstacle, and the times [s] at which it appears and vanishes; courses are drawn until one is allowed."""
     role, draw = course
-    for _attempt in range(_ATTEMPTS):
+    for _attempt in range(_MOST_ATTEMPTS):
         body, top = _body(rng), float(rng.uniform(low, high))
         plan = draw(top, body, guide, rng)
         track = None if plan is None or not _far(plan, body.radius, top, guide) else _track(plan, body.radius)
@@ -294,7 +299,7 @@ def _mover(
             continue
         frame = FRAME
         if yielding:
-            track, frame = _smooth_stop(track, FRAME, ACCELERATION), FRAME / _FINE
+            track, frame = _smooth_stop(track, FRAME, ACCELERATION), FRAME / _TRACK_PIECES
         times = plan.begin + frame * np.arange(len(track))
         half = 0.5 * math.atan2(plan.velocity[1], plan.velocity[0])
         motion = Keyframes(times, np.column_stack((track, np.full(len(track), body.height))))
@@ -323,9 +328,12 @@ def _far(course: _Course, radius: float, top: float, guide: Array) -> bool:
     x, y = course.start
     apart = APPEAR_DISTANCE + REACTION * top + radius
     if course.begin > 0.0:  # the robot may be anywhere in the corridor
-        return math.hypot(max(-_BEYOND - x, x - LENGTH - _BEYOND, 0.0), max(abs(y) - HALF_WIDTH, 0.0)) >= apart
+        return (
+            math.hypot(max(-_WALL_OVERHANG - x, x - LENGTH - _WALL_OVERHANG, 0.0), max(abs(y) - HALF_WIDTH, 0.0))
+            >= apart
+        )
     free = math.hypot(x - LENGTH, y) >= _GOAL_FREE + radius
-    aside = float(np.hypot(guide[:, 0] - x, guide[:, 1] - y).min()) >= _PASSAGE + radius
+    aside = float(np.hypot(guide[:, 0] - x, guide[:, 1] - y).min()) >= _PASSAGE_HALF_WIDTH + radius
     return math.hypot(x, y) >= apart and free and aside
 
 
@@ -341,9 +349,9 @@ def _track(course: _Course, radius: float) -> Array | None:
         vx, vy = vx + share * (wx - vx), vy + share * (wy - vy)
         x, y = x + FRAME * vx, y + FRAME * vy
         places.append((x, y))
-        gap = max(abs(y) - HALF_WIDTH, -_BEYOND - x, x - LENGTH - _BEYOND)
+        gap = max(abs(y) - HALF_WIDTH, -_WALL_OVERHANG - x, x - LENGTH - _WALL_OVERHANG)
         entered = entered or gap < 0.0
-        if entered and gap > radius + _OUT:
+        if entered and gap > radius + _GONE_DISTANCE:
             return np.array(places)
     return None
 
@@ -352,7 +360,7 @@ def _crossing(top: float, body: _Body, guide: Array, rng: np.random.Generator) -
     """Straight across the robot's path to its place then; afterwards a little aside and out."""
     meet = float(rng.uniform(3.0, 12.0))
     begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 0.7 * meet)), 1)
-    aim = _on_way(_PACE * meet + float(rng.uniform(-0.4, 0.4)), guide, float(rng.uniform(-0.3, 0.3)))
+    aim = _on_way(_ASSUMED_PACE * meet + float(rng.uniform(-0.4, 0.4)), guide, float(rng.uniform(-0.3, 0.3)))
     angle = (0.5 if rng.random() < 0.5 else -0.5) * math.pi + float(rng.uniform(-0.6, 0.6))
     velocity = (top * math.cos(angle), top * math.sin(angle))
     start = (aim[0] - velocity[0] * (meet - begin), aim[1] - velocity[1] * (meet - begin))
@@ -366,13 +374,13 @@ def _head_on(top: float, body: _Body, guide: Array, rng: np.random.Generator) ->
     None where the robot would be at its goal before.
     """
     begin = 0.0 if rng.random() < 0.5 else round(float(rng.uniform(0.5, 5.0)), 1)
-    near = _GOAL_FREE + 0.2 if begin == 0.0 else _BEYOND + APPEAR_DISTANCE + REACTION * top
+    near = _GOAL_FREE + 0.2 if begin == 0.0 else _WALL_OVERHANG + APPEAR_DISTANCE + REACTION * top
     x = LENGTH + near + body.radius + float(rng.uniform(0.0, 2.0))
     start = (x, float(rng.uniform(-0.6, 0.6)))
-    meet = (x + top * begin) / (top + _PACE)
-    if _PACE * meet > LENGTH - 0.5:
+    meet = (x + top * begin) / (top + _ASSUMED_PACE)
+    if _ASSUMED_PACE * meet > LENGTH - 0.5:
         return None
-    aim = _on_way(_PACE * meet, guide, 0.0)
+    aim = _on_way(_ASSUMED_PACE * meet, guide, 0.0)
     way = math.hypot(aim[0] - start[0], aim[1] - start[1])
     velocity = (top * (aim[0] - start[0]) / way, top * (aim[1] - start[1]) / way)
     turn = meet + float(rng.uniform(0.5, 2.0))

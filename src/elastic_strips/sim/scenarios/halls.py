@@ -27,10 +27,10 @@ REACH = {
 }  # fmt: skip
 """The arm at the goal: the hand forward, level, above the table [rad]."""
 _BLOCKERS, _PILLARS, _TABLES, _SHELVES, _BEAMS = 3, 12, 6, 6, 2
-_FREE = {"pillar": 0.38, "table": 0.32, "shelf": 0.36}
+_FREE_RADII = {"pillar": 0.38, "table": 0.32, "shelf": 0.36}
 """Half width [m] that each kind leaves free about the guide curve."""
-_DOOR = (0.72, 0.95)  # least and largest width of the door [m]
-_ENDS = 0.7  # radius [m] about start and goal that is left free, but for the table at the goal
+_DOOR_WIDTHS = (0.72, 0.95)  # least and largest width of the door [m]
+_FREE_ENDS_RADIUS = 0.7  # radius [m] about start and goal that is left free, but for the table at the goal
 
 
 def clutter(seed: int = 0) -> Scenario:
@@ -73,7 +73,7 @@ def clutter_scene(seed: int) -> Scene:
 def _partition(guide: Array, rng: np.random.Generator) -> list[Obstacle]:
     """A wall across the room with one door, where the guide curve crosses it."""
     x = float(rng.uniform(2.4, 3.6))
-    door, half = float(np.interp(x, guide[:, 0], guide[:, 1])), 0.5 * float(rng.uniform(*_DOOR))
+    door, half = float(np.interp(x, guide[:, 0], guide[:, 1])), 0.5 * float(rng.uniform(*_DOOR_WIDTHS))
     items: list[Obstacle] = []
     for low, high, side in ((-HALF_WIDTH, door - half, "right"), (door + half, HALF_WIDTH, "left")):
         items.append(Box((0.1, high - low, 1.6), at=(x, 0.5 * (low + high), 0.8), name=f"partition-{side}"))
@@ -93,12 +93,12 @@ def _placed(kind: str, name: str, guide: Array, rng: np.random.Generator, seed: 
             at = ends[0] + share * (ends[1] - ends[0]) + rng.uniform(-0.1, 0.1, 2)
         if kind in ("pillar", "blocker"):
             outline = at + np.zeros((1, 2))
-            free = _FREE["pillar"] + radius
+            free = _FREE_RADII["pillar"] + radius
         else:
             outline = at + _frame(yaw, size)
-            free = _FREE[kind]
+            free = _FREE_RADII[kind]
         apart = np.linalg.norm(outline[:, None] - guide, axis=2).min()
-        if apart < free or np.linalg.norm(outline[:, None] - ends, axis=2).min() < _ENDS + radius:
+        if apart < free or np.linalg.norm(outline[:, None] - ends, axis=2).min() < _FREE_ENDS_RADIUS + radius:
             continue
         if np.abs(outline[:, 1]).max() > HALF_WIDTH + 0.3:
             continue
@@ -147,7 +147,7 @@ def _guide(rng: np.random.Generator) -> Array:
 
 
 CLOSING = "closing-side"
-_SPEED = 0.2
+_WALKING_SPEED = 0.2
 
 
 def closing_side(seed: int = 0) -> Scenario:
@@ -162,7 +162,7 @@ def closing_side(seed: int = 0) -> Scenario:
         Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
         Box((9.0, 0.1, 1.4), at=(3.0, -1.85, 0.7), name="wall-right"),
         Box((0.7, 0.7, 1.4), at=(3.0, -0.15, 0.7), name="box"),
-        Box((0.6, 0.8, 1.4), at=(3.0, 2.4, 0.7), name="cabinet", motion=Twist(np.array([0.0, -_SPEED, 0.0]))),
+        Box((0.6, 0.8, 1.4), at=(3.0, 2.4, 0.7), name="cabinet", motion=Twist(np.array([0.0, -_WALKING_SPEED, 0.0]))),
     ]
     return _six_metres(CLOSING, obstacles, seed)
 
@@ -176,9 +176,9 @@ def _six_metres(name: str, obstacles: list[Obstacle], seed: int) -> Scenario:
 BOTTLENECK, DEAD_END = "bottleneck", "dead-end"
 DOOR = 0.75
 """Width of the bottleneck [m]; the Silvermate's base is 0.54 m wide."""
-_HALL = 12.0  # [m] of wall on either side of the door: too long to drive around
-_DEPTH, _WIDTH = 1.2, 1.8  # [m] of the dead end, inside
-_HEIGHT, _THICK = 1.2, 0.2  # [m]
+_WALL_LENGTH = 12.0  # [m] of wall on either side of the door: too long to drive around
+_DEAD_END_DEPTH, _DEAD_END_WIDTH = 1.2, 1.8  # [m] of the dead end, inside
+_WALL_HEIGHT, _WALL_THICKNESS = 1.2, 0.2  # [m]
 
 
 def bottleneck(seed: int = 0) -> Scenario:
@@ -188,8 +188,8 @@ def bottleneck(seed: int = 0) -> Scenario:
         seed: not used.
     """
     walls: list[Obstacle] = [
-        _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
-        _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _HALL), across=_HALL),
+        _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _WALL_LENGTH), across=_WALL_LENGTH),
+        _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _WALL_LENGTH), across=_WALL_LENGTH),
     ]
     return _six_metres(BOTTLENECK, walls, seed)
 
@@ -201,14 +201,14 @@ def dead_end(seed: int = 0) -> Scenario:
         seed: not used.
     """
     back = 3.2
-    middle = back - 0.5 * (_THICK + _DEPTH)
-    side = 0.5 * (_WIDTH + _THICK)
-    walls: list[Obstacle] = [_wall("back", x=back, y=0.0, across=_WIDTH + 2.0 * _THICK)]
+    middle = back - 0.5 * (_WALL_THICKNESS + _DEAD_END_DEPTH)
+    side = 0.5 * (_DEAD_END_WIDTH + _WALL_THICKNESS)
+    walls: list[Obstacle] = [_wall("back", x=back, y=0.0, across=_DEAD_END_WIDTH + 2.0 * _WALL_THICKNESS)]
     for name, sign in (("left", 1.0), ("right", -1.0)):
-        at = (middle, sign * side, 0.5 * _HEIGHT)
-        walls.append(Box((_DEPTH, _THICK, _HEIGHT), at=at, name=name))
+        at = (middle, sign * side, 0.5 * _WALL_HEIGHT)
+        walls.append(Box((_DEAD_END_DEPTH, _WALL_THICKNESS, _WALL_HEIGHT), at=at, name=name))
     return _six_metres(DEAD_END, walls, seed)
 
 
 def _wall(name: str, *, x: float, y: float, across: float) -> Box:
-    return Box((_THICK, across, _HEIGHT), at=(x, y, 0.5 * _HEIGHT), name=name)
+    return Box((_WALL_THICKNESS, across, _WALL_HEIGHT), at=(x, y, 0.5 * _WALL_HEIGHT), name=name)
