@@ -18,8 +18,8 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.errors import InputError, SceneError, nearest_name
-from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Voxels, World
 from elastic_strips.scene.motion import MAX_SPEED, Keyframes, Motion, Twist, UnknownMotion
 from elastic_strips.scene.obstacle import Obstacle, check_name

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError
 from elastic_strips.summary import Summary, shortened
 
-from .coal_shapes import ShapeKind, shape_of, vertices
 from .collada import meant_turned, said_of_turned
 from .cover import sticks_out
 from .free_posture import free_posture

@@ -11,8 +11,7 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.arrays import Array
-
-from .coal_shapes import ShapeKind, shape_of, vertices
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 
 _log = logging.getLogger(__name__)
 _TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # takes y, where that is up, to z

@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, box_about, faces, outside, shape_of, support, support_points, vertices
 from elastic_strips.decompose import Surface
 from elastic_strips.hulls import convex_hull
 
-from .coal_shapes import ShapeKind, box_about, faces, outside, shape_of, support, support_points, vertices
 from .geometry import LinkGeometry
 
 _COVERED = 0.005  # [m]: what reaches beyond the pieces by less is covered

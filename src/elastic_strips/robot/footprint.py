@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import support, support_points
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.work import count_work
 
-from .coal_shapes import support, support_points
 from .model import RobotModel
 
 DIRECTIONS = 32

@@ -7,9 +7,9 @@ import logging
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, vertices
 from elastic_strips.errors import RobotError
 
-from .coal_shapes import SIGNS, ShapeKind, convex_from_vertices, shape_of, vertices
 from .cover import sticks_out
 from .model import RobotModel
 from .urdf import UrdfSource, pinocchio_geometry

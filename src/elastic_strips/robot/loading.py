@@ -15,9 +15,9 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import find_robot, is_known, is_ours
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError
 
-from .coal_shapes import ShapeKind, shape_of, vertices
 from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
 from .holes import bare_links, drawn_alone, say_what_grew, thicken

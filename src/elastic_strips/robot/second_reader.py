@@ -15,8 +15,8 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 
-from .coal_shapes import ShapeKind, shape_of, vertices
 from .urdf import UrdfSource, read_xml
 
 if TYPE_CHECKING:

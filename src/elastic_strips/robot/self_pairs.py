@@ -20,9 +20,9 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.coal_shapes import faces, support_points, vertices
 from elastic_strips.decompose import Surface, one_of_each_body
 
-from .coal_shapes import faces, support_points, vertices
 from .geometry import LinkGeometry, convex_shapes, joined_pieces, parts_of, piece_of
 
 _log = logging.getLogger(__name__)

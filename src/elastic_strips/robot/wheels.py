@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, support, vertices
 
-from .coal_shapes import ShapeKind, shape_of, support, vertices
 from .urdf import UrdfSource
 
 _LEVEL = 0.05  # how far the axis of a wheel is from level, as a sine; [m] by how much a caster's wheel may be higher

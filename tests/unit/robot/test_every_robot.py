@@ -13,9 +13,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot, recorded_robot, robot_names
+from elastic_strips.coal_shapes import convex_from_vertices
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.robot import load_robot
-from elastic_strips.robot.coal_shapes import convex_from_vertices
 from elastic_strips.robot.model import _carried_over, _reduced
 
 LIMIT = '<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>'

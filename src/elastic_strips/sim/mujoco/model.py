@@ -15,9 +15,9 @@ import numpy.typing as npt
 from lxml import etree
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, support_points
 from elastic_strips.errors import ParameterError, RobotError, missing_extra
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, support_points
 from elastic_strips.robot.geometry import LinkGeometry
 from elastic_strips.robot.urdf import read_xml
 from elastic_strips.scene import Obstacle

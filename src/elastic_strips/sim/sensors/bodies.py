@@ -16,9 +16,9 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, support_points, vertices
 from elastic_strips.errors import ConfigurationError, RobotError, missing_extra, nearest_name
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, support_points, vertices
 from elastic_strips.robot.geometry import LinkGeometry
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Obstacle, Scene, World

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of
+from elastic_strips.coal_shapes import ShapeKind, shape_of
 
 _SLACK = 1e-6  # [m] bounding spheres are taken larger by this, so that rounding drops no touching pair
 
