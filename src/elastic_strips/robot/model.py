@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -22,12 +23,13 @@ from .kinematics import ControlPoints, KinematicTree, default_control_points, fi
 from .mimic import Following, carrier_name, followers_of, repaired
 from .self_pairs import PairRules, UncheckedPair, pieces_and_pairs
 from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace
+from .urdf import UrdfSource, read_urdf
+from .wheels import DrivenWheels, driven_wheels
 
 if TYPE_CHECKING:
     from .card import RobotCard
     from .holding import HeldShape
     from .inverse_kinematics import ReachResult
-    from .urdf import UrdfSource
 
 _log = logging.getLogger(__name__)
 
@@ -94,7 +96,11 @@ class RobotModel(Summary):
 
     def __getstate__(self) -> dict[str, object]:  # without a closure, and meshes that are not planned with
         left = ("visual", "shapes", "description")
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left}
+        state = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in left}
+        if self.base_kind is BaseKind.DIFF_DRIVE:
+            with suppress(RobotError):  # the copy says it, when it is asked
+                state["wheels"] = self.wheels
+        return state
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state, visual=lambda: self.collision_model, shapes=None, description=None)
@@ -134,6 +140,17 @@ class RobotModel(Summary):
     def followers(self) -> Mapping[str, Following]:
         """The joints that follow a planned one (``<mimic>``): name → (leader, multiplier, constant [rad or m])."""
         return {name: f for name, f in followers_of(self.model).items() if name != carrier_name(f.leader)}
+
+    @cached_property
+    def wheels(self) -> DrivenWheels:
+        """The driven wheels that the robot's description has.
+
+        Raises:
+            RobotError: the robot is not made of a URDF file, or that has no such pair of wheels.
+        """
+        if self.urdf_path is None:
+            raise RobotError(f"robot {self.name!r} was not made of a URDF file, so its wheels are unknown")
+        return driven_wheels(self.description or read_urdf(self.urdf_path), self.locked)
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
