@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -22,9 +21,7 @@ from .free_posture import free_posture
 from .kinematics import find_frame
 from .second_reader import differences, shape_differences
 from .urdf import pinocchio_geometry, pinocchio_model
-
-if TYPE_CHECKING:
-    from .model import RobotModel
+from .value import RobotValue
 
 _FAST = 1e6  # [rad/s or m/s]: a speed above it means that none is stated
 _ENDLESS = 999.0  # [m]: a sliding joint without limits gets ±1 km
@@ -152,7 +149,7 @@ class RobotCard(Summary):
         return self.html()
 
 
-def robot_card(robot: RobotModel) -> RobotCard:
+def robot_card(robot: RobotValue) -> RobotCard:
     """The card of a robot; see :meth:`.RobotModel.card`.
 
     A robot that comes from another process, or was made of Pinocchio's models, has no meshes or no file to read again:
@@ -169,7 +166,7 @@ def robot_card(robot: RobotModel) -> RobotCard:
     return RobotCard(robot.name, base, (*_troubles(robot), *read), sections)
 
 
-def _troubles(robot: RobotModel) -> list[str]:
+def _troubles(robot: RobotValue) -> list[str]:
     found = []
     if robot.bare_links:
         found.append(
@@ -188,7 +185,7 @@ def _troubles(robot: RobotModel) -> list[str]:
     return found
 
 
-def _planned(robot: RobotModel) -> CardSection:
+def _planned(robot: RobotValue) -> CardSection:
     rows = []
     space, model = robot.space, robot.model
     for k, name in enumerate(robot.joint_names):
@@ -211,12 +208,12 @@ def _planned(robot: RobotModel) -> CardSection:
     return CardSection("Joints that are planned", ("joint", "home", "limits", "limits by", "speed"), tuple(rows))
 
 
-def _held(robot: RobotModel) -> CardSection:
+def _held(robot: RobotValue) -> CardSection:
     rows = [(name, f"{value:.4g}", robot.held.get(name, "locked")) for name, value in robot.locked.items()]
     return CardSection("Joints that are held still", ("joint", "value", "why"), tuple(rows))
 
 
-def _pieces(robot: RobotModel) -> CardSection:
+def _pieces(robot: RobotValue) -> CardSection:
     rows = []
     for piece in robot.geometries:
         far = None if robot.shapes is None else sticks_out(robot.model, robot.shapes, piece)
@@ -230,21 +227,21 @@ def _pieces(robot: RobotModel) -> CardSection:
     )  # fmt: skip
 
 
-def _bare(robot: RobotModel) -> CardSection:
+def _bare(robot: RobotValue) -> CardSection:
     return CardSection(
         "Links that are drawn and have no collision shape", ("link",), tuple((link,) for link in robot.bare_links),
         "nothing is proven of them; visual_as_collision takes what is drawn" if robot.bare_links else "",
     )  # fmt: skip
 
 
-def _unchecked(robot: RobotModel) -> CardSection:
+def _unchecked(robot: RobotValue) -> CardSection:
     count = Counter(pair.why.value for pair in robot.unchecked_pairs)
     rows = tuple((*pair.links, pair.why.value, pair.note) for pair in robot.unchecked_pairs)
     note = "; ".join([f"{len(robot.self_pairs)} are checked", *(f"{n} as {why}" for why, n in count.most_common())])
     return CardSection("Links that are not kept apart", ("one", "other", "why", "more"), rows, note)
 
 
-def _meshes(robot: RobotModel) -> CardSection:
+def _meshes(robot: RobotValue) -> CardSection:
     rows: dict[tuple[str, ...], int] = {}
     for what, model in (("collision", robot.shapes), ("drawn", robot.visual_model)):
         for item in () if model is None else model.geometryObjects:
@@ -263,7 +260,7 @@ def _meshes(robot: RobotModel) -> CardSection:
     )  # fmt: skip
 
 
-def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
+def _read_again(robot: RobotValue) -> tuple[list[str], CardSection]:
     """What a second reader finds otherwise: as troubles, and as a table."""
     title, columns = "What another reader (yourdfpy) finds otherwise", ("difference",)
     source = robot.description
@@ -283,7 +280,7 @@ def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
     return [*found, *([said_of_turned(turned)] if turned else ())], CardSection(title, columns, rows, note)
 
 
-def _frames(robot: RobotModel) -> CardSection:
+def _frames(robot: RobotValue) -> CardSection:
     rows = []
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.home_q)
@@ -300,11 +297,11 @@ def _frames(robot: RobotModel) -> CardSection:
     )
 
 
-def _states(robot: RobotModel) -> CardSection:
+def _states(robot: RobotValue) -> CardSection:
     rows = [(name, ", ".join(f"{j} {v:.4g}" for j, v in values.items())) for name, values in robot.states.items()]
     return CardSection("Named states", ("state", "joints"), tuple(rows))
 
 
-def _groups(robot: RobotModel) -> CardSection:
+def _groups(robot: RobotValue) -> CardSection:
     rows = [(name, ", ".join(joints)) for name, joints in robot.groups.items()]
     return CardSection("Groups", ("group", "joints"), tuple(rows))

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array
 
-from .model import RobotModel
+from .value import RobotValue
 
 _APART = 2e-3  # [m] that the robot's own links keep in it: more than strips ask of them
 _SCALES = np.repeat(np.linspace(0.05, 1.0, 40), 4)  # parts of the joints' ranges that are tried, the nearest first
@@ -16,7 +16,7 @@ _MOST = 2_000_000  # distances that are measured from each start, or a little mo
 _TURN = np.pi  # [rad or m] the range of a joint without limits, to either side
 
 
-def free_posture(robot: RobotModel) -> tuple[Array, str]:
+def free_posture(robot: RobotValue) -> tuple[Array, str]:
     """A configuration (nq,) near home whose links keep apart, with few joints changed; and which do not, for people.
 
     The joints between two links that are in each other are moved at random, ever further and at last anywhere within

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import coal
 import numpy as np
@@ -16,9 +16,10 @@ from elastic_strips.validation import check_number
 
 from .geometry import LinkGeometry, piece_of
 from .kinematics import find_frame
-from .model import RobotModel
 from .self_pairs import UncheckedPair, WhyUnchecked
+from .value import RobotValue
 
+R = TypeVar("R", bound=RobotValue)
 _COLOR = np.array([0.85, 0.65, 0.25, 1.0])
 
 
@@ -45,7 +46,7 @@ class HeldShape(Protocol):
 
 
 def attached(
-    robot: RobotModel,
+    robot: R,
     shape: HeldShape,
     frame: str,
     *,
@@ -53,7 +54,7 @@ def attached(
     touch: Collection[str] = (),
     mass: float = 0.0,
     name: str | None = None,
-) -> RobotModel:
+) -> R:
     """The robot with a shape that one of its frames carries.
 
     The shape is part of the robot from then on: of distances and certificates, of its own collisions and of pictures.

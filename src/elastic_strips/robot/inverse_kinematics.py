@@ -18,7 +18,7 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array
 
 from .kinematics import Kinematics, find_frame
-from .model import RobotModel
+from .value import RobotValue
 
 _LEVER = 0.3  # [m/rad] weight of an angle against a distance
 _LEAST = 1e-6  # of the damping
@@ -66,12 +66,12 @@ class PoseSolver(OneThread):
         RobotError: an unknown frame, or one that does not move.
     """
 
-    def __init__(self, robot: RobotModel, frame: str) -> None:
+    def __init__(self, robot: RobotValue, frame: str) -> None:
         index = find_frame(robot.model, frame)
         if index is None:
             names = [f.name for f in robot.model.frames]
             raise RobotError(f"{robot.name!r} has no frame {frame!r}{nearest_name(frame, names)}")
-        self.robot: RobotModel = robot
+        self.robot: RobotValue = robot
         self.frame: str = frame
         self.joint: int = int(robot.model.frames[index].parentJoint)
         if not robot.tree.moving(self.joint).any():
@@ -166,7 +166,7 @@ class PoseSolver(OneThread):
 
 
 def inverse_kinematics(
-    robot: RobotModel,
+    robot: RobotValue,
     frame: str,
     position: ArrayLike,
     orientation: ArrayLike | None = None,
@@ -229,7 +229,7 @@ class PoseSearch(OneThread):
 
     def __init__(
         self,
-        robot: RobotModel,
+        robot: RobotValue,
         frame: str,
         position: ArrayLike,
         orientation: ArrayLike | None,
@@ -238,7 +238,7 @@ class PoseSearch(OneThread):
         within: ArrayLike,
         rng: np.random.Generator,
     ) -> None:
-        self.robot: RobotModel = robot
+        self.robot: RobotValue = robot
         self.distance: float = np.inf
         self.angle: float = 0.0
         self._solver = PoseSolver(robot, frame)

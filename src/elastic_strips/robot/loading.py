@@ -21,7 +21,7 @@ from elastic_strips.errors import RobotError
 from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
 from .holes import bare_links, drawn_alone, say_what_grew, thicken
-from .model import RobotModel, check_joint_names, reference_configuration
+from .model import RobotModel
 from .planned_joints import (
     compare_states,
     following_planned,
@@ -34,6 +34,7 @@ from .planned_joints import (
     with_leaders,
     with_their_limits,
 )
+from .reduced import check_joint_names, reference_configuration
 from .second_reader import differences
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits

@@ -9,8 +9,8 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from .model import RobotModel
+from .reduced import LONGEST_SLIDE
 
-_LONGEST_SLIDE = 1e3  # [m] of a joint that slides without limits
 _UPRIGHT = 1e-9  # how far an axis may be from the vertical, and count as vertical
 
 
@@ -36,7 +36,7 @@ def highest_reach(robot: RobotModel) -> float:
         if column >= 0:
             axis = tree.align[i][:, 2]
             if tree.prismatic[i]:
-                ends = np.clip((robot.space.lower[column], robot.space.upper[column]), -_LONGEST_SLIDE, _LONGEST_SLIDE)
+                ends = np.clip((robot.space.lower[column], robot.space.upper[column]), -LONGEST_SLIDE, LONGEST_SLIDE)
                 if rotation is None:
                     far += float(np.abs(ends).max())
                 else:
