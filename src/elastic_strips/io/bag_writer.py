@@ -33,7 +33,7 @@ from elastic_strips.trajectory import Trajectory
 from elastic_strips.validation import check_number, check_type
 
 from .record_file import record_robot
-from .trajectory_file import heading, nanoseconds, stamp, trajectory_document
+from .trajectory_data import heading, nanoseconds, stamp, trajectory_document
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
