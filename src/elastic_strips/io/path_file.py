@@ -36,20 +36,11 @@ from elastic_strips.validation import check_choice, check_number
 
 from .nodes import MAX_JSON_BYTES, Source, load_json
 from .npy_source import NpyError, NpzArrays, read_npy
+from .path_checks import check_times
 from .path_message import message_table, parse_documents
-from .path_table import (
-    BASE_NAMES,
-    RATES,
-    TIMES,
-    Angles,
-    PathTable,
-    check_times,
-    is_unit,
-    known_name,
-    of_base,
-    of_robot,
-    place_table,
-)
+from .path_names import TIMES, is_unit, known_name, of_base, of_robot
+from .path_placing import place_table
+from .path_table import BASE_NAMES, RATES, Angles, PathTable
 
 _MAX_BYTES = 50_000_000
 _MAX_ROWS = 200_000

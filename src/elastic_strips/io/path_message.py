@@ -19,7 +19,9 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import MAX_NAME, RATES, PathTable, heading_of, of_something_else, words_of
+from .path_columns import heading_of
+from .path_names import MAX_NAME, of_something_else, words_of
+from .path_table import RATES, PathTable
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
