@@ -255,3 +255,9 @@ def _joined(
         for other in [n for n in live if n != new]:
             consider(other, new)
     return list(live.values()), [of[i] for i in live]
+
+
+def shape_pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
+    """Where a piece is in the world, once the joints' poses are computed."""
+    T = data.oMi[piece.joint] * pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
+    return coal.Transform3s(T.rotation, T.translation)

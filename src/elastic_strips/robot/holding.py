@@ -16,7 +16,7 @@ from elastic_strips.validation import check_number
 
 from .geometry import LinkGeometry, piece_of
 from .kinematics import find_frame
-from .self_pairs import UncheckedPair, WhyUnchecked
+from .unchecked_pairs import UncheckedPair, WhyUnchecked
 from .value import RobotValue
 
 R = TypeVar("R", bound=RobotValue)

@@ -26,8 +26,9 @@ from .reduced import (
     reference_configuration,
     without_shapes,
 )
-from .self_pairs import PairRules, pieces_and_pairs
+from .self_pairs import pieces_and_pairs
 from .space import BaseKind, ConfigurationSpace
+from .unchecked_pairs import PairRules
 from .urdf import UrdfSource
 from .value import RobotValue
 

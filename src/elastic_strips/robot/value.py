@@ -18,8 +18,8 @@ from elastic_strips.summary import Summary
 from .geometry import LinkGeometry
 from .kinematics import ControlPoints, KinematicTree, find_frame
 from .mimic import Following, carrier_name, followers_of, repaired
-from .self_pairs import UncheckedPair
 from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace
+from .unchecked_pairs import UncheckedPair
 from .urdf import UrdfSource, read_urdf
 from .wheels import DrivenWheels, driven_wheels
 

@@ -19,7 +19,8 @@ from brute_force import configuration, random_coordinates, self_distances
 import elastic_strips as es
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.robot.self_pairs import WhyUnchecked, joints_of_links, least_distance
+from elastic_strips.robot.least_distance import least_distance
+from elastic_strips.robot.unchecked_pairs import WhyUnchecked, joints_of_links
 
 BASE = "0.8 0.5 0.3"
 
