@@ -23,7 +23,7 @@ import yaml
 from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, ScenarioError, SceneError, nearest_name
 from elastic_strips.files import read_input_text
-from elastic_strips.validation import check_number, shown
+from elastic_strips.validation import MAX_LENGTH, check_number, shown
 
 MAX_YAML_BYTES = 50_000_000
 MAX_JSON_BYTES = 20_000_000
@@ -169,7 +169,7 @@ class Node:
             self.fail(f"must be true or false, not {self.kind}")
         return self.value
 
-    def number(self, *, low: float = -1e6, high: float = 1e6, unit: str = "m") -> float:
+    def number(self, *, low: float = -MAX_LENGTH, high: float = MAX_LENGTH, unit: str = "m") -> float:
         """A finite number in [low, high]."""
         if not _is_number(self.value):
             self.fail(f"must be a number, not {self.kind}")

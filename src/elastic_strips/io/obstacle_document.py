@@ -24,13 +24,12 @@ from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh,
 from elastic_strips.scene.motion import MAX_SPEED, Keyframes, Motion, Twist, UnknownMotion
 from elastic_strips.scene.obstacle import Obstacle, check_name
 from elastic_strips.scene.quantities import (
-    MAX_LENGTH,
-    MIN_LENGTH,
     check_points,
     check_quaternion,
     check_sizes,
     quaternion_of,
 )
+from elastic_strips.validation import MAX_LENGTH, MIN_LENGTH
 
 from .nodes import Node
 from .point_cloud import LARGE_MESH, read_points, warn_of_units

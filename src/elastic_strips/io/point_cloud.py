@@ -22,9 +22,9 @@ from elastic_strips.files import open_input, read_input
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
-from elastic_strips.scene.quantities import MIN_LENGTH, check_points
+from elastic_strips.scene.quantities import check_points
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_number
+from elastic_strips.validation import MIN_LENGTH, check_number
 
 from .npy_source import NpyError, read_npy
 

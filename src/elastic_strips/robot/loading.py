@@ -17,6 +17,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import find_robot, is_known, is_ours
 from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError
+from elastic_strips.validation import MAX_LENGTH
 
 from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
@@ -38,7 +39,7 @@ from .reduced import check_joint_names, reference_configuration
 from .second_reader import differences
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
-from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
+from .urdf import UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
 from .wheels import round_wheels, wheel_joints
 from .xacro_file import expand_xacro
 

@@ -12,12 +12,13 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.validation import MAX_LENGTH
 
 from .mimic import Following, with_followers
 from .model import RobotModel
 from .space import LIMIT_TOLERANCE
 from .srdf import Srdf, within_limits
-from .urdf import MAX_LENGTH, UrdfSource
+from .urdf import UrdfSource
 from .wheels import wheel_joints
 
 _log = logging.getLogger(__name__)

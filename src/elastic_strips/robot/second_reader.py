@@ -17,7 +17,8 @@ from lxml import etree
 from elastic_strips.arrays import Array
 from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 
-from .urdf import UrdfSource, read_xml
+from .urdf import UrdfSource
+from .xml_file import read_xml
 
 if TYPE_CHECKING:
     import yourdfpy

@@ -11,7 +11,8 @@ from lxml import etree
 from elastic_strips.errors import RobotError
 
 from .space import LIMIT_TOLERANCE
-from .urdf import Mends, UrdfSource, fault, read_xml
+from .urdf import UrdfSource
+from .xml_file import Mends, fault, read_xml
 
 _KNOWN = {
     "robot", "group", "joint", "link", "chain", "group_state", "end_effector", "virtual_joint", "passive_joint",

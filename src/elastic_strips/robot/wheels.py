@@ -16,7 +16,9 @@ from elastic_strips.coal_shapes import ShapeKind, shape_of, support, vertices
 from elastic_strips.decompose import load_mesh
 from elastic_strips.errors import RobotError, SceneError
 
-from .urdf import UrdfSource, floats, pinocchio_model, resolve_mesh
+from .urdf import UrdfSource, pinocchio_model
+from .urdf_shapes import resolve_mesh
+from .xml_file import floats
 
 _WHEEL_TILT = 0.05  # sine of the angle by which a wheel's axis may be off level, and a caster's off upright
 _CASTER_HEIGHT = 0.05  # [m] by which a caster's wheel may be higher than the others

@@ -14,12 +14,11 @@ from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.decompose import convex_pieces, load_mesh
 from elastic_strips.errors import SceneError
 from elastic_strips.summary import shortened
-from elastic_strips.validation import check_number, shown
+from elastic_strips.validation import MAX_LENGTH, check_number, shown
 
 from .motion import Motion, check_motion
 from .parts import Part, Solid, cluster_solid, hull_part, primitive
 from .quantities import (
-    MAX_LENGTH,
     POSE_TOLERANCE,
     check_length,
     check_points,

@@ -19,7 +19,7 @@ from elastic_strips.coal_shapes import ShapeKind, shape_of, support_points
 from elastic_strips.errors import ParameterError, RobotError, missing_extra
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.robot.geometry import LinkGeometry
-from elastic_strips.robot.urdf import read_xml
+from elastic_strips.robot.xml_file import read_xml
 from elastic_strips.scene import Obstacle
 from elastic_strips.sim.plant import PlantParams
 from elastic_strips.trajectory import MotionLimits
