@@ -105,7 +105,7 @@ def read_urdf(
     joints = _names(root, "joint", source)
     mends = Mends(source)
     parents = check_tree(root, links, source)
-    limits, mimic, followers, continuous = check_joints(root, joints, source, mends)
+    checked = check_joints(root, joints, source, mends)
     _check_inertials(root, source, mends)
     from_visual = drawn_as_collision(root, source, visual_as_collision)
     folders = search_folders(source, package_dirs)
@@ -126,10 +126,10 @@ def read_urdf(
         links=frozenset(links),
         joints=frozenset(joints),
         parents=parents,
-        joint_limits=limits,
-        mimic=frozenset(mimic),
-        followers=followers,
-        continuous=frozenset(continuous),
+        joint_limits=checked.limits,
+        mimic=frozenset(checked.mimic),
+        followers=checked.followers,
+        continuous=frozenset(checked.continuous),
         prismatic=frozenset(j.get("name") for j in root.findall("joint") if j.get("type") == "prismatic"),
         collisions={link.get("name"): len(link.findall("collision")) for link in root.findall("link")},
         bare=tuple(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from lxml import etree
@@ -11,10 +13,16 @@ from elastic_strips.errors import RobotError, nearest_name
 
 from .xml_file import Mends, check_origins, fault, floats
 
-_JOINT_TYPES = {"revolute", "continuous", "prismatic", "fixed", "floating", "planar"}
+_MOVABLE = ("revolute", "continuous", "prismatic")
+_JOINT_TYPES = {*_MOVABLE, "fixed", "floating", "planar"}
 
 
 def check_tree(root: etree._Element, links: set[str], source: Path) -> dict[str, tuple[str, str]]:
+    """Which joint and link carry each link but the root.
+
+    Raises:
+        RobotError: the joints make no tree.
+    """
     parents: dict[str, tuple[str, str]] = {}
     for joint in root.findall("joint"):
         name = joint.get("name")
@@ -45,13 +53,30 @@ def check_tree(root: etree._Element, links: set[str], source: Path) -> dict[str,
     return parents
 
 
-def check_joints(
-    root: etree._Element, joints: set[str], source: Path, mends: Mends
-) -> tuple[dict[str, tuple[float, float]], set[str], dict[str, tuple[str, float, float]], set[str]]:
-    limits: dict[str, tuple[float, float]] = {}
-    mimic: set[str] = set()
-    followers: dict[str, tuple[str, float, float]] = {}
-    continuous: set[str] = set()
+@dataclass(slots=True)
+class Joints:
+    """What a file says of its joints.
+
+    Attributes:
+        limits: joint → (lower, upper) of revolute and prismatic joints.
+        mimic: joints that mimic another, be it there or not.
+        followers: joint that mimics one that is there → (that one, multiplier, offset [rad or m]).
+        continuous: joints that turn without end.
+    """
+
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)
+    mimic: set[str] = field(default_factory=set)
+    followers: dict[str, tuple[str, float, float]] = field(default_factory=dict)
+    continuous: set[str] = field(default_factory=set)
+
+
+def check_joints(root: etree._Element, names: set[str], source: Path, mends: Mends) -> Joints:
+    """Check all joints; what urdfdom would refuse without need is taken out or mended.
+
+    Raises:
+        RobotError: a joint with a fault.
+    """
+    found = Joints()
     for joint in root.findall("joint"):
         name, kind = joint.get("name"), joint.get("type")
         what = f"joint {name!r}"
@@ -59,62 +84,89 @@ def check_joints(
             hint = nearest_name(kind, _JOINT_TYPES)
             raise fault(source, joint, f"{what} has unknown type {kind!r}{hint}")
         check_origins(joint, source, what)
-        if kind in ("revolute", "continuous", "prismatic"):
-            axis = joint.find("axis")
-            length = 1.0 if axis is None else math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0", bound=1e6))
-            if axis is not None and length < 1e-9:
-                raise fault(source, axis, f"{what} has the axis 0 0 0; give a direction")
-            if axis is not None and axis.get("xyz") is None:
-                mends.add("joints with an <axis> without xyz, taken as 1 0 0", name)
-                axis.set("xyz", "1 0 0")
+        if kind in _MOVABLE:
+            _check_axis(joint, source, mends)
         _check_unused(joint, source, what)
         if kind == "continuous":
-            continuous.add(name)
-        limit = joint.find("limit")
-        if kind in ("revolute", "prismatic") and limit is None:
-            raise fault(source, joint, f"{what} is {kind} and has no <limit>")
-        if limit is not None and kind not in ("revolute", "continuous", "prismatic"):
-            joint.remove(limit)
-        elif limit is not None:
-            (lower,) = floats(limit, "lower", 1, source, what, "0", bound=1e100)
-            (upper,) = floats(limit, "upper", 1, source, what, "0", bound=1e100)
-            for key in ("velocity", "effort"):
-                (value,) = floats(limit, key, 1, source, what, "0")
-                if value < 0:
-                    raise fault(source, limit, f"{what} has {key} limit {value}; it must be ≥ 0")
-                if limit.get(key) is None:
-                    mends.add(f"joints with a <limit> without {key}, taken as unknown", name)
-                    limit.set(key, "0")
-            if kind in ("revolute", "prismatic"):
-                if lower > upper:
-                    raise fault(source, limit, f"{what} has lower limit {lower} above upper limit {upper}")
-                limits[name] = (lower, upper)
-        follower = joint.find("mimic")
-        if follower is not None:
-            leader = follower.get("joint")
-            mimic.add(name)
-            if leader not in joints:
-                mends.add("joints that mimic one which the robot has not, locked unless told otherwise", name)
-                joint.remove(follower)
-                continue
-            if leader == name:
-                raise fault(source, follower, f"{what} has a <mimic> of itself")
-            (multiplier,) = floats(follower, "multiplier", 1, source, what, "1")
-            (offset,) = floats(follower, "offset", 1, source, what, "0")
-            if kind in ("revolute", "continuous", "prismatic"):
-                followers[name] = leader, multiplier, offset
-            else:
-                mends.add("joints with a <mimic> that have no value of their own (fixed, floating, planar), held", name)
-    for name, (leader, _, _) in followers.items():
-        if leader not in limits and leader not in continuous:
+            found.continuous.add(name)
+        limits = _check_limit(joint, source, mends)
+        if limits is not None:
+            found.limits[name] = limits
+        _check_mimic(joint, names, found, source, mends)
+    for name, (leader, _, _) in found.followers.items():
+        if leader not in found.limits and leader not in found.continuous:
             mends.add("joints that mimic one without a value of its own (fixed, floating, planar), held", name)
+    _refuse_rings(root, found.followers, source)
+    return found
+
+
+def _check_axis(joint: etree._Element, source: Path, mends: Mends) -> None:
+    axis = joint.find("axis")
+    if axis is None:
+        return
+    what = f"joint {joint.get('name')!r}"
+    if math.hypot(*floats(axis, "xyz", 3, source, what, "1 0 0", bound=1e6)) < 1e-9:
+        raise fault(source, axis, f"{what} has the axis 0 0 0; give a direction")
+    if axis.get("xyz") is None:
+        mends.add("joints with an <axis> without xyz, taken as 1 0 0", joint.get("name"))
+        axis.set("xyz", "1 0 0")
+
+
+def _check_limit(joint: etree._Element, source: Path, mends: Mends) -> tuple[float, float] | None:
+    """The limits of a revolute or prismatic joint; a <limit> of what does not move is taken out."""
+    name, kind, limit = joint.get("name"), joint.get("type"), joint.find("limit")
+    what = f"joint {name!r}"
+    bounded = kind in ("revolute", "prismatic")
+    if limit is None:
+        if bounded:
+            raise fault(source, joint, f"{what} is {kind} and has no <limit>")
+        return None
+    if kind not in _MOVABLE:
+        joint.remove(limit)
+        return None
+    (lower,) = floats(limit, "lower", 1, source, what, "0", bound=1e100)
+    (upper,) = floats(limit, "upper", 1, source, what, "0", bound=1e100)
+    for key in ("velocity", "effort"):
+        (value,) = floats(limit, key, 1, source, what, "0")
+        if value < 0:
+            raise fault(source, limit, f"{what} has {key} limit {value}; it must be ≥ 0")
+        if limit.get(key) is None:
+            mends.add(f"joints with a <limit> without {key}, taken as unknown", name)
+            limit.set(key, "0")
+    if bounded and lower > upper:
+        raise fault(source, limit, f"{what} has lower limit {lower} above upper limit {upper}")
+    return (lower, upper) if bounded else None
+
+
+def _check_mimic(joint: etree._Element, names: set[str], found: Joints, source: Path, mends: Mends) -> None:
+    """Whom a joint mimics, if it does."""
+    follower = joint.find("mimic")
+    if follower is None:
+        return
+    name, leader = joint.get("name"), follower.get("joint")
+    what = f"joint {name!r}"
+    found.mimic.add(name)
+    if leader not in names:
+        mends.add("joints that mimic one which the robot has not, locked unless told otherwise", name)
+        joint.remove(follower)
+        return
+    if leader == name:
+        raise fault(source, follower, f"{what} has a <mimic> of itself")
+    (multiplier,) = floats(follower, "multiplier", 1, source, what, "1")
+    (offset,) = floats(follower, "offset", 1, source, what, "0")
+    if joint.get("type") in _MOVABLE:
+        found.followers[name] = leader, multiplier, offset
+    else:
+        mends.add("joints with a <mimic> that have no value of their own (fixed, floating, planar), held", name)
+
+
+def _refuse_rings(root: etree._Element, followers: Mapping[str, tuple[str, float, float]], source: Path) -> None:
     for joint in root.findall("joint"):
         chain = [joint.get("name")]
         while chain[-1] in followers:
             chain.append(followers[chain[-1]][0])
             if chain[-1] in chain[:-1]:
                 raise fault(source, joint, f"joint {chain[0]!r} has a <mimic> in a ring: {' → '.join(chain)}")
-    return limits, mimic, followers, continuous
 
 
 def _check_unused(joint: etree._Element, source: Path, what: str) -> None:
