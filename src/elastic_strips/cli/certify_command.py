@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from elastic_strips.io.scene_source import SceneFile, SceneOptions
     from elastic_strips.robot import LoadOptions, RobotModel
 
-_LISTED = 12  # joints in a note
+_JOINTS_LISTED = 12  # joints in a note
 
 
 @click.command()
@@ -121,8 +121,10 @@ def certify(
         output.say(("note:", output.NOTE), f" {note}")
     if given.held:
         still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
-        more = f" and {len(still) - _LISTED} more" if len(still) > _LISTED else ""
-        output.say(("note:", output.NOTE), f" held still, and not in the file: {', '.join(still[:_LISTED])}{more}")
+        more = f" and {len(still) - _JOINTS_LISTED} more" if len(still) > _JOINTS_LISTED else ""
+        output.say(
+            ("note:", output.NOTE), f" held still, and not in the file: {', '.join(still[:_JOINTS_LISTED])}{more}"
+        )
     doubts = (*given.doubts, *(given.time_doubts if timed else ()))
     for doubt in doubts if found.broken else ():  # else they are the reason
         output.say(("note:", output.NOTE), f" {doubt}")

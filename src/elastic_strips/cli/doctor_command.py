@@ -34,7 +34,7 @@ _COLOURS = {OK: output.GOOD, NOTE: output.NOTE, PROBLEM: output.BAD}
 _DISTRIBUTION = "elastic-strips"
 _UNTRIED = ("dev", "docs", "notebooks")  # their packages are programs, or slow to import
 _IMPORTED = tuple(all_suffixes())
-_SLOW = 300.0  # [s] after which a process is taken for hung
+_CHECK_TIMEOUT = 300.0  # [s] after which a process is taken for hung
 
 _PROBE = """
 import importlib, json, sys
@@ -228,10 +228,14 @@ def _run(program: str, names: Sequence[str] = ()) -> tuple[list[tuple[str, str |
     given = json.dumps({"path": sys.path, "names": list(names)})
     try:
         done = subprocess.run(
-            [sys.executable, "-c", program, given], capture_output=True, text=True, timeout=_SLOW, errors="replace"
+            [sys.executable, "-c", program, given],
+            capture_output=True,
+            text=True,
+            timeout=_CHECK_TIMEOUT,
+            errors="replace",
         )
     except subprocess.TimeoutExpired:
-        return [], f"hangs: nothing for {_SLOW:.0f} s"
+        return [], f"hangs: nothing for {_CHECK_TIMEOUT:.0f} s"
     except OSError as error:
         return [], str(error)
     found = [json.loads(line[7:]) for line in done.stdout.splitlines() if line.startswith("PROBED ")]

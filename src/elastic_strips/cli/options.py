@@ -19,6 +19,7 @@ from click.shell_completion import CompletionItem
 from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
+from elastic_strips.progress import PROGRESS_PERIOD
 
 from . import output
 
@@ -39,8 +40,7 @@ EXIT_DONE, EXIT_NOT_DONE = 0, 3
 SEED = click.IntRange(0, 2**31 - 1)
 TITLE = "elastic strip"
 """Headline of a picture."""
-_PATIENCE = 2.0  # [s]
-_SAY_EVERY = 10.0  # [s]
+_REPORT_PERIOD = 10.0  # [s] between lines of progress where standard error is no terminal
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
@@ -378,12 +378,12 @@ class LateProgress:
         if self._total is not None:
             left = (now - self._begin) / self._count * max(0, self._total - self._count)
             note = ", ".join(filter(None, (f"about {duration(left)} left", note)))
-        if not self._looked and now - self._begin > _PATIENCE:
+        if not self._looked and now - self._begin > PROGRESS_PERIOD:
             self._looked = True
             self._draw(note)
         if self._progress is not None:
             self._progress.update(self._task, completed=self._count, note=note)
-        elif self._lines and now - self._said > _SAY_EVERY and self._count != self._total:
+        elif self._lines and now - self._said > _REPORT_PERIOD and self._count != self._total:
             self._said = now
             click.echo(f"{self._label}: {self._count} of {self._total or '?'}, {note}", err=True)
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions, RobotModel
     from elastic_strips.sim.scenarios import Scenario
 
-_NAMED = 12
+_ROBOTS_NAMED = 12  # in a message
 
 
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -85,5 +85,5 @@ def load_robot(
 
 
 def _list(names: tuple[str, ...]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return (", ".join(names[:_NAMED]) or "none") + more
+    more = f" and {len(names) - _ROBOTS_NAMED} more" if len(names) > _ROBOTS_NAMED else ""
+    return (", ".join(names[:_ROBOTS_NAMED]) or "none") + more

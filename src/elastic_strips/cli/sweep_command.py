@@ -15,7 +15,7 @@ from elastic_strips.sim.sweep.plot import check_plot, plot_columns
 
 from . import EXIT_INTERRUPTED, options, output
 
-_TOLD = 5
+_FAILURES_TOLD = 5  # runs
 
 
 @click.command()
@@ -120,10 +120,10 @@ def sweep(
     failed = store.failed
     count = output.verdict(f"{len(failed)} with an error", not failed)
     output.say(f"table   {store.path}  ({len(store.rows)} rows, ", count, ")")
-    for row in failed[:_TOLD]:
+    for row in failed[:_FAILURES_TOLD]:
         output.say(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
-    if len(failed) > _TOLD:
-        output.say(f"  … and {len(failed) - _TOLD} more")
+    if len(failed) > _FAILURES_TOLD:
+        output.say(f"  … and {len(failed) - _FAILURES_TOLD} more")
     if plot_file:
         drawn = plot_sweep(found, list(store.rows.values()), plot_file, plot=plot)
         output.say(

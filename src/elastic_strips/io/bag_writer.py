@@ -31,6 +31,7 @@ from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.scene.quantities import quaternion_of
 from elastic_strips.trajectory import Trajectory
 from elastic_strips.validation import check_number, check_type
+from elastic_strips.xacro_process import MAX_BYTES
 
 from .record_file import record_robot
 from .trajectory_data import heading, nanoseconds, stamp, trajectory_document
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from rosbags.rosbag2 import Writer
     from rosbags.typesys.store import Typestore
 
-_MAX_URDF = 8_000_000
 _CUBE, _SPHERE, _CYLINDER, _CUBE_LIST, _TRIANGLES, _DELETE_ALL = 1, 2, 3, 6, 11, 3  # of visualization_msgs/Marker
 _GREY = {"r": 0.6, "g": 0.6, "b": 0.65, "a": 0.9}
 _BASE, _NAME, _ARRAY = 1, 2, 3  # kinds of fields in rosbags: plain, a message, of fixed length
@@ -108,7 +108,7 @@ def _write(
 ) -> None:
     start = float(times[0])
     if robot.urdf_path is not None and os.path.isfile(robot.urdf_path):
-        text = read_input(robot.urdf_path, "URDF file", _MAX_URDF, InputError).decode("utf-8", "replace")
+        text = read_input(robot.urdf_path, "URDF file", MAX_BYTES, InputError).decode("utf-8", "replace")
         bag.add(start, "/robot_description", "std_msgs/msg/String", {"data": text})
     if "path" in document:
         bag.add(start, "/plan", "nav_msgs/msg/Path", document["path"])

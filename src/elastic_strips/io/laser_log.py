@@ -26,7 +26,7 @@ MAX_BYTES = 200_000_000
 _MAX_LINE = 2_000_000  # bytes
 _MAX_SCANS = 200_000
 _MAX_READINGS = 30_000_000
-_TURN = 2.0 * math.pi + 1e-3  # of a whole turn as it is printed: Gazebo's lasers go from 0 to 6.28319
+_WHOLE_TURN = 2.0 * math.pi + 1e-3  # of a whole turn as it is printed: Gazebo's lasers go from 0 to 6.28319
 LoggedScan = tuple[LaserScan, Array | None]
 """A scan and the base's pose (3,): x [m], y [m], yaw [rad], read-only; None where the log has none."""
 
@@ -233,7 +233,7 @@ def scan_of(sensor: str, head: dict[str, float], ranges: ArrayLike, T_base_senso
     low, high, step = head["range_min"], head["range_max"], head["angle_increment"]
     if not 0.0 <= low < high:
         raise ValueError(f"range_min={low:g} must be at least 0 and less than range_max={high:g}")
-    if not 0.0 < abs(step) * (len(r) - 1) <= _TURN:
+    if not 0.0 < abs(step) * (len(r) - 1) <= _WHOLE_TURN:
         raise ValueError(f"angle_increment={step:g}: {len(r)} rays of that step make no scan of at most one turn")
     if not math.isfinite(head["angle_min"]):
         raise ValueError(f"angle_min={head['angle_min']:g} must be finite")

@@ -34,7 +34,7 @@ _UNREAD = {
 }  # fmt: skip
 """Words in keys of what says where something is; what else a message has is of no path."""
 _SHAPES = {"primitive", "mesh", "plane", "subframe", "constraint", "constraints"}
-_JOIN = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
+_JOIN_TOLERANCE = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
 _MOST_DOCUMENTS = 100
 
 
@@ -132,7 +132,7 @@ def message_table(roots: list[Node], source: Source, ignore: Collection[str] = (
             worst = int(gap.argmax()) if len(gap) else 0
             beside, unknown = gap.max(initial=0.0), [name for name in part.names if np.isnan(now[column[name]])]
             if not (parts[0].start and len(rows) == 1):
-                if beside > _JOIN:
+                if beside > _JOIN_TOLERANCE:
                     part.node.fail(
                         f"begins with {names[worst]} at {table[0, worst]:.6g}, and the one before ends at "
                         f"{now[worst]:.6g}; trajectories of one file follow each other"

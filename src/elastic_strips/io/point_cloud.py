@@ -30,7 +30,7 @@ from .npy_source import NpyError, read_npy
 
 _log = logging.getLogger(__name__)
 MAX_BYTES = 200_000_000
-_MAX_POINTS = 5_000_000
+MAX_POINTS = 5_000_000
 _MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
 LARGE_CLOUD = 100.0
@@ -383,7 +383,7 @@ def _xyz(data: bytes) -> Array:
         comment = text.startswith(("#", "//"))
         return [] if comment else text.replace(",", " ").replace(";", " ").split(None, 3)[:3]
 
-    return _listed(data, words, "begin with", _MAX_POINTS)
+    return _listed(data, words, "begin with", MAX_POINTS)
 
 
 def _listed(data: bytes, words: Callable[[str], list[str]], verb: str, most: int) -> Array:
@@ -474,8 +474,8 @@ def _float(word: bytes) -> float:
 
 def _places(fields: list[tuple[str, str]], count: int) -> list[int]:
     """Which fields x, y and z are."""
-    if count > _MAX_POINTS:
-        raise ValueError(f": the file has {count} points; at most {_MAX_POINTS} are read")
+    if count > MAX_POINTS:
+        raise ValueError(f": the file has {count} points; at most {MAX_POINTS} are read")
     names = [name for name, _ in fields]
     for axis in "xyz":
         if axis not in names:

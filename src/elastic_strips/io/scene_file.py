@@ -46,8 +46,8 @@ _log = logging.getLogger(__name__)
 VERSION = 1
 _MOST_FILES = 100  # of a scene
 _SIZED = ("box", "sphere", "cylinder", "capsule", "cone")
-_THICK, _LONG = 1.0, 100.0  # [m] a scene in millimetres has hardly anything thinner, and something longer
-_DEEPEST = 8  # scene files that name each other
+_THICK_METRES, _LONG_METRES = 1.0, 100.0  # a scene in millimetres has hardly anything thinner, and something longer
+_DEEPEST_INCLUDE = 8  # scene files that name each other
 _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
 _ROBOTS = (".urdf", ".xacro")
@@ -151,7 +151,7 @@ def _parts(
 def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, reading: Reading) -> SceneFile:
     """One file of a scene."""
     here = os.path.realpath(path)
-    if here in reading.within or len(reading.within) >= _DEEPEST:
+    if here in reading.within or len(reading.within) >= _DEEPEST_INCLUDE:
         chain = " → ".join(Path(name).name for name in (*reading.within, here))
         raise SceneError(f"{path}: scene files name each other: {chain}")
     reading.read.append(here)
@@ -177,7 +177,7 @@ def _warn_of_millimetres(path: Path, scene: Scene) -> None:
     """Say in the log that all that is in a scene is thick, and something as large as a street."""
     lengths = [np.ravel(np.asarray(v, dtype=float)) for o in scene if o.shape in _SIZED for v in o.spec.values()]
     least, most = (f(np.concatenate(lengths)) if lengths else 0.0 for f in (np.min, np.max))
-    if least >= _THICK and most >= _LONG:
+    if least >= _THICK_METRES and most >= _LONG_METRES:
         _log.warning(
             "%s: nothing in it is thinner than %.4g m, and something is %.4g m large: lengths are in metres; are these "
             "millimetres?", path, least, most,

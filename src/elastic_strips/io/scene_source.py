@@ -39,7 +39,7 @@ _SUFFIXES = {
     ".scene": MOVEIT, ".bt": OCTREE, ".ot": OCTREE,
     **dict.fromkeys((".pcd", ".ply", ".xyz", ".txt", ".csv", ".npy"), CLOUD),
 }  # fmt: skip
-_HALF_TURN = 1e-6  # of the product of two quaternions, below which they are half a turn apart
+_HALF_TURN_PRODUCT = 1e-6  # of the product of two quaternions, below which they are half a turn apart
 _MESHES = (".stl", ".obj", ".dae")
 _LISTED = (".csv", ".npy")
 OF_KIND: Mapping[str, tuple[str, ...]] = {
@@ -308,7 +308,7 @@ def _turned(obstacle: Obstacle, pose: Array) -> Motion:
     if isinstance(motion, Keyframes):
         times, at, quats = motion.times, motion.positions @ turn.T + pose[:3, 3], motion.quats
         if quats is not None:  # else the obstacle keeps its own orientation
-            half = np.flatnonzero(np.abs((quats[1:] * quats[:-1]).sum(axis=1)) < _HALF_TURN)
+            half = np.flatnonzero(np.abs((quats[1:] * quats[:-1]).sum(axis=1)) < _HALF_TURN_PRODUCT)
             if len(half):  # which way round must not depend on rounding: a keyframe in the middle says it
                 middle = quats[half] + quats[half + 1]
                 middle /= np.linalg.norm(middle, axis=1)[:, None]

@@ -19,13 +19,14 @@ from .collada import meant_turned, said_of_turned
 from .cover import sticks_out
 from .free_posture import free_posture
 from .kinematics import find_frame
+from .reduced import LONGEST_SLIDE
 from .second_reader import differences, shape_differences
+from .space import UNLIMITED_SPEED
 from .urdf import pinocchio_geometry, pinocchio_model
 from .value import RobotValue
 
-_FAST = 1e6  # [rad/s or m/s]: a speed above it means that none is stated
-_ENDLESS = 999.0  # [m]: a sliding joint without limits gets ±1 km
-_MANY, _WIDE = 25, 60  # rows of a table in a terminal, and characters of a cell
+_ENDLESS_SLIDE = 0.999 * LONGEST_SLIDE  # [m] a joint that may slide as far has no limits of its own
+_ROWS_SHOWN, _CELL_WIDTH = 25, 60  # rows of a table in a terminal, and characters of a cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +53,12 @@ class CardSection:
     @property
     def shown(self) -> tuple[tuple[str, ...], ...]:
         """As much of the rows as a terminal takes."""
-        return tuple(tuple(shortened(cell, _WIDE) for cell in row) for row in self.rows[:_MANY])
+        return tuple(tuple(shortened(cell, _CELL_WIDTH) for cell in row) for row in self.rows[:_ROWS_SHOWN])
 
     @property
     def more(self) -> str:
         """A line about the rows that are left out there, or nothing."""
-        left = len(self.rows) - _MANY
+        left = len(self.rows) - _ROWS_SHOWN
         return f"  … and {left} more (--json and --html have all)" if left > 0 else ""
 
     def text(self) -> str:
@@ -135,7 +136,7 @@ class RobotCard(Summary):
             )
             note = f"<p>{html.escape(section.note)}</p>" if section.note else ""
             table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
-            opened = " open" if len(section.rows) <= _MANY else ""
+            opened = " open" if len(section.rows) <= _ROWS_SHOWN else ""
             parts.append(
                 f"<details{opened}><summary>{html.escape(section.title)}: {len(section.rows)}</summary>{note}{table}"
                 "</details>"
@@ -195,12 +196,12 @@ def _planned(robot: RobotValue) -> CardSection:
         low, high, unit = float(space.lower[i]), float(space.upper[i]), "m" if slides else "rad"
         if not (math.isfinite(low) and math.isfinite(high)):
             limits, source = "none", "continuous"
-        elif slides and low < -_ENDLESS and high > _ENDLESS:
+        elif slides and low < -_ENDLESS_SLIDE and high > _ENDLESS_SLIDE:
             limits, source = f"{low:g} … {high:g} m", "assumed: none stated"
         else:
             limits, source = f"{low:.4g} … {high:.4g} {unit}", "URDF" if robot.urdf_path else "model"
         speed = float(model.velocityLimit[joint.idx_v])
-        stated = 0.0 < speed < _FAST
+        stated = 0.0 < speed < UNLIMITED_SPEED
         rows.append(
             (name, f"{float(space.to_coordinates(robot.home_q)[i]):.4g} {unit}", limits, source,
              f"{speed:.4g} {unit}/s" if stated else "not stated: --joint-speed gives it")

@@ -16,10 +16,9 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import RobotError
 
-from .space import LIMIT_TOLERANCE, is_follower
+from .space import LIMIT_TOLERANCE, UNLIMITED_SPEED, is_follower
 
 _log = logging.getLogger(__name__)
-_UNLIMITED = 1e6  # [rad/s or m/s] a speed above this means that there is no limit
 
 
 class Following(NamedTuple):
@@ -142,7 +141,7 @@ def _narrow(plain: pin.Model, model: pin.Model, leader: str, following: Mapping[
     for name, (_, multiplier, constant) in following.items():
         own = plain.joints[plain.getJointId(name)]
         velocity = float(plain.velocityLimit[own.idx_v])
-        if 0.0 < velocity < _UNLIMITED:
+        if 0.0 < velocity < UNLIMITED_SPEED:
             speed.append(velocity / abs(multiplier))
         if own.nq != 1 or low is None or high is None:
             continue

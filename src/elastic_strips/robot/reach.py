@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array
 from .model import RobotModel
 from .reduced import LONGEST_SLIDE
 
-_UPRIGHT = 1e-9  # how far an axis may be from the vertical, and count as vertical
+_UPRIGHT_TOLERANCE = 1e-9  # how far an axis may be from the vertical, and count as vertical
 
 
 def highest_reach(robot: RobotModel) -> float:
@@ -41,7 +41,7 @@ def highest_reach(robot: RobotModel) -> float:
                     far += float(np.abs(ends).max())
                 else:
                     up += float((ends * (rotation @ axis)[2]).max())
-            elif rotation is not None and np.hypot(*(rotation @ axis)[:2]) > _UPRIGHT:
+            elif rotation is not None and np.hypot(*(rotation @ axis)[:2]) > _UPRIGHT_TOLERANCE:
                 rotation = None
         turned.append(rotation)
         height.append(up)

@@ -18,7 +18,8 @@ from .collada import mesh_unit
 from .xml_file import NUMBER, Mends, check_origins, fault, floats
 
 Capsule = tuple[float, float]  # radius, length between the caps [m]
-_PLATE_THICKNESS = 1e-4  # [m]: a plate or a rod of no thickness gets this one
+PLATE_THICKNESS = 1e-4
+"""What is drawn or described without a thickness gets this one [m]."""
 _MAX_MESH_BYTES = 100_000_000
 _MAX_COLLISION_SHAPES = 500
 _MESH_SUFFIXES = (".dae", ".mesh", ".obj", ".stl")  # a damaged .ply ends the process within Assimp
@@ -218,8 +219,8 @@ def _check_element(
         del shape.attrib["length"], sizes["length"]
     for key, values in sizes.items():
         if not all(values):  # a plate or a rod, which one can run into
-            mends.add(f"links with a shape of no thickness, taken as {1e3 * _PLATE_THICKNESS:g} mm thick", link)
-            shape.set(key, " ".join(str(value or _PLATE_THICKNESS) for value in values))
+            mends.add(f"links with a shape of no thickness, taken as {1e3 * PLATE_THICKNESS:g} mm thick", link)
+            shape.set(key, " ".join(str(value or PLATE_THICKNESS) for value in values))
     return True
 
 

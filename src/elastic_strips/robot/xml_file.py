@@ -12,6 +12,7 @@ from lxml import etree
 from elastic_strips.errors import RobotError
 from elastic_strips.files import read_input
 from elastic_strips.validation import MAX_LENGTH
+from elastic_strips.xacro_process import MAX_BYTES
 
 _log = logging.getLogger(__name__)
 _NAMES_SHOWN = 12
@@ -37,7 +38,6 @@ class Mends:
             _log.warning("%s: %d %s: %s%s", self._source, len(names), kind, ", ".join(names[:_NAMES_SHOWN]), more)
 
 
-_MAX_BYTES = 8_000_000
 _MAX_ATTRIBUTE = 500  # characters of an attribute
 
 
@@ -52,7 +52,7 @@ def read_xml(path: Path, *, root: str, kind: str) -> etree._Element:
     Raises:
         RobotError: missing, unreadable, too large, with a document type or entities, malformed, or another root.
     """
-    text = read_input(path, f"{kind} file", _MAX_BYTES, RobotError)
+    text = read_input(path, f"{kind} file", MAX_BYTES, RobotError)
     if not text.strip():
         raise RobotError(f"{path}: the {kind} file is empty")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:

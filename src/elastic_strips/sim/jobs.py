@@ -25,9 +25,9 @@ from elastic_strips.validation import check_count, check_type, shown
 _LOG = logging.getLogger(__name__)
 _Task = TypeVar("_Task")
 _Made = TypeVar("_Made")
-_AHEAD = 500
+_JOBS_AHEAD = 500
 """Jobs that a cluster's scheduler is given in advance."""
-_CONNECT = 10.0  # [s]
+_CONNECT_TIMEOUT = 10.0  # [s] for a cluster's scheduler to answer
 _MOST_LOSSES = 3
 """Times that a result may be lost with its worker before its job is given up."""
 _KEPT: dict[str, Any] = {}
@@ -228,7 +228,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
     except ImportError:
         raise missing_extra("a Dask cluster", "distributed", "sweep") from None
     try:
-        client = Client(address, timeout=_CONNECT, set_as_default=False)
+        client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ParameterError(
             f"scheduler={shown(address)}: no Dask scheduler answers there, or the address is none such as "
@@ -248,7 +248,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
         running: dict[Future[_Made], int] = {}
         losses: Counter[int] = Counter()
         while waiting or running:
-            while waiting and len(running) < _AHEAD:
+            while waiting and len(running) < _JOBS_AHEAD:
                 k = waiting.popleft()
                 running[executor.submit(work, tasks[k])] = k
             done, _ = wait(running, return_when=FIRST_COMPLETED)

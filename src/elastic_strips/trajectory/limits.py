@@ -15,13 +15,12 @@ import numpy as np
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
 from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.robot.space import UNLIMITED_SPEED
 from elastic_strips.robot.wheels import DrivenWheels
 from elastic_strips.summary import Summary
 from elastic_strips.validation import NonNegative, check_fields, check_number, check_type
 
 _ASK = "give wheel_speed=…, track=… and wheel_radius=… (options of drive: --wheel-speed, --track, --wheel-radius)"
-_UNLIMITED = 1e6
-"""Speeds [rad/s or m/s] above this mean in a description that there is no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -116,7 +115,7 @@ class MotionLimits(Summary):
                 track = found.track if track is None else track
                 wheel_radius = found.radius if wheel_radius is None else wheel_radius
                 if wheel_speed is None:
-                    wheels = () if 0.0 < found.speed < _UNLIMITED else found.joints
+                    wheels = () if 0.0 < found.speed < UNLIMITED_SPEED else found.joints
                     wheel_speed = found.speed * wheel_radius
             drive, change = [wheel_speed] * 2, [wheel_acceleration] * 2
         elif robot.base_kind is BaseKind.OMNI:
@@ -215,7 +214,7 @@ def _joint_limits(
     out_speed, out_change = np.empty(len(names)), np.empty(len(names))
     for i, (name, sliding) in enumerate(zip(names, sliding_joints(robot), strict=True)):
         value = speeds.get(name, float(stated[i]))
-        out_speed[i] = value if name in speeds or 0.0 < value < _UNLIMITED else np.nan
+        out_speed[i] = value if name in speeds or 0.0 < value < UNLIMITED_SPEED else np.nan
         # one number for all joints means the revolute ones: 4 is plenty for an arm and absurd for a lift
         named = isinstance(acceleration, Mapping) and name in acceleration
         out_change[i] = prismatic_acceleration if sliding and not named else changes.get(name, 4.0)

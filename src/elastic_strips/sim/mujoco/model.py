@@ -28,7 +28,7 @@ FLOOR, ROLLING, LINK, OBSTACLE = range(4)
 """Kinds of geoms: the floor; wheels and casters; the robot's other links; obstacles."""
 
 _WITH_OBSTACLES, _WITH_FLOOR = 1, 2  # bits of contype and conaffinity
-_TYRE = 0.02  # [m] half the width of a driven wheel
+_TYRE_HALF_WIDTH = 0.02  # [m] half the width of a driven wheel
 _TYRE_CONTACT = (0.006, 1.0)  # solref: time constant [s], damping ratio
 # Softer, as with springs, so that the driven wheels carry nine tenths of the weight. On four rigid points their share
 # is undetermined, and in fast curves the inner wheel lifted and lost its grip.
@@ -57,7 +57,7 @@ def _add_robot(mujoco: ModuleType, spec: Any, robot: RobotModel, limits: MotionL
         mujoco.mju_quatZ2Vec(quat, np.array(joint.axis))
         joint.parent.add_geom(
             name=_name(spec, f"{ROLLING}|{joint.parent.name}"), type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, quat=quat,
-            size=[limits.wheel_radius, limits.wheel_radius, _TYRE], contype=_WITH_OBSTACLES | _WITH_FLOOR,
+            size=[limits.wheel_radius, limits.wheel_radius, _TYRE_HALF_WIDTH], contype=_WITH_OBSTACLES | _WITH_FLOOR,
             conaffinity=0, mass=0.0, priority=1, condim=3, friction=[1.0, 0.005, 0.0001], solref=_TYRE_CONTACT,
         )  # fmt: skip
     casters = [b for b in spec.bodies if "caster" in b.name.lower() and b.first_body() is None]
@@ -136,10 +136,14 @@ def _name(spec: Any, text: str) -> str:
     return f"{text}#{len(spec.geoms)}"
 
 
-_ARMATURE = 0.1  # [kg m²] rotors seen through their gears; the geared drives of arms of this size have 0.05 to 0.5
+_JOINT_ARMATURE = (
+    0.1  # [kg m²] rotors seen through their gears; the geared drives of arms of this size have 0.05 to 0.5
+)
 _SLIDE_ARMATURE = 5.0  # [kg]
 _WHEEL_ARMATURE = 0.01  # [kg m²]
-_LOOP = 0.01  # [s] time constant of the joints' speed loops alone; the rest of their lag is a filter of the command
+_LOOP_TIME = (
+    0.01  # [s] time constant of the joints' speed loops alone; the rest of their lag is a filter of the command
+)
 
 
 def import_mujoco() -> ModuleType:
@@ -233,7 +237,7 @@ def build_model(
         if isinstance(error, (ParameterError, RobotError)):
             raise
         raise RobotError(f"{path}: MuJoCo cannot build the model: {' '.join(str(error).split())}") from None
-    filters = np.array([0.0] * 2 + [max(params.joint_lag - _LOOP, 0.0)] * len(robot.joint_names))
+    filters = np.array([0.0] * 2 + [max(params.joint_lag - _LOOP_TIME, 0.0)] * len(robot.joint_names))
     return _layout(mujoco, model, robot, wheels, kinds, compensation, filters)
 
 
@@ -337,11 +341,11 @@ def _add_motors(
     for name in motors:
         joint = spec.joint(name)
         slides = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
-        joint.armature = _WHEEL_ARMATURE if name in wheels else (_SLIDE_ARMATURE if slides else _ARMATURE)
+        joint.armature = _WHEEL_ARMATURE if name in wheels else (_SLIDE_ARMATURE if slides else _JOINT_ARMATURE)
     inertia = _inertia(mujoco, spec, robot, motors)
     total = float(sum(b.mass for b in spec.bodies))
     inertia[:2] = _WHEEL_ARMATURE + 0.5 * total * limits.wheel_radius**2
-    loop = np.array([max(params.wheel_lag, _LOOP)] * 2 + [_LOOP] * len(robot.joint_names))
+    loop = np.array([max(params.wheel_lag, _LOOP_TIME)] * 2 + [_LOOP_TIME] * len(robot.joint_names))
     kv = inertia / loop
     for name, gain in zip(motors, kv.tolist(), strict=True):
         joint = spec.joint(name)
