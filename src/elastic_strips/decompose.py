@@ -11,8 +11,8 @@ Distances to a triangle soup are hollow: a robot deep inside a closed mesh would
 4. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore they
    grow (:mod:`elastic_strips.covering`) until **together they hold every point of the surface, and of a closed
    body every point inside** (to rounding, `SURFACE_TOLERANCE`). They may stick out of the mesh by V-HACD's voxel or
-   what its pieces had cut off: up to 3 % of a closed body's diagonal was measured (ring, torus, L-profile), more where a body
-   has holes in its surface, which the pieces bridge.
+   what its pieces had cut off: up to 3 % of a closed body's diagonal was measured (ring, torus, L-profile), more
+   where a body has holes in its surface, which the pieces bridge.
 5. Of more than `MANY_BODIES` bodies those near each other are taken together, as their common hull; the log says how
    large these are.
 
@@ -283,8 +283,11 @@ def _bars(points: Array, faces: _Faces, thin: _Faces) -> _Faces:
     own = np.unique(longest[:, 0] * len(points) + longest[:, 1])
     first, second = np.divmod(own[~np.isin(own, keys)], len(points))
     if len(first):
-        _log.warning("%d triangles of a mesh have no area and lie along no other one: they are taken as bars, %g m "
-                     "thick", len(first), 2.0 * PLATE_REACH)  # fmt: skip
+        _log.warning(
+            "%d triangles of a mesh have no area and lie along no other one: they are taken as bars, %g m thick",
+            len(first),
+            2.0 * PLATE_REACH,
+        )
     return np.column_stack((first, second, second)).astype(np.int64)
 
 
@@ -330,8 +333,8 @@ def _closed(faces: _Faces, groups: _Faces) -> NDArray[np.bool_]:
 def _grouped(points: Array, faces: _Faces, labels: _Faces) -> tuple[_Faces, NDArray[np.bool_]]:
     """Number (F,) of the group that each triangle belongs to, and of each group whether it is one body.
 
-    Each body is its own, unless there are more than `MANY_BODIES`: then bodies are together whose boxes have their middle
-    in one cube of space, of such a size that few enough are left; larger bodies stay alone.
+    Each body is its own, unless there are more than `MANY_BODIES`: then bodies are together whose boxes have their
+    middle in one cube of space, of such a size that few enough are left; larger bodies stay alone.
     """
     count = int(labels.max()) + 1
     if count <= MANY_BODIES:
@@ -350,8 +353,13 @@ def _grouped(points: Array, faces: _Faces, labels: _Faces) -> tuple[_Faces, NDAr
         if group.max() < MANY_BODIES:
             break
         edge *= 1.25
-    _log.warning("a mesh of %d bodies: those within %.2g m are taken together, as %d convex hulls; give a mesh each to "
-                 "what is to be told apart", count, edge, int(group.max()) + 1)  # fmt: skip
+    _log.warning(
+        "a mesh of %d bodies: those within %.2g m are taken together, as %d convex hulls; give a mesh each to "
+        "what is to be told apart",
+        count,
+        edge,
+        int(group.max()) + 1,
+    )
     return group[labels], np.bincount(group) == 1
 
 

@@ -215,8 +215,11 @@ def convex_shape(points: Array, what: str, error: type[InputError]) -> tuple[coa
     if sticks_out > 0.0:
         _log.info(
             "%s: a convex hull of more than %d corners is taken as one of %d that sticks out by up to %.2g mm",
-            what, MOST_CORNERS, len(few), 1e3 * sticks_out,
-        )  # fmt: skip
+            what,
+            MOST_CORNERS,
+            len(few),
+            1e3 * sticks_out,
+        )
     return _plain_shape(*_hull_triangles(few, what, error))
 
 

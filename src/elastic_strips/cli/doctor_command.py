@@ -112,8 +112,11 @@ def doctor(robot: str | None, json_file: str | None) -> int:
     count = "no problems" if not problems else f"{problems} problem{'s' if problems > 1 else ''}"
     output.say(output.verdict(count, not problems))
     document = {
-        "format": "elastic-strips-doctor", "version": 1, "problems": problems, "checks": [asdict(c) for c in checks],
-    }  # fmt: skip
+        "format": "elastic-strips-doctor",
+        "version": 1,
+        "problems": problems,
+        "checks": [asdict(c) for c in checks],
+    }
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if not problems else options.EXIT_NOT_DONE
 
@@ -325,9 +328,10 @@ def _chromium() -> Check:
         if name and (place := shutil.which(name)):
             return Check("chromium", OK, place)
     return Check(
-        "chromium", NOTE,
+        "chromium",
+        NOTE,
         "not found: pages open in any browser, but there are no pictures of them (Debian: apt-get install chromium)",
-    )  # fmt: skip
+    )
 
 
 def _writes(folder: str) -> str:

@@ -21,22 +21,28 @@ _FAILURES_TOLD = 5  # runs
 @click.command()
 @click.argument("file", metavar="FILE.yaml", type=options.FILE)
 @click.option(
-    "--out", metavar="FILE.csv|.parquet|.jsonl", type=click.Path(),
+    "--out",
+    metavar="FILE.csv|.parquet|.jsonl",
+    type=click.Path(),
     help="The table; beside it FILE.journal, from which the sweep is resumed.  [default: the sweep's name, .csv]",
-)  # fmt: skip
+)
 @click.option(
     "--processes", "--jobs", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
 @click.option(
-    "--scheduler", metavar="tcp://HOST:PORT",
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
     help="Run on the workers of this Dask cluster instead (pip install 'elastic-strips[sweep]').",
-)  # fmt: skip
+)
 @click.option("--retry-failed", is_flag=True, help="Run again what ended in an error.")
 @click.option("--dry-run", is_flag=True, help="List the runs, and run none.")
 @click.option(
-    "--plot", "plot_file", metavar="FILE.png", type=options.OutputFile(),
+    "--plot",
+    "plot_file",
+    metavar="FILE.png",
+    type=options.OutputFile(),
     help="Draw the table (pip install 'elastic-strips[study]').",
-)  # fmt: skip
+)
 @click.option("--x", metavar="COLUMN", help="Of the plot; what varies first by default.")
 @click.option("--y", metavar="COLUMN", help="Of the plot; clearance_m of plans, time_s of drives by default.")
 @click.option("--hue", metavar="COLUMN", help="Of the plot: a colour for each value; what varies next by default.")
@@ -105,14 +111,24 @@ def sweep(
                     bar.step(f"{wrong} with an error" if wrong else "")
         except (KeyboardInterrupt, SchedulerLost) as reason:
             lost = isinstance(reason, SchedulerLost)
-            given = {"--out": out, "--processes": processes, "--scheduler": scheduler, "--plot": plot_file, "--x": x,
-                     "--y": y, "--hue": hue, "--json": json_file}  # fmt: skip
+            given = {
+                "--out": out,
+                "--processes": processes,
+                "--scheduler": scheduler,
+                "--plot": plot_file,
+                "--x": x,
+                "--y": y,
+                "--hue": hue,
+                "--json": json_file,
+            }
             words = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
             again = shlex.join(["elastic-strips", "sweep", file, *words, *(["--retry-failed"] * retry_failed)])
             output.say(
-                ("error:", output.BAD) if lost else "interrupted", f" {reason}" if lost else "",
-                f"; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}", err=True,
-            )  # fmt: skip
+                ("error:", output.BAD) if lost else "interrupted",
+                f" {reason}" if lost else "",
+                f"; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}",
+                err=True,
+            )
             return options.EXIT_NOT_DONE if lost else EXIT_INTERRUPTED
         except InputError as error:
             error.args = (f"{error} ({len(store.rows)} of {_runs(len(found))} are kept)",) if store.rows else error.args
@@ -146,8 +162,11 @@ def _quieten_dask() -> None:
 def _document(found: Sweep, store: SweepStore | None) -> dict[str, object]:
     """What ``--json`` writes; without a store of a sweep that is not run."""
     document: dict[str, object] = {
-        "format": "elastic-strips-sweep-answer", "version": 1, "sweep": found.document(), "runs": len(found),
-    }  # fmt: skip
+        "format": "elastic-strips-sweep-answer",
+        "version": 1,
+        "sweep": found.document(),
+        "runs": len(found),
+    }
     if store is None:
         return document | {"listed": [run.identity for run in found.runs()]}
     names = ("run", "scenario", "robot", "seed", *found.grid, "error_type", "error")

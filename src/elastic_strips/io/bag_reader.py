@@ -302,8 +302,13 @@ class BagReader:
         ]
         _log.warning(
             "%s: no transforms lead from the frame %r to %r: %s%s; there are %s",
-            self.path, source, target, so, "".join(f"; {each}" for each in like), ", ".join(known[:12]) or "none",
-        )  # fmt: skip
+            self.path,
+            source,
+            target,
+            so,
+            "".join(f"; {each}" for each in like),
+            ", ".join(known[:12]) or "none",
+        )
 
     def _pose(self, frames: _Frames, stamp: float) -> Array | None:
         world = self._world or frames.root(self._base)

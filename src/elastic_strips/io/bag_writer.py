@@ -48,9 +48,14 @@ _Rule: TypeAlias = tuple[int, Any]
 
 
 def write_bag(
-    path: str | os.PathLike[str], motion: Trajectory | Record, *, robot: RobotModel | None = None,
-    scene: Scene | World | None = None, frame: str = "map", period: float = 0.05,
-) -> Path:  # fmt: skip
+    path: str | os.PathLike[str],
+    motion: Trajectory | Record,
+    *,
+    robot: RobotModel | None = None,
+    scene: Scene | World | None = None,
+    frame: str = "map",
+    period: float = 0.05,
+) -> Path:
     """Write a motion and its obstacles as one MCAP file.
 
     Args:
@@ -96,10 +101,12 @@ def _driven(robot: RobotModel, times: Array, coordinates: Array, frame: str) -> 
     if not robot.space.planar:
         return {}
     poses = [
-        {"header": {"stamp": stamp(t), "frame_id": frame},
-         "pose": {"position": {"x": x, "y": y, "z": 0.0}, "orientation": heading(yaw)}}
+        {
+            "header": {"stamp": stamp(t), "frame_id": frame},
+            "pose": {"position": {"x": x, "y": y, "z": 0.0}, "orientation": heading(yaw)},
+        }
         for t, (x, y, yaw) in zip(times.tolist(), coordinates[:, :3].tolist(), strict=True)
-    ]  # fmt: skip
+    ]
     return {"path": {"header": {"stamp": stamp(float(times[0])), "frame_id": frame}, "poses": poses}}
 
 
@@ -157,9 +164,10 @@ class _Links:
 def _transform(pose: Array, t: float, parent: str, child: str) -> Document:
     place = _pose(pose)
     return {
-        "header": {"stamp": stamp(t), "frame_id": parent}, "child_frame_id": child,
+        "header": {"stamp": stamp(t), "frame_id": parent},
+        "child_frame_id": child,
         "transform": {"translation": place["position"], "rotation": place["orientation"]},
-    }  # fmt: skip
+    }
 
 
 def _pose(pose: Array) -> dict[str, dict[str, float]]:

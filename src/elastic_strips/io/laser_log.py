@@ -42,9 +42,13 @@ class LaserLogError(InputError):
 
 
 def read_laser_log(
-    path: str | os.PathLike[str], *, carmen_pose: str = "laser", carmen_range_max: float = 80.0, height: float = 0.0,
+    path: str | os.PathLike[str],
+    *,
+    carmen_pose: str = "laser",
+    carmen_range_max: float = 80.0,
+    height: float = 0.0,
     mount: ArrayLike | None = None,
-) -> tuple[LoggedScan, ...]:  # fmt: skip
+) -> tuple[LoggedScan, ...]:
     """Read the scans of a log, in the file's order; docs/sensed-scenes.md describes the formats.
 
     Args:
@@ -96,8 +100,10 @@ def read_laser_log(
     if unmounted and mount is None:
         _log.warning(
             "%s: %d scans do not say where the laser is mounted: it is taken to be at the base's origin, %g m up",
-            file, unmounted, height,
-        )  # fmt: skip
+            file,
+            unmounted,
+            height,
+        )
     return tuple(scans)
 
 

@@ -78,9 +78,11 @@ class MapArea:
         x, y = self.size.tolist()
         far = max(_OUTSIDE_EDGE - max(x, y), _LEAST_MAP_EDGE)
         return {
-            "left": ((-far, -far), (0.0, y)), "right": ((x, 0.0), (x + far, y + far)),
-            "lower": ((0.0, -far), (x + far, 0.0)), "upper": ((-far, y), (x, y + far)),
-        }  # fmt: skip
+            "left": ((-far, -far), (0.0, y)),
+            "right": ((x, 0.0), (x + far, y + far)),
+            "lower": ((0.0, -far), (x + far, 0.0)),
+            "upper": ((-far, y), (x, y + far)),
+        }
 
     def block(self, name: str, outline: Array) -> Obstacle:
         """An obstacle as high as its walls over a convex outline (K, 2) in its own frame [m]."""
@@ -154,9 +156,14 @@ def _width(outline: Array) -> float:
 
 
 def load_nav2_map(
-    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL_OCCUPANCY,
-    low: float = 0.0, outside: str = "blocked",
-) -> Scene:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    unknown: str = "free",
+    height: float = WALL_HEIGHT,
+    lethal: float = _FULL_OCCUPANCY,
+    low: float = 0.0,
+    outside: str = "blocked",
+) -> Scene:
     """A map in Nav2's format as a scene with one obstacle, ``map``: a box from the floor up for every occupied cell.
 
     A pixel of brightness b (of 255) has the occupancy p = (255 − b) / 255, or b / 255 where ``negate`` is set. A cell
@@ -190,9 +197,15 @@ def load_nav2_map(
 
 
 def read_map(
-    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL_OCCUPANCY,
-    low: float = 0.0, at: Array | None = None, name: str = "map",
-) -> tuple[list[Obstacle], MapArea]:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    unknown: str = "free",
+    height: float = WALL_HEIGHT,
+    lethal: float = _FULL_OCCUPANCY,
+    low: float = 0.0,
+    at: Array | None = None,
+    name: str = "map",
+) -> tuple[list[Obstacle], MapArea]:
     """The walls of a map, and the area that it shows; see `load_nav2_map`.
 
     Args:
@@ -219,8 +232,11 @@ def read_map(
     if abs(yaw) > _WHOLE_TURN:
         _log.warning(
             "%s: the origin's yaw is %g rad, more than a turn: it is in radians; %g degrees would be %.6g",
-            root.source.path, yaw, yaw, math.radians(yaw),
-        )  # fmt: skip
+            root.source.path,
+            yaw,
+            yaw,
+            math.radians(yaw),
+        )
         yaw = math.remainder(yaw, _WHOLE_TURN)
     high, free = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
     if free > high:

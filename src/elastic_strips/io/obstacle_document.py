@@ -213,8 +213,13 @@ def warn_of_degrees(what: str, *angles: float) -> None:
     """Say in the log that one of the angles [rad] of a pose is more than a turn: it may well be in degrees."""
     most = max(angles, key=abs)
     if abs(most) > 2.0 * math.pi + 1e-6:
-        _log.warning("%s: %g rad is more than a turn: angles are in radians; %g degrees would be %.6g", what, most,
-                     most, math.radians(most))  # fmt: skip
+        _log.warning(
+            "%s: %g rad is more than a turn: angles are in radians; %g degrees would be %.6g",
+            what,
+            most,
+            most,
+            math.radians(most),
+        )
 
 
 def quaternion_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

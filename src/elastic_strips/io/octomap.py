@@ -41,9 +41,14 @@ _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z i
 
 
 def read_octomap(
-    path: str | os.PathLike[str], *, occupied: float = 0.5, low: float | None = None, high: float | None = None,
-    at: ArrayLike | None = None, name: str = "octomap",
-) -> Scene:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    occupied: float = 0.5,
+    low: float | None = None,
+    high: float | None = None,
+    at: ArrayLike | None = None,
+    name: str = "octomap",
+) -> Scene:
     """Read the occupied space of an octree: one obstacle of voxels for each size of cells that it has.
 
     What is unknown counts as free; a warning in the log says how much of the map that is. Colours are left out.
@@ -66,18 +71,23 @@ def read_octomap(
     binary, kind, size, resolution, begin = _header(file, data)
     log_odds = math.log(occupied / (1.0 - occupied))
     full, free, nodes = (
-        _read_bt(file, data, begin, size) if binary
-        else _read_ot(file, data, begin, size, _COLOURS[kind], log_odds)
-    )  # fmt: skip
+        _read_bt(file, data, begin, size) if binary else _read_ot(file, data, begin, size, _COLOURS[kind], log_odds)
+    )
     if nodes != size:
         _fail(file, f"the tree has {nodes} nodes; its header says {size}")
     return Scene(_obstacles(str(file), full, free, resolution, low, high, at, name, not binary and _COLOURS[kind] > 0))
 
 
 def octree_obstacles(
-    data: bytes, where: str, *, binary: bool, kind: str, resolution: float, at: ArrayLike | None = None,
+    data: bytes,
+    where: str,
+    *,
+    binary: bool,
+    kind: str,
+    resolution: float,
+    at: ArrayLike | None = None,
     name: str = "octomap",
-) -> list[Obstacle]:  # fmt: skip
+) -> list[Obstacle]:
     """The occupied space of an octree in a message (``octomap_msgs/Octomap``), whose data have no header.
 
     Args:
@@ -100,18 +110,23 @@ def octree_obstacles(
     if kind not in _COLOURS and not binary:
         _fail(file, f"trees of the kind {kind[:40]!r} are not read; valid: {', '.join(_COLOURS)}")
     most = min(_MAX_NODES, len(data))  # a node has at least two bytes
-    full, free, _ = (
-        _read_bt(file, data, 0, most) if binary else _read_ot(file, data, 0, most, _COLOURS[kind], 0.0)
-    )  # fmt: skip
+    full, free, _ = _read_bt(file, data, 0, most) if binary else _read_ot(file, data, 0, most, _COLOURS[kind], 0.0)
     if not len(full):
         return []
     return _obstacles(where, full, free, resolution, None, None, at, name, False)
 
 
 def _obstacles(
-    where: str, full: _Codes, free: _Codes, resolution: float, low: float | None, high: float | None,
-    at: ArrayLike | None, name: str, colours: bool,
-) -> list[Obstacle]:  # fmt: skip
+    where: str,
+    full: _Codes,
+    free: _Codes,
+    resolution: float,
+    low: float | None,
+    high: float | None,
+    at: ArrayLike | None,
+    name: str,
+    colours: bool,
+) -> list[Obstacle]:
     """Obstacles of the occupied leaves; a warning says what is left out."""
     pose = np.eye(4) if at is None else check_pose(at)
     cells, left_out = _cells(full, resolution), 0

@@ -36,8 +36,9 @@ def check_values(
     unsaid = unnamed & (angles is None)
     endless = np.isinf(space.upper) & angular
     for far, bound, unit in (
-        (np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m"), (endless, MAX_ANGLE, "rad"),
-    ):  # fmt: skip
+        (np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m"),
+        (endless, MAX_ANGLE, "rad"),
+    ):
         beyond = np.argwhere((np.abs(values) > bound) & far)
         if len(beyond):
             k, column = (int(i) for i in beyond[0])
@@ -59,10 +60,11 @@ def check_values(
                 hint = f". {ask}"
         unit = "rad" if angular[column] else "m"
         table.fail(
-            k, f"joint {names[column]!r} = {values[k, column]:.6g} is outside its limits [{space.lower[column]:.6g}, "
+            k,
+            f"joint {names[column]!r} = {values[k, column]:.6g} is outside its limits [{space.lower[column]:.6g}, "
             f"{space.upper[column]:.6g}] by {excess[k, column]:.3g} {unit}; up to {LIMIT_TOLERANCE:g} is taken to the "
             f"limit{hint}",
-        )  # fmt: skip
+        )
     clipped = np.flatnonzero((excess > 0.0).any(axis=0))
     if len(clipped):
         named = ", ".join(f"{names[i]} by {excess[:, i].max():.2g}" for i in clipped)

@@ -363,9 +363,7 @@ def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
     if comma and any("." in line for _, line in lines):
         source.fail("has numbers with points and with commas")
     found = None if names is None else tuple(names)
-    return PathTable(
-        source, found, table, lambda k: (f"configuration {k}", numbers[k]), units=units, notes=notes
-    )  # fmt: skip
+    return PathTable(source, found, table, lambda k: (f"configuration {k}", numbers[k]), units=units, notes=notes)
 
 
 def _is_number(text: str, delimiter: str | None) -> bool:

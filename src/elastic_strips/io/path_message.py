@@ -262,9 +262,16 @@ def _robot_trajectory(node: Node, joints: Node | None, base: Node | None) -> Ite
         times = two.times if one.times is None else one.times
         rows = np.hstack((two.rows, one.rows))
         yield _Part(
-            [*two.names, *one.names], rows, times, one.nodes, node, two.heading,
-            doubts=two.doubts, notes=(*one.notes, *two.notes), stamp=one.stamp or two.stamp,
-        )  # fmt: skip
+            [*two.names, *one.names],
+            rows,
+            times,
+            one.nodes,
+            node,
+            two.heading,
+            doubts=two.doubts,
+            notes=(*one.notes, *two.notes),
+            stamp=one.stamp or two.stamp,
+        )
     else:
         yield halves[0]
 
@@ -276,9 +283,7 @@ def _joint_part(node: Node) -> _Part | None:
         return None
     rows = np.array([p["positions"].vector(len(names)) for p in points])
     rates = any(p.value.get(key) for p in points for key in ("velocities", "accelerations"))
-    return _Part(
-        names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node)
-    )  # fmt: skip
+    return _Part(names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node))
 
 
 def _stamp(node: Node) -> float:
@@ -330,9 +335,16 @@ def _base_part(node: Node) -> _Part | None:
     rows = np.array([[] if base is None else _planar(t[base]) for t in transforms])
     own = [] if base is None else _pose_names(names[base])
     return _Part(
-        own, rows, _times(points), points, node, own[2] if own else None,
-        doubts=tuple(doubts), notes=tuple(notes), stamp=_stamp(node),
-    )  # fmt: skip
+        own,
+        rows,
+        _times(points),
+        points,
+        node,
+        own[2] if own else None,
+        doubts=tuple(doubts),
+        notes=tuple(notes),
+        stamp=_stamp(node),
+    )
 
 
 def _pose_names(joint: str) -> list[str]:

@@ -81,9 +81,13 @@ def _checked_base(robot: RobotModel, base_at: Sequence[float]) -> Sequence[float
 
 
 def _unnamed(
-    table: PathTable, robot: RobotModel, placed: PlacedPath, base_at: Sequence[float] | None, angles: Angles | None,
+    table: PathTable,
+    robot: RobotModel,
+    placed: PlacedPath,
+    base_at: Sequence[float] | None,
+    angles: Angles | None,
     ignore: Collection[str],
-) -> None:  # fmt: skip
+) -> None:
     """Columns in the robot's order."""
     rows, space = table.rows, robot.space
     if ignore:
@@ -117,9 +121,13 @@ def _unnamed(
 
 
 def _named(
-    table: PathTable, robot: RobotModel, placed: PlacedPath, base_at: Sequence[float] | None, angles: Angles | None,
+    table: PathTable,
+    robot: RobotModel,
+    placed: PlacedPath,
+    base_at: Sequence[float] | None,
+    angles: Angles | None,
     ignore: Collection[str],
-) -> dict[int, str | None]:  # fmt: skip
+) -> dict[int, str | None]:
     """Columns by their names; returns the unit that the file names for each of the robot's coordinates."""
     assert table.names is not None
     columns = identify_columns(table, robot, ignore)

@@ -123,9 +123,10 @@ class PlanningScene(Summary):
         """What the robot holds, where the scene's frame has the pose (4, 4)."""
         return tuple(
             replace(thing, shapes=tuple(shape.moved(pose @ shape.pose) for shape in thing.shapes))
-            if thing.frame is None else thing
+            if thing.frame is None
+            else thing
             for thing in self.attached
-        )  # fmt: skip
+        )
 
     def held_by(self, robot: RobotModel) -> RobotModel:
         """The robot with what it holds in the scene: `RobotModel.attached` for every shape.
@@ -248,10 +249,8 @@ class _Reader:
             self._read_object(node)
         octomap = self._octomap(world["octomap"]) if _given(world, "octomap") else []
         attached = [
-            self._attached(node)
-            for holder in (state, world)
-            for node in _list(holder, "attached_collision_objects")
-        ]  # fmt: skip
+            self._attached(node) for holder in (state, world) for node in _list(holder, "attached_collision_objects")
+        ]
         obstacles = [
             o for name, thing in self._objects.items() for o in self._made(name, thing, set(self._objects) - {name})
         ]
@@ -440,9 +439,14 @@ class _Reader:
         data = (np.array(values, dtype=np.int64) & 255).astype(np.uint8).tobytes()
         T = self._placed(node, entries) @ (_pose(entries["origin"]) if _given(entries, "origin") else np.eye(4))
         return node.checked(
-            octree_obstacles, data, str(node.source.path), binary=inner["binary"].boolean(),
-            kind=inner["id"].text(), resolution=inner["resolution"].finite(), at=T,
-        )  # fmt: skip
+            octree_obstacles,
+            data,
+            str(node.source.path),
+            binary=inner["binary"].boolean(),
+            kind=inner["id"].text(),
+            resolution=inner["resolution"].finite(),
+            at=T,
+        )
 
     def _attached(self, node: Node) -> AttachedObject:
         """What a link holds."""

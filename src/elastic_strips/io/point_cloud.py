@@ -172,8 +172,10 @@ def warn_of_units(what: str, points: Array, most: float) -> None:
     if extent > most:
         _log.warning(
             "%s: is %.4g m large: lengths are in metres; are these millimetres? scale: 0.001 makes %.4g m of it",
-            what, extent, 0.001 * extent,
-        )  # fmt: skip
+            what,
+            extent,
+            0.001 * extent,
+        )
 
 
 def without_robot(points: ArrayLike | PointCloud, robot: RobotModel, q: ArrayLike, margin: float = 0.05) -> PointCloud:

@@ -233,9 +233,7 @@ def read_foreign(path: Path, kind: str, root: Node | None, options: SceneOptions
     if pose is not None:
         message = replace(message, attached=message.attached_at(pose))
     unplaced = (message,) if pose is None and reading.robot is None else ()
-    return SceneFile(
-        placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced
-    )  # fmt: skip
+    return SceneFile(placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced)
 
 
 def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading) -> SceneFile:
@@ -248,9 +246,13 @@ def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading
         high = assumed = WALL_HEIGHT
     try:
         walls, area = read_map(
-            path, unknown=options.get("unknown", "free"), lethal=options.get("lethal", 100.0), at=pose,
-            low=options.get("low", 0.0), height=high,
-        )  # fmt: skip
+            path,
+            unknown=options.get("unknown", "free"),
+            lethal=options.get("lethal", 100.0),
+            at=pose,
+            low=options.get("low", 0.0),
+            height=high,
+        )
     except ScenarioError as error:
         raise SceneError(str(error)) from None
     areas = (area,) if options.get("outside", "blocked") == "blocked" else ()
@@ -347,9 +349,11 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
     heights = [part.assumed_height for part in parts if part.assumed_height is not None]
     return SceneFile(
         World(Scene(obstacles, time=own.scene.time), appears, vanishes),
-        tuple(held for part in parts for held in part.held), tuple(area for part in parts for area in part.areas),
-        min(heights, default=None), tuple(scene for part in parts for scene in part.unplaced),
-    )  # fmt: skip
+        tuple(held for part in parts for held in part.held),
+        tuple(area for part in parts for area in part.areas),
+        min(heights, default=None),
+        tuple(scene for part in parts for scene in part.unplaced),
+    )
 
 
 def bounded(found: SceneFile) -> SceneFile:

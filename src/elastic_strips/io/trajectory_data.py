@@ -69,17 +69,22 @@ def trajectory_document(trajectory: Trajectory, *, frame: str = "map") -> Docume
     }
     if robot.space.planar:
         base: list[Document] = [
-            {"transforms": [{"translation": _vector(q[0], q[1]), "rotation": heading(q[2])}],
-             "velocities": [{"linear": _vector(v[0], v[1]), "angular": _vector(z=v[2])}],
-             "accelerations": [{"linear": _vector(a[0], a[1]), "angular": _vector(z=a[2])}], "time_from_start": dt}
+            {
+                "transforms": [{"translation": _vector(q[0], q[1]), "rotation": heading(q[2])}],
+                "velocities": [{"linear": _vector(v[0], v[1]), "angular": _vector(z=v[2])}],
+                "accelerations": [{"linear": _vector(a[0], a[1]), "angular": _vector(z=a[2])}],
+                "time_from_start": dt,
+            }
             for q, v, a, dt in zip(*rows, passed, strict=True)
-        ]  # fmt: skip
+        ]
         document["multi_dof_joint_trajectory"] = {"header": header, "joint_names": [BASE_JOINT], "points": base}
         poses = [
-            {"header": {"stamp": stamp(t), "frame_id": frame},
-             "pose": {"position": _vector(q[0], q[1]), "orientation": heading(q[2])}}
+            {
+                "header": {"stamp": stamp(t), "frame_id": frame},
+                "pose": {"position": _vector(q[0], q[1]), "orientation": heading(q[2])},
+            }
             for t, q in zip(times, rows[0], strict=True)
-        ]  # fmt: skip
+        ]
         document["path"] = {"header": header, "poses": poses}
     return document
 

@@ -70,9 +70,13 @@ def _csv(target: Path, trajectory: Trajectory, scene: Scene | None, frame: str) 
 def _npz(target: Path, trajectory: Trajectory, scene: Scene | None, frame: str) -> Path:
     stream = io.BytesIO()
     np.savez(  # NumPy before 2.1 would save ``allow_pickle`` as an array
-        stream, time=trajectory.time, joint_names=np.array(row_names(trajectory.robot), dtype=str),
-        positions=trajectory.coordinates, velocities=trajectory.v, accelerations=trajectory.a,
-    )  # fmt: skip
+        stream,
+        time=trajectory.time,
+        joint_names=np.array(row_names(trajectory.robot), dtype=str),
+        positions=trajectory.coordinates,
+        velocities=trajectory.v,
+        accelerations=trajectory.a,
+    )
     return atomic_write(target, stream.getvalue())
 
 
@@ -87,5 +91,8 @@ def _mcap(target: Path, trajectory: Trajectory, scene: Scene | None, frame: str)
 
 
 _WRITERS: dict[str, Callable[[Path, Trajectory, Scene | None, str], Path]] = {
-    ".csv": _csv, ".json": _json, ".mcap": _mcap, ".npz": _npz,
-}  # fmt: skip
+    ".csv": _csv,
+    ".json": _json,
+    ".mcap": _mcap,
+    ".npz": _npz,
+}

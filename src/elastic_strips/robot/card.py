@@ -115,13 +115,16 @@ class RobotCard(Summary):
     def document(self) -> dict[str, object]:
         """All of it as JSON has it."""
         return {
-            "format": "elastic-strips-robot", "version": 1, "robot": self.name, "base": self.base,
+            "format": "elastic-strips-robot",
+            "version": 1,
+            "robot": self.name,
+            "base": self.base,
             "troubles": list(self.troubles),
             "tables": [
                 {"title": s.title, "note": s.note, "rows": [dict(zip(s.columns, row, strict=True)) for row in s.rows]}
                 for s in self.sections
             ],
-        }  # fmt: skip
+        }
 
     def html(self) -> str:
         """All of it as the body of a page."""
@@ -159,9 +162,17 @@ def robot_card(robot: RobotValue) -> RobotCard:
     grown = _pieces(robot)
     read, other = _read_again(robot)
     sections = (
-        _planned(robot), _held(robot), grown, _bare(robot), _unchecked(robot), _meshes(robot), other,
-        _frames(robot), _states(robot), _groups(robot),
-    )  # fmt: skip
+        _planned(robot),
+        _held(robot),
+        grown,
+        _bare(robot),
+        _unchecked(robot),
+        _meshes(robot),
+        other,
+        _frames(robot),
+        _states(robot),
+        _groups(robot),
+    )
     files = [Path(f).name for f in (robot.urdf_path, robot.srdf_path) if f is not None]
     base = f"base {robot.base_kind.value}; {', '.join(files) or 'made of models'}"
     return RobotCard(robot.name, base, (*_troubles(robot), *read), sections)
@@ -203,9 +214,14 @@ def _planned(robot: RobotValue) -> CardSection:
         speed = float(model.velocityLimit[joint.idx_v])
         stated = 0.0 < speed < UNLIMITED_SPEED
         rows.append(
-            (name, f"{float(space.to_coordinates(robot.home_q)[i]):.4g} {unit}", limits, source,
-             f"{speed:.4g} {unit}/s" if stated else "not stated: --joint-speed gives it")
-        )  # fmt: skip
+            (
+                name,
+                f"{float(space.to_coordinates(robot.home_q)[i]):.4g} {unit}",
+                limits,
+                source,
+                f"{speed:.4g} {unit}/s" if stated else "not stated: --joint-speed gives it",
+            )
+        )
     return CardSection("Joints that are planned", ("joint", "home", "limits", "limits by", "speed"), tuple(rows))
 
 
@@ -223,16 +239,20 @@ def _pieces(robot: RobotValue) -> CardSection:
         rows.append((piece.name, shape_of(piece.geometry)[0].value, ", ".join(piece.links), carried, out))
     rows.sort(key=lambda row: -float(row[4].split()[0]) if row[4] != "not known" else 0.0)
     return CardSection(
-        "Convex pieces", ("piece", "kind", "links", "moved by", "reaches out of its shapes by"), tuple(rows),
+        "Convex pieces",
+        ("piece", "kind", "links", "moved by", "reaches out of its shapes by"),
+        tuple(rows),
         "what is kept apart; a piece that reaches far out of its mesh refuses more than need be",
-    )  # fmt: skip
+    )
 
 
 def _bare(robot: RobotValue) -> CardSection:
     return CardSection(
-        "Links that are drawn and have no collision shape", ("link",), tuple((link,) for link in robot.bare_links),
+        "Links that are drawn and have no collision shape",
+        ("link",),
+        tuple((link,) for link in robot.bare_links),
         "nothing is proven of them; visual_as_collision takes what is drawn" if robot.bare_links else "",
-    )  # fmt: skip
+    )
 
 
 def _unchecked(robot: RobotValue) -> CardSection:
@@ -251,14 +271,20 @@ def _meshes(robot: RobotValue) -> CardSection:
                 size = np.ptp(points, axis=0) if len(points) else np.zeros(3)
                 link = str(robot.model.frames[item.parentFrame].name)
                 row = (
-                    Path(item.meshPath).name, link, what, " x ".join(f"{x:.3g}" for x in size), f"{len(points)}",
+                    Path(item.meshPath).name,
+                    link,
+                    what,
+                    " x ".join(f"{x:.3g}" for x in size),
+                    f"{len(points)}",
                     " ".join(f"{x:g}" for x in item.meshScale),
-                )  # fmt: skip
+                )
                 rows[row] = rows.get(row, 0) + 1
     return CardSection(
-        "Meshes", ("file", "link", "used as", "size [m]", "vertices", "scale"), tuple(rows),
+        "Meshes",
+        ("file", "link", "used as", "size [m]", "vertices", "scale"),
+        tuple(rows),
         "sizes are those that are used, scale and the file's own unit included",
-    )  # fmt: skip
+    )
 
 
 def _read_again(robot: RobotValue) -> tuple[list[str], CardSection]:

@@ -55,5 +55,9 @@ def say_what_grew(robot: RobotModel, links: tuple[str, ...]) -> None:
     for piece in robot.geometries if links else ():
         far = sticks_out(robot.model, robot.shapes, piece) if set(piece.links) & set(links) else 0.0
         if far > _GROWTH_TOLD:
-            _log.warning("%s: the convex piece %r of what is drawn reaches %.0f mm out of it, so more is refused than "
-                         "need be", robot.name, piece.name, 1e3 * far)  # fmt: skip
+            _log.warning(
+                "%s: the convex piece %r of what is drawn reaches %.0f mm out of it, so more is refused than need be",
+                robot.name,
+                piece.name,
+                1e3 * far,
+            )

@@ -197,9 +197,7 @@ def inverse_kinematics(
     """
     if count < 1:
         raise ParameterError(f"count={count!r} must be at least 1")
-    search = PoseSearch(
-        robot, frame, position, orientation, near=near, within=within, rng=np.random.default_rng(seed)
-    )  # fmt: skip
+    search = PoseSearch(robot, frame, position, orientation, near=near, within=within, rng=np.random.default_rng(seed))
     found = np.zeros((0, robot.nv))
     for _ in range(_MOST_ROUNDS * (1 if count == 1 else 4)):
         found = search.sorted(np.concatenate((found, search.round(base=base))))

@@ -40,10 +40,12 @@ def least_distance(
     if not np.isfinite([low, high]).all():
         return 0.0
     slides = [model.joints[j].shortname().startswith("JointModelP") for j in between]
-    reach = np.array([
-        1.0 if slide else max(_chain_reach(model, pieces[n], j) for n in (i, k))
-        for j, slide in zip(between, slides, strict=True)
-    ])  # fmt: skip
+    reach = np.array(
+        [
+            1.0 if slide else max(_chain_reach(model, pieces[n], j) for n in (i, k))
+            for j, slide in zip(between, slides, strict=True)
+        ]
+    )
     data, q = model.createData(), pin.neutral(model)
     request, result = coal.DistanceRequest(True), coal.DistanceResult()
     request.gjk_tolerance = 1e-8

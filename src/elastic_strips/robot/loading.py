@@ -292,8 +292,12 @@ def _at_home(
     assert first is not None
     free, touching = free_posture(first)
     if touching:
-        _log.warning("%s: %s; home collides. No posture was found in which all links are apart: at best %s are in each "
-                     "other", first.name, "; ".join(passed), touching)  # fmt: skip
+        _log.warning(
+            "%s: %s; home collides. No posture was found in which all links are apart: at best %s are in each other",
+            first.name,
+            "; ".join(passed),
+            touching,
+        )
         return first
     changed = np.flatnonzero(np.abs(first.space.to_coordinates(free) - first.space.to_coordinates(first.home_q)) > 1e-9)
     names = [first.joint_names[k - first.space.base_nv] for k in changed]
@@ -356,8 +360,13 @@ def _check_size(shape: pin.GeometryObject, points: Array) -> None:
         x, y, z = (f"{length:.3g}" for length in size)
         _log.warning(
             'mesh %s of link %r is %s x %s x %s m large; if its file is in millimetres, give <mesh scale="0.001 0.001 '
-            '0.001">', shape.meshPath, shape.name.rsplit("_", 1)[0], x, y, z,
-        )  # fmt: skip
+            '0.001">',
+            shape.meshPath,
+            shape.name.rsplit("_", 1)[0],
+            x,
+            y,
+            z,
+        )
 
 
 def _say_what_differs(source: UrdfSource, model: pin.Model, name: str) -> None:

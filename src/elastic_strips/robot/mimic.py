@@ -56,9 +56,10 @@ def with_followers(model: pin.Model, following: Mapping[str, Following]) -> pin.
         RobotError: the limits of a leader and its followers leave nothing.
     """
     late = [
-        leader for leader in dict.fromkeys(f.leader for f in following.values())
+        leader
+        for leader in dict.fromkeys(f.leader for f in following.values())
         if any(model.getJointId(leader) > model.getJointId(name) for name, f in following.items() if f.leader == leader)
-    ]  # fmt: skip
+    ]
     made = _rebuilt(model, following, late)
     for leader in late:
         made = _transformed(made, carrier_name(leader), Following(leader, 1.0, 0.0))
@@ -148,8 +149,13 @@ def _narrow(plain: pin.Model, model: pin.Model, leader: str, following: Mapping[
         ends = [float(limit[own.idx_q]) for limit in (plain.lowerPositionLimit, plain.upperPositionLimit)]
         least, most = sorted((end - constant) / multiplier for end in ends)
         if max(least - low, high - most) > LIMIT_TOLERANCE:
-            _log.warning("joint %r is planned from %.6g to %.6g: %r follows it, and has limits", leader,
-                         max(low, least), min(high, most), name)  # fmt: skip
+            _log.warning(
+                "joint %r is planned from %.6g to %.6g: %r follows it, and has limits",
+                leader,
+                max(low, least),
+                min(high, most),
+                name,
+            )
         low, high = max(low, least), min(high, most)
         if low > high:
             raise RobotError(f"joint {leader!r}: {name!r}, which follows it, is within its own limits nowhere")

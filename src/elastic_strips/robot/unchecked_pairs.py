@@ -200,13 +200,22 @@ def warn_of(out: LeftOut, rules: PairRules) -> None:
     crowded = [_unchecked(pair, WhyUnchecked.ALWAYS) for pair in sorted(out.crowded, key=sorted)]
     met = out.met
     for found, text in (
-        (asked, "self-collision of %d pairs is not checked, though the SRDF asks for it: they touch in every sampled "
-                "posture (%s)"),
-        (crowded, "%d pairs of links touch in nearly every posture, so that little is free of collisions; where they "
-                  "may, an SRDF leaves them out (%s)"),
-        (hidden, "self-collision of %d pairs is not checked: their convex hulls touch in every sampled posture, their "
-                 "meshes do not (%s)"),
-    ):  # fmt: skip
+        (
+            asked,
+            "self-collision of %d pairs is not checked, though the SRDF asks for it: they touch in every sampled "
+            "posture (%s)",
+        ),
+        (
+            crowded,
+            "%d pairs of links touch in nearly every posture, so that little is free of collisions; where they "
+            "may, an SRDF leaves them out (%s)",
+        ),
+        (
+            hidden,
+            "self-collision of %d pairs is not checked: their convex hulls touch in every sampled posture, their "
+            "meshes do not (%s)",
+        ),
+    ):
         if found:
             names = [" and ".join(pair.links) + (f", {pair.note}" if pair.note else "") for pair in found]
             more = f" and {len(names) - 8} more" if len(names) > 8 else ""
@@ -216,8 +225,9 @@ def warn_of(out: LeftOut, rules: PairRules) -> None:
         more = f" and {len(said) - 8} more" if len(said) > 8 else ""
         _log.warning(
             "self-collision of %d pairs is not checked, for the SRDF says that they never touch; they do (%s)",
-            len(said), "; ".join(said[:8]) + more,
-        )  # fmt: skip
+            len(said),
+            "; ".join(said[:8]) + more,
+        )
 
 
 def _pairs_by_links(shapes: Sequence[LinkGeometry]) -> dict[LinkPair, list[tuple[int, int]]]:
@@ -268,6 +278,7 @@ def held_together(
         more = f" and {len(names) - 8} more" if len(names) > 8 else ""
         _log.warning(
             "joints are held still where links collide, so nothing is free of collisions: %s%s",
-            "; ".join(names[:8]), more,
-        )  # fmt: skip
+            "; ".join(names[:8]),
+            more,
+        )
     return deep

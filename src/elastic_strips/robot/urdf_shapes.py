@@ -181,9 +181,14 @@ def check_materials(root: etree._Element, mends: Mends) -> None:
 
 
 def _check_element(
-    element: etree._Element, source: Path, folders: list[Path], packages: dict[str, Path | None], what: str,
-    mends: Mends, link: str,
-) -> bool:  # fmt: skip
+    element: etree._Element,
+    source: Path,
+    folders: list[Path],
+    packages: dict[str, Path | None],
+    what: str,
+    mends: Mends,
+    link: str,
+) -> bool:
     """Check a <collision> or <visual>; False where it has no size at all.
 
     Raises:

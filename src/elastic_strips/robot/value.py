@@ -100,11 +100,16 @@ class RobotValue(Summary):
     def _summary(self) -> dict[str, object]:
         following = {"following": _counted(tuple(self.followers))} if self.followers else {}
         return {
-            "name": self.name, "base": self.base_kind.value, "joints": _counted(self.joint_names), **following,
-            "locked": _counted(tuple(self.locked)), "pieces": len(self.geometries), "self_pairs": len(self.self_pairs),
+            "name": self.name,
+            "base": self.base_kind.value,
+            "joints": _counted(self.joint_names),
+            **following,
+            "locked": _counted(tuple(self.locked)),
+            "pieces": len(self.geometries),
+            "self_pairs": len(self.self_pairs),
             **({"links_without_shape": _counted(self.bare_links)} if self.bare_links else {}),
             "unchecked_pairs": _counted_reasons(self.unchecked_pairs),
-        }  # fmt: skip
+        }
 
     @property
     def nq(self) -> int:

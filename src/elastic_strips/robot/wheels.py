@@ -66,9 +66,10 @@ def wheel_joints(model: pin.Model, source: UrdfSource) -> set[str]:
     rolling = {i for i in turning if upright[i] < _WHEEL_TILT and not carried(i)}
     wheels = {i for i in rolling if model.parents[i] == 1}
     casters = {
-        i for i in turning
+        i
+        for i in turning
         if model.parents[i] == 1 and upright[i] > 1.0 - _WHEEL_TILT and carried(i) and rolling.issuperset(carried(i))
-    }  # fmt: skip
+    }
     top = max((height[i] for i in wheels), default=float("inf") if len(casters) > 1 else -float("inf"))
     for i in casters:
         if max(height[k] for k in carried(i)) <= top + _CASTER_HEIGHT:

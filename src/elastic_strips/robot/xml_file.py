@@ -89,9 +89,13 @@ _BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8", b"\xff\xfe": "utf-16", b"\xfe\xff
 
 def _parser(encoding: str | None = None) -> etree.XMLParser:
     return etree.XMLParser(
-        encoding=encoding, resolve_entities=False, no_network=True, huge_tree=False, remove_comments=True,
+        encoding=encoding,
+        resolve_entities=False,
+        no_network=True,
+        huge_tree=False,
+        remove_comments=True,
         remove_pis=True,
-    )  # fmt: skip
+    )
 
 
 def _in_utf8(text: bytes) -> bytes | None:
@@ -136,9 +140,15 @@ def fault(source: Path, element: etree._Element, text: str) -> RobotError:
 
 
 def floats(
-    element: etree._Element, key: str, count: int, source: Path, what: str, default: str | None = None, *,
+    element: etree._Element,
+    key: str,
+    count: int,
+    source: Path,
+    what: str,
+    default: str | None = None,
+    *,
     bound: float = math.inf,
-) -> list[float]:  # fmt: skip
+) -> list[float]:
     """The numbers of an attribute.
 
     Args:

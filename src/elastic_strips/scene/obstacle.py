@@ -180,9 +180,14 @@ class Box(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, size: ArrayLike, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        size: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         lengths = check_sizes("Box size", size, 3)
         half = 0.5 * lengths
         solid = primitive(coal.Box(*lengths.tolist()), half, float(np.linalg.norm(half)))
@@ -200,9 +205,14 @@ class Sphere(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, radius: float, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        radius: float,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         r = check_length("Sphere radius", radius)
         self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion)
 
@@ -215,9 +225,15 @@ class _Round(Obstacle):
     _caps = False  # whether half spheres add to the length
 
     def __init__(
-        self, radius: float, length: float, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        radius: float,
+        length: float,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         kind = self._form.__name__
         r, z = check_length(f"{kind} radius", radius), check_length(f"{kind} length", length)
         half = 0.5 * z + r if self._caps else 0.5 * z
@@ -276,9 +292,14 @@ class ConvexHull(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, vertices: ArrayLike, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        vertices: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         points = check_points("ConvexHull vertices", vertices, (None, 3))
         solid = Solid([hull_part(points, "ConvexHull vertices")])
         self._fill("convex", {"vertices": points}, solid, at, quat, name, motion)
@@ -296,10 +317,15 @@ class Mesh(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, vertices: ArrayLike, faces: ArrayLike,
-        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         points = check_points("Mesh vertices", vertices, (None, 3))
         raw = check_points("Mesh faces", faces, (None, 3), limit=float(2**31))
         triangles = raw.astype(np.int64)
@@ -315,9 +341,15 @@ class Mesh(Obstacle):
 
     @classmethod
     def from_file(
-        cls, path: str | os.PathLike[str], *, scale: float = 1.0, at: ArrayLike = (0.0, 0.0, 0.0),
-        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0), name: str | None = None, motion: Motion | None = None,
-    ) -> Mesh:  # fmt: skip
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        scale: float = 1.0,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> Mesh:
         """Read an STL, OBJ, PLY or DAE file.
 
         Args:
@@ -350,10 +382,15 @@ class Voxels(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, centers: ArrayLike, size: ArrayLike,
-        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        centers: ArrayLike,
+        size: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         points = check_points("Voxels centers", centers, (None, 3))
         edges = check_sizes("Voxels size", size, 3) if np.ndim(size) else np.full(3, check_length("Voxels size", size))
         edges.flags.writeable = False
@@ -373,10 +410,15 @@ class Points(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, points: ArrayLike, radius: float,
-        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        points: ArrayLike,
+        radius: float,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         cloud = check_points("Points points", points, (None, 3))
         r = check_length("Points radius", radius)
         solid = cluster_solid(cloud, np.full(3, 2.0 * r))

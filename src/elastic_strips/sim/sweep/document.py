@@ -88,11 +88,18 @@ class Sweep:
         )
         return tuple(
             Run(
-                k, self.kind, scenario, robot, preset, seed, (*zip(axes, point, strict=True), *fixed), folder,
+                k,
+                self.kind,
+                scenario,
+                robot,
+                preset,
+                seed,
+                (*zip(axes, point, strict=True), *fixed),
+                folder,
                 len(axes),
             )
             for k, (scenario, robot, preset, point, seed) in enumerate(every)
-        )  # fmt: skip
+        )
 
     def columns(self) -> dict[str, type]:
         """Column of the table → type of its values."""

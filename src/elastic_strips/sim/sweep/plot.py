@@ -76,8 +76,11 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     share = isinstance(good[0][y], bool)
     axes.set_ylabel(f"part of the runs with {y}" if share else y)
     lost = len(rows) - len(good)
-    axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10,
-                   parse_math=False)  # fmt: skip
+    axes.set_title(
+        f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""),
+        fontsize=10,
+        parse_math=False,
+    )
     if hue is not None:
         legend = axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
         for text in legend.get_texts():
