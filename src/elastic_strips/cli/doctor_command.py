@@ -24,6 +24,8 @@ from pathlib import Path
 import click
 
 from elastic_strips._version import __version__
+from elastic_strips.catalogue import own_robots, robot_names
+from elastic_strips.errors import RobotError
 
 from . import options, output
 
@@ -310,9 +312,6 @@ def _extra(extra: str, names: Sequence[str], said: dict[str, str | None]) -> Che
 
 
 def _robots() -> Check:
-    from elastic_strips.catalogue import own_robots, robot_names
-    from elastic_strips.errors import RobotError
-
     try:
         count, own = len(robot_names()), own_robots()
     except RobotError as error:

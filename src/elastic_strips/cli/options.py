@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS
+from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS, find_robot, robot_names
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
 from elastic_strips.progress import PROGRESS_PERIOD
@@ -161,8 +161,6 @@ class KnownName(_TextType):
 
 
 def _robot_names() -> dict[str, str]:
-    from elastic_strips.catalogue import find_robot, robot_names
-
     return {name: find_robot(name).summary for name in robot_names()}
 
 

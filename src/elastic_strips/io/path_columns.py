@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,24 +63,9 @@ def identify_columns(table: PathTable, robot: RobotModel, ignore: Collection[str
     found: list[Column] = []
     poses: list[tuple[Column, str, int]] = []
     for k, name, below in kept:
-        column, pose = Column(k, name, "other", below or None), None
-        for stem, unit in readings_of(name):
-            unit = unit or below or None
-            if stem in joints:
-                column = Column(k, name, "joint", unit, joints[stem])
-            elif stem in robot.locked or stem in robot.followers:
-                column = Column(k, stem, "held", unit)
-            elif is_time(stem):
-                column = Column(k, name, "time", unit)
-            else:
-                said = pose_of(stem)
-                if said is None:
-                    continue
-                column = Column(k, name, "other", unit)
-                pose = (column, *said)
-            break
+        column, pose = _by_name(k, name, below, robot, joints)
         if pose is not None:
-            poses.append(pose)
+            poses.append((column, *pose))
         else:
             found.append(column)
     found += _base_columns(table, poses, robot.space.planar)
@@ -94,6 +79,31 @@ def identify_columns(table: PathTable, robot: RobotModel, ignore: Collection[str
     found = [_told_apart(c, table, stems, own) for c in found]
     found = [replace(c, of=namesake(c.name, own - named)) if c.kind == "other" else c for c in found]
     return sorted(found, key=lambda c: c.index)
+
+
+def _by_name(
+    k: int, name: str, below: str, robot: RobotModel, joints: Mapping[str, int]
+) -> tuple[Column, tuple[str, int] | None]:
+    """What a column is by its name alone; of a pose also whose, and which coordinate of it.
+
+    Args:
+        k: number of the column.
+        name: its name.
+        below: the unit that stands below the name; empty where there is none.
+        robot: the robot.
+        joints: joint → its number in a row of coordinates.
+    """
+    for stem, unit in readings_of(name):
+        unit = unit or below or None
+        if stem in joints:
+            return Column(k, name, "joint", unit, joints[stem]), None
+        if stem in robot.locked or stem in robot.followers:
+            return Column(k, stem, "held", unit), None
+        if is_time(stem):
+            return Column(k, name, "time", unit), None
+        if (pose := pose_of(stem)) is not None:
+            return Column(k, name, "other", unit), pose
+    return Column(k, name, "other", below or None), None
 
 
 def with_headings(table: PathTable, ignore: Collection[str]) -> PathTable:

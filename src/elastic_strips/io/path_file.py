@@ -292,78 +292,106 @@ def _numbers(array: np.ndarray, source: Source) -> Array:
     return np.asarray(array, dtype=float)
 
 
+class _Lines:
+    """The lines of a table of text, numbered from 1: what holds something, and comments apart.
+
+    Raises:
+        ConfigurationError: there are none.
+    """
+
+    def __init__(self, text: str, source: Source) -> None:
+        lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+        self.source = source
+        self.comments = [(n, line.lstrip()[1:]) for n, line in lines if line.lstrip().startswith("#")]
+        self.rows = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
+        if not self.rows:
+            source.fail("is empty; a path has at least two configurations")
+        self.first = self.rows[0][0]
+        self.delimiter = next((d for d in (";", "\t", ",") if d in self.rows[0][1]), None)
+
+    def split(self, number: int, line: str) -> list[str]:
+        """The cells of a line."""
+        if len(line) > _MAX_LINE:
+            self.source.fail(f"a line of {len(line)} characters; at most {_MAX_LINE} are read", number)
+        try:
+            if self.delimiter:
+                parts = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True))
+            else:
+                parts = line.split()
+        except (csv.Error, StopIteration) as problem:
+            self.source.fail(f"is no line of a table: {problem}", number)
+        return [part.strip() for part in parts]
+
+    def take_head(self, robot: RobotModel) -> tuple[list[str] | None, tuple[str, ...], list[str]]:
+        """Names of the columns where there are any, their units, and the first line's cells; both lines are taken."""
+        head = self.split(*self.rows[0])
+        if len(head) > 1 and head[-1] == "":  # a separator at the end of each line
+            head.pop()
+        if _is_number(head[0], self.delimiter):
+            above = [self.split(n, line) for n, line in self.comments if n < self.first][-1:]
+            if above and len(above[0]) == len(head) and any(known_name(name, robot) for name in above[0]):
+                return above[0], (), head
+            return None, (), head
+        units: tuple[str, ...] = ()
+        del self.rows[0]
+        below = self.split(*self.rows[0])[: len(head)] if self.rows else []
+        if any(map(is_unit, below)) and all(is_unit(part) or part in ("", "-") for part in below):
+            units = tuple("" if part == "-" else part for part in below)
+            del self.rows[0]
+        return head, units, head
+
+    def numbers(self, width: int, names: list[str] | None) -> tuple[list[list[float]], bool]:
+        """The rows, and whether commas are decimal points in any of them."""
+        rows, comma = [], False
+        if width * len(self.rows) > _MAX_NUMBERS:
+            self.source.fail(f"has {len(self.rows)} lines of {width} columns; at most {_MAX_NUMBERS} numbers are read")
+        for number, line in self.rows:
+            parts = self.split(number, line)
+            if len(parts) == width + 1 and parts[-1] == "":
+                parts = parts[:-1]
+            if len(parts) != width:
+                self.source.fail(f"has {len(parts)} columns, not {width}", number)
+            if self.delimiter != "," and "," in line:
+                comma = True
+                if "." in line:
+                    self.source.fail("has numbers with points and with commas", number)
+                parts = [part.replace(",", ".") if _WITH_COMMA.fullmatch(part) else part for part in parts]
+            try:
+                if "_" in (said := "".join(parts)) or not said.isascii():  # Python takes them for parts of numbers
+                    raise ValueError
+                rows.append([float(part) for part in parts])
+            except ValueError:
+                wrong = next((k for k, p in enumerate(parts) if not re.fullmatch(_NUMBER, p)), 0)
+                called = f", {names[wrong][:40]}" if names is not None else ""
+                self.source.fail(f"{parts[wrong][:40]!r} is not a number (column {wrong + 1}{called})", number)
+        return rows, comma
+
+
 def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
     """Numbers separated by commas, semicolons or blanks, with or without a line of names before them.
 
     A comment in front of the numbers is a line of names where it has as many as there are columns, and one of them is
     the robot's: NumPy writes them so.
     """
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    comments = [(n, line.lstrip()[1:]) for n, line in lines if line.lstrip().startswith("#")]
-    lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
-    if not lines:
-        source.fail("is empty; a path has at least two configurations")
-    first = lines[0][1]
-    delimiter = next((d for d in (";", "\t", ",") if d in first), None)
-
-    def split(line: str, number: int) -> list[str]:
-        if len(line) > _MAX_LINE:
-            source.fail(f"a line of {len(line)} characters; at most {_MAX_LINE} are read", number)
-        try:
-            parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True)) if delimiter else line.split()
-        except (csv.Error, StopIteration) as problem:
-            source.fail(f"is no line of a table: {problem}", number)
-        return [part.strip() for part in parts]
-
-    head = split(first, lines[0][0])
-    if len(head) > 1 and head[-1] == "":  # a separator at the end of each line
-        head.pop()
-    names: list[str] | None = None
-    units: tuple[str, ...] = ()
-    if not _is_number(head[0], delimiter):
-        names, lines = head, lines[1:]
-        below = split(lines[0][1], lines[0][0])[: len(names)] if lines else []
-        if any(map(is_unit, below)) and all(is_unit(part) or part in ("", "-") for part in below):
-            units = tuple("" if part == "-" else part for part in below)
-            lines = lines[1:]
-    else:
-        above = [split(line, n) for n, line in comments if n < lines[0][0]][-1:]
-        if above and len(above[0]) == len(head) and any(known_name(name, robot) for name in above[0]):
-            names = above[0]
+    lines = _Lines(text, source)
+    names, units, head = lines.take_head(robot)
     width = len(names) if names is not None else len(head)
-    rows, numbers, comma = [], [], False
-    if width * len(lines) > _MAX_NUMBERS:
-        source.fail(f"has {len(lines)} lines of {width} columns; at most {_MAX_NUMBERS} numbers are read")
-    for number, line in lines:
-        parts = split(line, number)
-        if len(parts) == width + 1 and parts[-1] == "":
-            parts = parts[:-1]
-        if len(parts) != width:
-            source.fail(f"has {len(parts)} columns, not {width}", number)
-        if delimiter != "," and "," in line:
-            comma = True
-            if "." in line:
-                source.fail("has numbers with points and with commas", number)
-            parts = [part.replace(",", ".") if _WITH_COMMA.fullmatch(part) else part for part in parts]
-        try:
-            if "_" in (said := "".join(parts)) or not said.isascii():  # Python takes them for parts of numbers
-                raise ValueError
-            rows.append([float(part) for part in parts])
-        except ValueError:
-            wrong = next((k for k, p in enumerate(parts) if not re.fullmatch(_NUMBER, p)), 0)
-            called = f", {names[wrong][:40]}" if names is not None else ""
-            source.fail(f"{parts[wrong][:40]!r} is not a number (column {wrong + 1}{called})", number)
-        numbers.append(number)
+    rows, comma = lines.numbers(width, names)
     if not rows:
         source.fail("has no configurations")
-    table = np.array(rows, dtype=float).reshape(len(rows), width)
     if names is None and width > 2 and head == [str(k) for k in range(width)]:
-        source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are no configuration", lines[0][0])
-    notes = ("commas are decimal points",) if comma else ()
-    if comma and any("." in line for _, line in lines):
+        source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are no configuration", lines.first)
+    if comma and any("." in line for _, line in lines.rows):
         source.fail("has numbers with points and with commas")
-    found = None if names is None else tuple(names)
-    return PathTable(source, found, table, lambda k: (f"configuration {k}", numbers[k]), units=units, notes=notes)
+    numbers = [number for number, _ in lines.rows]
+    return PathTable(
+        source,
+        None if names is None else tuple(names),
+        np.array(rows, dtype=float).reshape(len(rows), width),
+        lambda k: (f"configuration {k}", numbers[k]),
+        units=units,
+        notes=("commas are decimal points",) if comma else (),
+    )
 
 
 def _is_number(text: str, delimiter: str | None) -> bool:

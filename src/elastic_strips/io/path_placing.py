@@ -224,32 +224,13 @@ def _left_out(
     apart: dict[str, list[str]] = {"held": [], "base": [], "other": [], "named": []}
     wheels: list[str] = []
     for column in rest:
-        values, at = table.rows[:, column.index], _whereabouts(robot, column.name, placed.coordinates)
         if column.kind == "other":
-            changes = bool(np.ptp(values) > LIMIT_TOLERANCE)
-            if column.of:
-                at = _whereabouts(robot, column.of, placed.coordinates)
-                scaled = values * UNITS.get((column.unit or "").lower(), ("", 1.0))[1]
-                if changes or np.abs(scaled - at).max() > LIMIT_TOLERANCE:
-                    apart["named"].append(f"{column.name} ({_span(values)}), where {column.of} is {_span(at)} here")
-            elif changes:
-                apart["other"].append(f"{column.name} ({_span(values)})")
-            continue
-        known = column.unit is not None or angles != "deg"  # the kind of a joint that is held is not known here
-        if column.unit is not None:
-            of, factor = UNITS.get(column.unit.lower(), ("time", 0.0))
-            if of == "time" or (
-                column.kind == "base" and column.number < 3 and (of == "angle") != (column.number == 2)
-            ):
-                table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit that is known for it")
-            values = values * factor
-        if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or np.abs(at).max() <= LIMIT_TOLERANCE):
-            continue
-        if column.name in robot.round_wheels:
-            wheels.append(column.name)
-        else:
-            unit = "" if known else " (degrees? name the unit)"
-            apart[column.kind].append(f"{column.name} at {_span(at)}, in the file {_span(values)}{unit}")
+            _compare_other(table, robot, column, placed, apart)
+        elif unlike := _unlike(table, robot, column, placed, angles):
+            if column.name in robot.round_wheels:
+                wheels.append(column.name)
+            else:
+                apart[column.kind].append(unlike)
     for column in columns:
         values = table.rows[:, column.index]
         if column.kind == "floor" and np.abs(values).max() > LIMIT_TOLERANCE:
@@ -260,6 +241,37 @@ def _left_out(
     for kind, said in apart.items():
         if said:
             placed.doubts.append(_UNLIKE[kind].format("; ".join(said)))
+
+
+def _compare_other(
+    table: PathTable, robot: RobotModel, column: Column, placed: PlacedPath, apart: dict[str, list[str]]
+) -> None:
+    """A column that is none of the robot's: whether it moves, or may be a joint that is called otherwise."""
+    values = table.rows[:, column.index]
+    changes = bool(np.ptp(values) > LIMIT_TOLERANCE)
+    if not column.of:
+        if changes:
+            apart["other"].append(f"{column.name} ({_span(values)})")
+        return
+    at = _whereabouts(robot, column.of, placed.coordinates)
+    scaled = values * UNITS.get((column.unit or "").lower(), ("", 1.0))[1]
+    if changes or np.abs(scaled - at).max() > LIMIT_TOLERANCE:
+        apart["named"].append(f"{column.name} ({_span(values)}), where {column.of} is {_span(at)} here")
+
+
+def _unlike(table: PathTable, robot: RobotModel, column: Column, placed: PlacedPath, angles: Angles | None) -> str:
+    """Where a joint that is held, or a fixed base, is in the file, where that is not as here; empty where it is."""
+    values, at = table.rows[:, column.index], _whereabouts(robot, column.name, placed.coordinates)
+    known = column.unit is not None or angles != "deg"  # the kind of a joint that is held is not known here
+    if column.unit is not None:
+        of, factor = UNITS.get(column.unit.lower(), ("time", 0.0))
+        if of == "time" or (column.kind == "base" and column.number < 3 and (of == "angle") != (column.number == 2)):
+            table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit that is known for it")
+        values = values * factor
+    if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or np.abs(at).max() <= LIMIT_TOLERANCE):
+        return ""
+    unit = "" if known else " (degrees? name the unit)"
+    return f"{column.name} at {_span(at)}, in the file {_span(values)}{unit}"
 
 
 _UNLIKE = {
