@@ -29,7 +29,8 @@ from .nav2_map import WALL_HEIGHT, MapArea, outside_of, read_map
 from .nodes import Node
 from .obstacle_document import warn_of_degrees
 from .octomap import read_octomap
-from .planning_scene import PlanningScene, is_planning_scene, load_message, planning_scene_of
+from .planning_message import is_planning_scene, load_message, planning_scene_of
+from .planning_scene import PlanningScene
 from .point_cloud import PointCloud, cloud_scene, read_point_cloud, read_points, warn_of_dropped, without_robot
 
 _log = logging.getLogger(__name__)
