@@ -17,16 +17,7 @@ from elastic_strips.validation import check_type
 
 from .base_deformer import BaseDeformer, NodePredictor, TickResult
 from .constraint import ConstraintForce, OrientationConstraint
-from .forces import (
-    add_elastic,
-    add_joint_limits,
-    add_obstacle_repulsion,
-    add_pieces,
-    add_posture,
-    add_self_repulsion,
-    add_stretch,
-    repulsive_magnitude,
-)
+from .forces import FORCES, Acting, repulsive_magnitude
 from .params import DeformParams
 from .recovery import Intrusions, hold_joints, own_distances_to_keep
 from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
@@ -310,29 +301,36 @@ class Deformer(BaseDeformer[DeformReport]):
             self._system = System(n, space.nv)
         system = self._system
         system.clear()
-        v = space.difference(coordinates[:-1], coordinates[1:])
-        add_elastic(system, space, v, self._stiffness)
-        near, k_near = params.near, params.k_near
+        near, k_near, pieces, k_stretch = params.near, params.k_near, None, 0.0
         if self._descends:
-            add_pieces(system, space, v, self._stiffness, self._pieces**1.5)
-            taut = _TAUT * params.max_spacing
-            add_stretch(system, space, v, self.spacing_weight, stiffness=_STRETCH, length=taut)
             near, k_near = max(near, self._floor), max(k_near, _FIRM)
-        near = min(near, params.influence)
-        add_obstacle_repulsion(system, kin, obstacles, k_r=params.k_r, k_near=k_near, near=near)
+            pieces, k_stretch = self._pieces**1.5, _STRETCH
+        acting = Acting(
+            params=params,
+            space=space,
+            kin=kin,
+            coordinates=coordinates,
+            v=space.difference(coordinates[:-1], coordinates[1:]),
+            obstacles=obstacles,
+            self_pairs=self_pairs,
+            near=min(near, params.influence),
+            k_near=k_near,
+            stiffness=self._stiffness,
+            spacing_weight=self.spacing_weight,
+            k_posture=self._posture,
+            posture=self._straight,
+            constraint=self.constraint,
+            pieces=pieces,
+            taut=_TAUT * params.max_spacing,
+            k_stretch=k_stretch,
+        )
+        for force in FORCES:
+            force(system, acting)
         forces = StripForces.none()
         if self._detail:
             contacts = obstacles.contacts()
             push = repulsive_magnitude(contacts.distance, params.k_r, params.influence)
             forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
-        add_self_repulsion(system, kin, self_pairs, k_s=params.k_self)
-        add_joint_limits(
-            system, space, coordinates, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin
-        )
-        if self.constraint is not None:
-            self.constraint.push(system, kin)
-        if params.k_posture > 0.0:
-            add_posture(system, space, coordinates, self._straight(coordinates), k_p=self._posture)
         self.clock.mark("forces")
         return forces
 
