@@ -39,7 +39,7 @@ _TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _TRANSFORM_WAIT = 1.0  # [s] for the transforms after a measurement, on the bag's clock
 _TRANSFORM_GAP = 1.0  # [s] between the transforms before and after, at most
 _TRANSFORM_LIFE = 10.0  # [s] that transforms are kept
-_FLAT_TOLERANCE = 1e-6
+_FLAT_TOLERANCE = 1e-6  # norm of a quaternion, or angle [rad] between two, that is as good as 0
 _FIELDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # of PointField
 
 
@@ -167,8 +167,8 @@ class BagReader:
             self._check_head()
         self.topics: dict[str, BagTopic] = {}
         self._static = _Frames()
-        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
-            self._static.add(kind, message, static=True)
+        for _, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
+            self._static.add(message, static=True)
 
     def _check_head(self) -> None:
         """The file begins as its name's ending says: a reader that looks for the end of a line reads all of another."""
@@ -283,8 +283,8 @@ class BagReader:
             BagError: a damaged bag.
         """
         frames, last = self._static.copied(), -math.inf
-        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and not t.topic.endswith("tf_static")):
-            frames.add(kind, message)
+        for _, _, message in self._read(lambda t: t.type in _TRANSFORMS and not t.topic.endswith("tf_static")):
+            frames.add(message)
             stamp = frames.latest(self._base)
             pose = self._pose(frames, stamp) if stamp > last else None
             if pose is not None:
@@ -324,7 +324,7 @@ class BagReader:
             lambda t: t.topic == topic or (t.type in _TRANSFORMS and not t.topic.endswith("tf_static"))
         ):
             if name in _TRANSFORMS:
-                frames.add(name, message)
+                frames.add(message)
             else:
                 waiting.append((message, _seconds(message.header.stamp)))
             while waiting:
@@ -404,7 +404,7 @@ class _Frames:
     def copied(self) -> _Frames:
         return _Frames(dict(self.parents), dict(self.still))
 
-    def add(self, kind: str, message: Any, *, static: bool = False) -> None:
+    def add(self, message: Any, *, static: bool = False) -> None:
         for each in message.transforms:
             child, parent = each.child_frame_id.lstrip("/"), each.header.frame_id.lstrip("/")
             at, turn = each.transform.translation, each.transform.rotation

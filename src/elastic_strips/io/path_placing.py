@@ -155,13 +155,11 @@ def _named(
         placed.notes.append(f"as in the file's start state all along: {', '.join(started)}")
     if missing:
         placed.notes.append(f"at home, as the file does not name them: {', '.join(missing)}")
-    _place_base(table, robot, placed, base_at, [k for k in range(b) if k not in units])
+    _place_base(table, placed, base_at, [k for k in range(b) if k not in units])
     return units
 
 
-def _place_base(
-    table: PathTable, robot: RobotModel, placed: PlacedPath, base_at: Sequence[float] | None, open_: list[int]
-) -> None:
+def _place_base(table: PathTable, placed: PlacedPath, base_at: Sequence[float] | None, open_: list[int]) -> None:
     """A base that can move has to be somewhere."""
     if base_at is not None:
         if not open_:

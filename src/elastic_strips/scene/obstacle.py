@@ -113,13 +113,14 @@ class Obstacle:
             return np.zeros(3), np.zeros(3)
         return self.motion.velocity(self.anchor, self.time - self._origin_time())
 
-    def moved(self: _Self, pose: object) -> _Self:
+    def moved(self: _Self, pose: object, *, time: float | None = None) -> _Self:
         """Copy at ``pose`` (4, 4) (or a ``pin.SE3``) [m] now, sharing the parts; a twist goes on from there.
 
-        `Keyframes` are absolute: the copy is back on its track at the next `at`.
+        `Keyframes` are absolute: the copy is back on its track at the next `at`. ``time`` [s] is the copy's, which is
+        the obstacle's own where None.
         """
-        pose = check_pose(pose)
-        return self._copy(pose=pose, anchor=pose, anchor_time=self.time)
+        pose, time = check_pose(pose), self.time if time is None else time
+        return self._copy(pose=pose, time=time, anchor=pose, anchor_time=time)
 
     def observed(self: _Self, pose: Array, motion: Motion | None) -> _Self:
         """Copy as a sensor sees it: at ``pose`` (4, 4) [m] now, and moving from there as ``motion`` says.
