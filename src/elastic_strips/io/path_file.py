@@ -194,6 +194,28 @@ def _row(k: int) -> tuple[str, int | None]:
     return f"configuration {k}", None
 
 
+@dataclass(slots=True)
+class _Taken:
+    """What is taken of a file of arrays.
+
+    Attributes:
+        name: of the array of rows.
+        rows: (N, C) numbers.
+        when: name of the array of times, or None; times: (N,) [s], or None.
+        names: (C,) of the columns, or None.
+        beside: array → (N,) one number for each configuration.
+        doubts: what is said of arrays that are left out.
+    """
+
+    name: str
+    rows: Array
+    when: str | None
+    times: Array | None
+    names: tuple[str, ...] | None
+    beside: dict[str, Array] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
+
+
 def _arrays(
     file: Path, robot: RobotModel, source: Source, ignore: tuple[str, ...]
 ) -> tuple[PathTable, tuple[str, ...]]:
@@ -204,29 +226,7 @@ def _arrays(
                 rows = _numbers(read_npy(stream, size, _MAX_BYTES), source)
                 return PathTable(source, None, _upright(rows, robot.nv, None), _row), ignore
             arrays = NpzArrays(stream, size, _MAX_BYTES)
-            name = next((n for n in _POSITIONS if n in arrays), None)
-            if name is None:
-                source.fail(
-                    f"has the arrays {', '.join(sorted(arrays)) or 'none'}; one of {', '.join(_POSITIONS)} is needed"
-                )
-            rows = _numbers(arrays[name], source)
-            when = next((n for n in TIMES if n in arrays), None)
-            times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
-            named = _names_of(arrays, rows.shape, robot, source)
-            names = None if named is None else tuple(str(n) for n in arrays[named].reshape(-1))
-            rows = _upright(rows, len(names) if names is not None else robot.nv, times)
-            doubts, beside = [], {}
-            for other in sorted(set(arrays) - {name, when, named, *ignore} - _RATES):
-                values = arrays[other]
-                if values.dtype.kind not in "fiu":
-                    continue
-                if values.size in (1, len(rows)):
-                    beside[other] = np.broadcast_to(values.reshape(-1).astype(float), len(rows))
-                elif _tells(other, values, rows):
-                    doubts.append(
-                        f"the array {other} is left out, for the path is {name}. Say that it does not matter (--ignore "
-                        "NAME, ignore=), or make it columns of that with joint_names"
-                    )
+            taken = _take(arrays, robot, source, ignore)
         except (NpyError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as problem:
             if isinstance(problem, ConfigurationError):
                 raise
@@ -234,24 +234,64 @@ def _arrays(
     asked = [each for each in ignore if each in arrays]
     notes = (f"not looked at, as was asked: {', '.join(asked)}",) if asked else ()
     notes = (*notes, RATES) if set(arrays) & _RATES - set(ignore) else notes
-    if names is None and beside and rows.shape[1] == robot.nv:
-        names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
+    if taken.names is None and taken.beside and taken.rows.shape[1] == robot.nv:
+        taken.names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
         notes = (*notes, "columns without names: taken in the robot's order")
-    if names is not None and len(names) == rows.shape[1]:  # one number for each configuration is one column more
-        columns = dict(zip(names, rows.T, strict=True))
-        for other, values in beside.items():
-            if other not in columns or np.abs(values - columns[other]).max() > LIMIT_TOLERANCE:
-                names, rows = (*names, other), np.column_stack((rows, values))
-    elif names is None:
-        doubts += [
-            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, for the path is {name}"
-            for other, values in beside.items()
-            if np.ptp(values) > LIMIT_TOLERANCE or (of_robot(other, robot) and bool(values.any()))
-        ]
+    _add_beside(taken, robot)
     table = PathTable(
-        source, names, rows, _row, times, from_start=when == "time_from_start", notes=notes, doubts=tuple(doubts)
+        source,
+        taken.names,
+        taken.rows,
+        _row,
+        taken.times,
+        from_start=taken.when == "time_from_start",
+        notes=notes,
+        doubts=tuple(taken.doubts),
     )
     return table, tuple(each for each in ignore if each not in asked)
+
+
+def _take(arrays: NpzArrays, robot: RobotModel, source: Source, ignore: tuple[str, ...]) -> _Taken:
+    """Rows, times and names among the arrays, and what stands beside them."""
+    name = next((n for n in _POSITIONS if n in arrays), None)
+    if name is None:
+        source.fail(f"has the arrays {', '.join(sorted(arrays)) or 'none'}; one of {', '.join(_POSITIONS)} is needed")
+    rows = _numbers(arrays[name], source)
+    when = next((n for n in TIMES if n in arrays), None)
+    times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
+    named = _names_of(arrays, rows.shape, robot, source)
+    names = None if named is None else tuple(str(n) for n in arrays[named].reshape(-1))
+    rows = _upright(rows, len(names) if names is not None else robot.nv, times)
+    taken = _Taken(name, rows, when, times, names)
+    for other in sorted(set(arrays) - {name, when, named, *ignore} - _RATES):
+        values = arrays[other]
+        if values.dtype.kind not in "fiu":
+            continue
+        if values.size in (1, len(rows)):
+            taken.beside[other] = np.broadcast_to(values.reshape(-1).astype(float), len(rows))
+        elif _tells(other, values, rows):
+            taken.doubts.append(
+                f"the array {other} is left out, for the path is {name}. Say that it does not matter (--ignore NAME, "
+                "ignore=), or make it columns of that with joint_names"
+            )
+    return taken
+
+
+def _add_beside(taken: _Taken, robot: RobotModel) -> None:
+    """One number for each configuration is one column more, where columns have names; else it may be a doubt."""
+    names, rows = taken.names, taken.rows
+    if names is None:
+        taken.doubts += [
+            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, for the path is {taken.name}"
+            for other, values in taken.beside.items()
+            if np.ptp(values) > LIMIT_TOLERANCE or (of_robot(other, robot) and bool(values.any()))
+        ]
+    elif len(names) == rows.shape[1]:
+        columns = dict(zip(names, rows.T, strict=True))
+        for other, values in taken.beside.items():
+            if other not in columns or np.abs(values - columns[other]).max() > LIMIT_TOLERANCE:
+                names, rows = (*names, other), np.column_stack((rows, values))
+        taken.names, taken.rows = names, rows
 
 
 def _names_of(arrays: NpzArrays, shape: tuple[int, ...], robot: RobotModel, source: Source) -> str | None:

@@ -96,15 +96,7 @@ def attached(
         pin.forwardKinematics(robot.model, data, robot.check_q(q))
         T_joint_shape = np.linalg.inv(data.oMi[joint].homogeneous) @ shape.pose
     pieces = _pieces(shape, name, joint, T_joint_shape)
-    pairs = [
-        (i, len(robot.geometries) + k)
-        for k in range(len(pieces))
-        for i, own in enumerate(robot.geometries)
-        if own.joint != joint and not allowed & set(own.links)
-    ]
-    others = [own for own in robot.geometries if own.joint != joint and allowed & set(own.links)]
-    may_touch = {link for own in others for link in own.links}
-    unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
+    pairs, unchecked = _pairs(robot, len(pieces), joint, allowed, name)
     model = robot.model.copy()
     if weight > 0.0:
         model.appendBodyToJoint(joint, pin.Inertia(weight, np.zeros(3), np.zeros((3, 3))), pin.SE3(T_joint_shape))
@@ -141,6 +133,18 @@ def attached(
             "that may"
         )
     return held
+
+
+def _pairs(
+    robot: RobotValue, count: int, joint: int, allowed: set[str], name: str
+) -> tuple[list[tuple[int, int]], list[UncheckedPair]]:
+    """Pairs of the robot's pieces with those of a load on a joint, which come after them; and pairs not looked at."""
+    others = [(i, own) for i, own in enumerate(robot.geometries) if own.joint != joint]
+    first = len(robot.geometries)
+    pairs = [(i, first + k) for k in range(count) for i, own in others if not allowed & set(own.links)]
+    may_touch = {link for _, own in others if allowed & set(own.links) for link in own.links}
+    unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
+    return pairs, unchecked
 
 
 def _pieces(shape: HeldShape, name: str, joint: int, T: Array) -> list[LinkGeometry]:

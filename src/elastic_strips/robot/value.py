@@ -28,7 +28,7 @@ _LINKS_NAMED = 8  # of the links without a shape, in a sentence
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobotValue(Summary):
-    """What a robot is: the base of :class:`.RobotModel`, which what robots can do besides is made with.
+    """A robot as a value. :class:`.RobotModel` adds what is made of it: inverse kinematics, what it holds, its card.
 
     Attributes:
         name: the robot's name.

@@ -131,10 +131,7 @@ def driven_wheels(source: UrdfSource, locked: Container[str]) -> DrivenWheels:
     for joint in called or [joint for joint in turning if joint.get("name") in locked]:
         name = joint.get("name")
         pose = data.oMi[model.getJointId(name)]
-        element = joint.find("axis")
-        local = [1.0, 0.0, 0.0] if element is None else floats(element, "xyz", 3, path, f"joint {name!r}", "1 0 0")
-        axis = pose.rotation @ np.array(local)
-        if abs(axis[1]) > _LEAST_SIDEWAYS * np.linalg.norm(axis):
+        if _points_sideways(joint, pose, path):
             sideways.append((name, pose.translation, joint.find("child").get("link")))
         else:
             others.append(name)
@@ -156,6 +153,13 @@ def driven_wheels(source: UrdfSource, locked: Container[str]) -> DrivenWheels:
         names = "; ".join(", ".join(w.joints) for w in found)
         raise RobotError(f"{path} has several different pairs of wheels ({names})")
     return first
+
+
+def _points_sideways(joint: etree._Element, pose: pin.SE3, path: Path) -> bool:
+    """Whether a joint at a pose turns about ±y."""
+    element, what = joint.find("axis"), f"joint {joint.get('name')!r}"
+    axis = pose.rotation @ np.array([1.0, 0.0, 0.0] if element is None else floats(element, "xyz", 3, path, what))
+    return bool(abs(axis[1]) > _LEAST_SIDEWAYS * np.linalg.norm(axis))
 
 
 def _mirrored(a: Array, b: Array) -> bool:
