@@ -216,18 +216,30 @@ def _catalogue() -> dict[str, KnownRobot]:
     for name, file, hand, summary in _OWN:
         srdf = folder / f"{file}.srdf"
         known[name] = KnownRobot(
-            name, summary, "diff_drive", folder / f"{file}.urdf", srdf if srdf.is_file() else None, (folder,),
+            name,
+            summary,
+            "diff_drive",
+            folder / f"{file}.urdf",
+            srdf if srdf.is_file() else None,
+            (folder,),
             hand_frame=hand,
-        )  # fmt: skip
+        )
     share = _example_robot_data()
     if share is None:
         return known
     root = share / "example-robot-data/robots"
     tiago = root / "tiago_description/robots/tiago.urdf"
     known["tiago"] = KnownRobot(
-        "tiago", "PAL Robotics TIAGo of example-robot-data: differential drive, lift, 7-DOF arm", "diff_drive", tiago,
-        None, (share,), tuple(_TIAGO_HOME), _TIAGO_HOME, "hand_palm_link",
-    )  # fmt: skip
+        "tiago",
+        "PAL Robotics TIAGo of example-robot-data: differential drive, lift, 7-DOF arm",
+        "diff_drive",
+        tiago,
+        None,
+        (share,),
+        tuple(_TIAGO_HOME),
+        _TIAGO_HOME,
+        "hand_palm_link",
+    )
     files = sorted(root.glob("*/*/*.urdf"))
     stems = Counter(urdf.stem for urdf in files)
     for urdf in files:

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.hulls import convex_hull
 
-_SPLIT = 1.0 / 32.0  # edge of a cube, as a share of the body's diagonal
-_MOST_CUT = 800_000  # triangles that the surface gets by being cut; with more, cubes are larger
-_TOUCH = 1e-9  # of a cube's edge, within which a point counts as on its face
+_CUBE_SHARE = 1.0 / 32.0  # edge of a cube, as a share of the body's diagonal
+_MOST_CUT_TRIANGLES = 800_000  # triangles that the surface gets by being cut; with more, cubes are larger
+_FACE_TOLERANCE = 1e-9  # of a cube's edge, within which a point counts as on its face
 _SHIFT = np.array([0.37, 0.41, 0.43])  # of a cube's edge: bodies have faces at round numbers
-_BLOCK = 50_000  # points that are measured at once
+_POINTS_AT_ONCE = 50_000  # points that are measured at once
 
 _Faces = NDArray[np.int64]
 
@@ -87,8 +87,8 @@ def surface_cells(vertices: Array, faces: _Faces) -> list[Array]:
 
 def _cells_of(vertices: Array, faces: _Faces, closed: bool) -> _Cells:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    edge = _SPLIT * float(np.linalg.norm(high - low))
-    while _pieces_of(vertices[faces], edge) > len(faces) + _MOST_CUT:
+    edge = _CUBE_SHARE * float(np.linalg.norm(high - low))
+    while _pieces_of(vertices[faces], edge) > len(faces) + _MOST_CUT_TRIANGLES:
         edge *= 1.25
     scaled = (vertices - low) / edge + _SHIFT + 1.0  # a layer of empty cubes about the body
     points, triangles = _cut(scaled, faces)
@@ -125,7 +125,7 @@ def _cut(points: Array, faces: _Faces) -> tuple[Array, _Faces]:
         done = []
         while len(open_faces):
             x = points[open_faces, axis]
-            first, last = np.floor(x.min(axis=1) + _TOUCH), np.ceil(x.max(axis=1) - _TOUCH)
+            first, last = np.floor(x.min(axis=1) + _FACE_TOLERANCE), np.ceil(x.max(axis=1) - _FACE_TOLERANCE)
             through = last - first > 1.5
             done.append(open_faces[~through])
             crossing, x = open_faces[through], x[through]
@@ -151,11 +151,11 @@ def _touched(points: Array, triangles: _Faces, size: Indices) -> tuple[Indices, 
     """Numbers of cubes, and of points of triangles that touch them: each pair once."""
     strides = np.array([size[1] * size[2], size[2], 1])
     pairs = []
-    for begin in range(0, len(triangles), 4 * _BLOCK):
-        some = triangles[begin : begin + 4 * _BLOCK]
+    for begin in range(0, len(triangles), 4 * _POINTS_AT_ONCE):
+        some = triangles[begin : begin + 4 * _POINTS_AT_ONCE]
         corners = points[some]
-        low = np.floor(corners.min(axis=1) - _TOUCH).astype(np.int64)
-        high = np.floor(corners.max(axis=1) + _TOUCH).astype(np.int64)
+        low = np.floor(corners.min(axis=1) - _FACE_TOLERANCE).astype(np.int64)
+        high = np.floor(corners.max(axis=1) + _FACE_TOLERANCE).astype(np.int64)
         keys = []
         for step in np.ndindex(2, 2, 2):
             cube = low + step
@@ -211,8 +211,8 @@ def _enclosed(filled: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
 def _outside(points: Array, planes: Array) -> Array:
     """How far [m] points lie outside of planes (K, 4); negative inside of all."""
     out = np.empty(len(points))
-    for begin in range(0, len(points), _BLOCK):
-        rows = slice(begin, begin + _BLOCK)
+    for begin in range(0, len(points), _POINTS_AT_ONCE):
+        rows = slice(begin, begin + _POINTS_AT_ONCE)
         out[rows] = (points[rows] @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     return out
 

@@ -6,7 +6,7 @@ import html
 from collections.abc import Mapping
 from dataclasses import fields
 
-_MOST, _CELL = 240, 60  # characters of a line, of a value in it
+_LINE_LENGTH, _VALUE_LENGTH = 240, 60  # characters
 
 
 class Summary:
@@ -28,7 +28,7 @@ class Summary:
 
     def _repr_html_(self) -> str:
         rows = {**self._summary(), **self._measured()}
-        return table(type(self).__name__, {name: _brief(v, 4 * _CELL) for name, v in rows.items()})
+        return table(type(self).__name__, {name: _brief(v, 4 * _VALUE_LENGTH) for name, v in rows.items()})
 
 
 def table(title: str, rows: Mapping[str, str]) -> str:
@@ -41,7 +41,7 @@ def table(title: str, rows: Mapping[str, str]) -> str:
     return f"<table><caption><b>{html.escape(title)}</b></caption><tbody>{cells}</tbody></table>"
 
 
-def _brief(value: object, most: int = _CELL) -> str:
+def _brief(value: object, most: int = _VALUE_LENGTH) -> str:
     if getattr(value, "ndim", 0):  # an array
         return f"<{' × '.join(map(str, getattr(value, 'shape', ())))} numbers>"
     if isinstance(value, str):
@@ -53,6 +53,6 @@ def _brief(value: object, most: int = _CELL) -> str:
     return shortened(" ".join(repr(value).split()), most)
 
 
-def shortened(text: str, most: int = _MOST) -> str:
+def shortened(text: str, most: int = _LINE_LENGTH) -> str:
     """A text of at most so many characters."""
     return text if len(text) <= most else text[: most - 1] + "…"

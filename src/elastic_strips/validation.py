@@ -16,6 +16,12 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, ParameterError, nearest_name
 
+MAX_LENGTH = 1e6
+"""Largest size or coordinate that is accepted [m]."""
+
+MIN_LENGTH = 1e-6
+"""Smallest size that is accepted [m], but for 0 where that means something; distances are accurate to about 3e-6 m."""
+
 _SHORT = reprlib.Repr()  # of a list of a million entries the first ones alone
 _SHORT.maxlevel = 4
 _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = _SHORT.maxset = _SHORT.maxfrozenset = _SHORT.maxarray = 40

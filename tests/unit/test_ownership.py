@@ -188,7 +188,7 @@ def test_every_workspace_turns_a_second_thread_away(silvermate: RobotModel) -> N
                     method()
 
 
-_PARTS = {"MovingParts", "PairSolver", "Bisection", "_Tools", "_Postures", "_Work", "AlternativesSearch"}
+_PARTS = {"MovingParts", "PairSolver", "Bisection", "_Tools", "SampledPostures", "_Work", "AlternativesSearch"}
 """They live in a guarded workspace, or within one call."""
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.coal_shapes import ShapeKind, shape_of, support_points
 from elastic_strips.collision import BodySet
 from elastic_strips.robot import Kinematics, RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, support_points
 from elastic_strips.scene import Obstacle, Scene
 
 from .simulation import PaperRun

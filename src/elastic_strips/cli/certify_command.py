@@ -18,15 +18,21 @@ if TYPE_CHECKING:
     from elastic_strips.io.scene_source import SceneFile, SceneOptions
     from elastic_strips.robot import LoadOptions, RobotModel
 
-_LISTED = 12  # joints in a note
+_JOINTS_LISTED = 12  # joints in a note
 
 
 @click.command()
 @click.argument("path", metavar="PATH", type=options.FILE)
 @click.option("--robot", required=True, metavar=options.ROBOT_FILES, type=options.ROBOT, help="Whose path it is.")
 @click.option(
-    "--scene", "scene_files", required=True, multiple=True, metavar="FILE", type=options.FILE, help=SCENE_FILES,
-)  # fmt: skip
+    "--scene",
+    "scene_files",
+    required=True,
+    multiple=True,
+    metavar="FILE",
+    type=options.FILE,
+    help=SCENE_FILES,
+)
 @scene_options
 @options.base_option()
 @robot_options
@@ -34,44 +40,68 @@ _LISTED = 12  # joints in a note
     "--clearance", type=options.Finite(0.0, 10.0), default=0.0, show_default=True, help="To prove to obstacles [m]."
 )
 @click.option(
-    "--self-clearance", type=options.Finite(0.0, 1.0), default=0.0, show_default=True,
+    "--self-clearance",
+    type=options.Finite(0.0, 1.0),
+    default=0.0,
+    show_default=True,
     help="To prove of the robot's own links [m].",
-)  # fmt: skip
+)
 @click.option(
-    "--interpolation", default="line",
+    "--interpolation",
+    default="line",
     type=options.LateChoice("elastic_strips.collision.path_certificate", "INTERPOLATIONS"),
     show_default=True,
     help="Between two configurations. line: base and joints go linearly; arc: a base on an arc, as wheels do. Where an "
     "angle's values change by more than half a turn, they do not say which way: values (linearly by the numbers) and "
     "shortest do.",
-)  # fmt: skip
+)
 @click.option(
-    "--scene-time", "moment", metavar="SECONDS", type=options.Finite(-1e9, 1e9),
+    "--scene-time",
+    "moment",
+    metavar="SECONDS",
+    type=options.Finite(-1e9, 1e9),
     help="Take what moves, appears or vanishes as it stands then, whatever the path's times.",
-)  # fmt: skip
+)
 @click.option(
-    "--base-at", type=(options.Finite(), options.Finite(), options.Finite()), metavar="X Y YAW",
+    "--base-at",
+    type=(options.Finite(), options.Finite(), options.Finite()),
+    metavar="X Y YAW",
     help="Where the base stands, where the path does not say so [m, m, rad].",
-)  # fmt: skip
+)
 @click.option(
-    "--angles", type=click.Choice(["rad", "deg"]),
+    "--angles",
+    type=click.Choice(["rad", "deg"]),
     help="Unit of the path's angles where it names none; radians by default.",
-)  # fmt: skip
+)
 @click.option("--ignore", multiple=True, metavar="NAME", help="A column, array or key that does not matter.")
 @click.option(
-    "--starts-at", type=options.Finite(-1e9, 1e9), metavar="SECONDS",
+    "--starts-at",
+    type=options.Finite(-1e9, 1e9),
+    metavar="SECONDS",
     help="When the first configuration is reached, in the scene's time; as the path has it by default.",
-)  # fmt: skip
+)
 @click.option("--repair", "repaired", metavar="FILE", type=options.OutputFile(), help="Push it free; write that path.")
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
 def certify(
-    path: str, robot: str, scene_files: tuple[str, ...], reading: SceneOptions, base: str | None,
-    described: LoadOptions, clearance: float, self_clearance: float, interpolation: str, moment: float | None,
-    base_at: tuple[float, float, float] | None, angles: Literal["rad", "deg"] | None, ignore: tuple[str, ...],
-    starts_at: float | None, repaired: str | None,
-    proof: str | None, json_file: str | None,
-) -> int:  # fmt: skip
+    path: str,
+    robot: str,
+    scene_files: tuple[str, ...],
+    reading: SceneOptions,
+    base: str | None,
+    described: LoadOptions,
+    clearance: float,
+    self_clearance: float,
+    interpolation: str,
+    moment: float | None,
+    base_at: tuple[float, float, float] | None,
+    angles: Literal["rad", "deg"] | None,
+    ignore: tuple[str, ...],
+    starts_at: float | None,
+    repaired: str | None,
+    proof: str | None,
+    json_file: str | None,
+) -> int:
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
 
     PATH is a JointTrajectory (JSON or YAML, also what MoveIt prints), CSV, NPZ, or what OMPL prints. A path with times
@@ -112,28 +142,39 @@ def certify(
     timed = bool(moving) and moment is None
     scene = world.at(world.scene.time if moment is None else moment)
     found = certify_path(
-        model, world if timed else scene, given, clearance=clearance, self_clearance=self_clearance,
-        interpolation=interpolation, times=given.times if timed else None,
-    )  # fmt: skip
+        model,
+        world if timed else scene,
+        given,
+        clearance=clearance,
+        self_clearance=self_clearance,
+        interpolation=interpolation,
+        times=given.times if timed else None,
+    )
     if found.certified and (left := _left_map(model, found_scene, given.q)):
         found = replace(found, verdict=Verdict.UNKNOWN, reason=left)
     for note in given.notes:
         output.say(("note:", output.NOTE), f" {note}")
     if given.held:
         still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
-        more = f" and {len(still) - _LISTED} more" if len(still) > _LISTED else ""
-        output.say(("note:", output.NOTE), f" held still, and not in the file: {', '.join(still[:_LISTED])}{more}")
+        more = f" and {len(still) - _JOINTS_LISTED} more" if len(still) > _JOINTS_LISTED else ""
+        output.say(
+            ("note:", output.NOTE), f" held still, and not in the file: {', '.join(still[:_JOINTS_LISTED])}{more}"
+        )
     doubts = (*given.doubts, *(given.time_doubts if timed else ()))
     for doubt in doubts if found.broken else ():  # else they are the reason
         output.say(("note:", output.NOTE), f" {doubt}")
     output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
     document = _document(model, found, given.notes, doubts, interpolation)
     document |= {
-        "path": path, "configurations": len(given.q), "scene": list(scene_files), "obstacles": len(world.scene),
-        "held_still": dict(model.locked), "held_and_not_in_path": sorted(given.held),
+        "path": path,
+        "configurations": len(given.q),
+        "scene": list(scene_files),
+        "obstacles": len(world.scene),
+        "held_still": dict(model.locked),
+        "held_and_not_in_path": sorted(given.held),
         "carried": list(found_scene.held_names),
         "times_s": [float(given.times[0]), float(given.times[-1])] if timed and given.times is not None else None,
-    }  # fmt: skip
+    }
     done, mended_path = found.certified, None
     if doubts and (repaired or proof):
         output.say(("neither repaired nor proven", output.BAD), ": ", "; ".join(doubts))
@@ -157,9 +198,13 @@ def certify(
         made = None
         if done:
             made = prove(
-                model, scene, given if mended_path is None else mended_path, clearance=clearance,
-                self_clearance=self_clearance, interpolation=interpolation,
-            )  # fmt: skip
+                model,
+                scene,
+                given if mended_path is None else mended_path,
+                clearance=clearance,
+                self_clearance=self_clearance,
+                interpolation=interpolation,
+            )
         if made is None:
             output.say(("no proof", output.BAD), ": the path is not certified" + (", or too narrowly" if done else ""))
             done = False
@@ -189,14 +234,28 @@ def _document(
     broken = found.broken
     least = found.least if found.least is None or math.isfinite(found.least) else None
     return {
-        "verdict": found.verdict.value, "reason": found.reason, "robot": robot.name,
-        "notes": [*notes, *found.notes], "interpolation": interpolation,
-        "links_without_shape": list(robot.bare_links), "doubts": list(doubts),
-        "clearance_m": found.clearance, "self_clearance_m": found.self_clearance, "least_clearance_m": least,
-        "segments": list(found.segments), "seconds": found.seconds,
-        "broken": None if broken is None else {
-            "segment": broken.segment, "place": found.place, "time_s": found.time, "link": broken.link,
-            "obstacle": broken.obstacle, "kind": broken.kind, "distance_m": found.distance,
+        "verdict": found.verdict.value,
+        "reason": found.reason,
+        "robot": robot.name,
+        "notes": [*notes, *found.notes],
+        "interpolation": interpolation,
+        "links_without_shape": list(robot.bare_links),
+        "doubts": list(doubts),
+        "clearance_m": found.clearance,
+        "self_clearance_m": found.self_clearance,
+        "least_clearance_m": least,
+        "segments": list(found.segments),
+        "seconds": found.seconds,
+        "broken": None
+        if broken is None
+        else {
+            "segment": broken.segment,
+            "place": found.place,
+            "time_s": found.time,
+            "link": broken.link,
+            "obstacle": broken.obstacle,
+            "kind": broken.kind,
+            "distance_m": found.distance,
             "q": None if found.q is None else found.q.tolist(),
         },
-    }  # fmt: skip
+    }

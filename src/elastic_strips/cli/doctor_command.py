@@ -24,6 +24,8 @@ from pathlib import Path
 import click
 
 from elastic_strips._version import __version__
+from elastic_strips.catalogue import own_robots, robot_names
+from elastic_strips.errors import RobotError
 
 from . import options, output
 
@@ -34,7 +36,7 @@ _COLOURS = {OK: output.GOOD, NOTE: output.NOTE, PROBLEM: output.BAD}
 _DISTRIBUTION = "elastic-strips"
 _UNTRIED = ("dev", "docs", "notebooks")  # their packages are programs, or slow to import
 _IMPORTED = tuple(all_suffixes())
-_SLOW = 300.0  # [s] after which a process is taken for hung
+_CHECK_TIMEOUT = 300.0  # [s] after which a process is taken for hung
 
 _PROBE = """
 import importlib, json, sys
@@ -112,8 +114,11 @@ def doctor(robot: str | None, json_file: str | None) -> int:
     count = "no problems" if not problems else f"{problems} problem{'s' if problems > 1 else ''}"
     output.say(output.verdict(count, not problems))
     document = {
-        "format": "elastic-strips-doctor", "version": 1, "problems": problems, "checks": [asdict(c) for c in checks],
-    }  # fmt: skip
+        "format": "elastic-strips-doctor",
+        "version": 1,
+        "problems": problems,
+        "checks": [asdict(c) for c in checks],
+    }
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if not problems else options.EXIT_NOT_DONE
 
@@ -228,10 +233,14 @@ def _run(program: str, names: Sequence[str] = ()) -> tuple[list[tuple[str, str |
     given = json.dumps({"path": sys.path, "names": list(names)})
     try:
         done = subprocess.run(
-            [sys.executable, "-c", program, given], capture_output=True, text=True, timeout=_SLOW, errors="replace"
+            [sys.executable, "-c", program, given],
+            capture_output=True,
+            text=True,
+            timeout=_CHECK_TIMEOUT,
+            errors="replace",
         )
     except subprocess.TimeoutExpired:
-        return [], f"hangs: nothing for {_SLOW:.0f} s"
+        return [], f"hangs: nothing for {_CHECK_TIMEOUT:.0f} s"
     except OSError as error:
         return [], str(error)
     found = [json.loads(line[7:]) for line in done.stdout.splitlines() if line.startswith("PROBED ")]
@@ -303,9 +312,6 @@ def _extra(extra: str, names: Sequence[str], said: dict[str, str | None]) -> Che
 
 
 def _robots() -> Check:
-    from elastic_strips.catalogue import own_robots, robot_names
-    from elastic_strips.errors import RobotError
-
     try:
         count, own = len(robot_names()), own_robots()
     except RobotError as error:
@@ -321,9 +327,10 @@ def _chromium() -> Check:
         if name and (place := shutil.which(name)):
             return Check("chromium", OK, place)
     return Check(
-        "chromium", NOTE,
+        "chromium",
+        NOTE,
         "not found: pages open in any browser, but there are no pictures of them (Debian: apt-get install chromium)",
-    )  # fmt: skip
+    )
 
 
 def _writes(folder: str) -> str:

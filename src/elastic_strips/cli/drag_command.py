@@ -27,9 +27,16 @@ if TYPE_CHECKING:
 @click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after so many seconds.")
 @options.browser_option
 def drag(
-    scenario: str, robot: str | None, described: LoadOptions, base: str | None, seed: int | None,
-    rate: float, speed: float, seconds: float | None, no_browser: bool,
-) -> int:  # fmt: skip
+    scenario: str,
+    robot: str | None,
+    described: LoadOptions,
+    base: str | None,
+    seed: int | None,
+    rate: float,
+    speed: float,
+    seconds: float | None,
+    no_browser: bool,
+) -> int:
     """Plan a strip and keep it alive in the browser: drag an obstacle with the mouse, or the ring at the goal. Without
     a name it is case-7.
 

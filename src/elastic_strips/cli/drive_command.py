@@ -37,36 +37,54 @@ _COMPUTING = {
 @options.limit_options
 @click.option("--seed", type=options.SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
-    "--plant", type=options.PLANT, default="kinematic", show_default=True,
+    "--plant",
+    type=options.PLANT,
+    default="kinematic",
+    show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
-)  # fmt: skip
+)
 @options.sensors_option
 @click.option("--time-limit", type=options.Finite(0.1, 36000), help="Longest run [s of simulated time].")
 @options.evade_option
 @click.option(
-    "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
+    "--alternatives",
+    type=click.IntRange(1, 8),
+    default=1,
+    show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
-)  # fmt: skip
+)
 @options.level_option
 @options.compute_option
 @click.option(
-    "--realtime", is_flag=True,
+    "--realtime",
+    is_flag=True,
     help="Against the wall clock: machine, control loop and planning run in processes of their own.",
-)  # fmt: skip
+)
 @click.option(
-    "--log", metavar="FILE.jsonl", type=click.Path(dir_okay=False, writable=True),
+    "--log",
+    metavar="FILE.jsonl",
+    type=click.Path(dir_okay=False, writable=True),
     help="With --realtime: what the control loop writes to disk while it drives, a line each period.",
-)  # fmt: skip
+)
 @click.option(
-    "--disturb", "--fault", "faults", multiple=True, type=options.FAULT, metavar="KIND[=SIZE]@START[+DURATION]",
+    "--disturb",
+    "--fault",
+    "faults",
+    multiple=True,
+    type=options.FAULT,
+    metavar="KIND[=SIZE]@START[+DURATION]",
     help="Put in a fault, say slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
-    + ", ".join(kind.replace("_", "-") for kind in FAULTS) + ".",
-)  # fmt: skip
+    + ", ".join(kind.replace("_", "-") for kind in FAULTS)
+    + ".",
+)
 @options.json_option("Write the result.")
 @click.option(
-    "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
+    "--record",
+    "record_file",
+    metavar="FILE.npz|FILE.csv",
+    type=click.Path(),
     help="Write everything that happened; view replays it.",
-)  # fmt: skip
+)
 @options.html_option("Write a standalone 3D page of the drive.")
 @options.picture_options
 @click.option("--view", is_flag=True, help="Show it while it drives, in the browser on this machine only.")
@@ -193,9 +211,12 @@ def drive_and_report(
     if outputs.record_file is not None:
         output.say(f"record  {outputs.record_file}")
     options.write_pictures(
-        lambda page: page.replay(driven.robot, result.record), outputs.html_file, outputs.png_file, outputs.film_file,
+        lambda page: page.replay(driven.robot, result.record),
+        outputs.html_file,
+        outputs.png_file,
+        outputs.film_file,
         title=problem.name,
-    )  # fmt: skip
+    )
     if interrupted:
         return EXIT_INTERRUPTED
     return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE
@@ -241,8 +262,9 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         end, why = "not reached", f": {result.state.label}, {reason}"
     output.say(
         f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: ",
-        output.verdict(end, outcome.reached), why,
-    )  # fmt: skip
+        output.verdict(end, outcome.reached),
+        why,
+    )
     ticks = result.statistics.percentiles()
     clearance = "none" if evaluation.closest is None else f"{evaluation.min_clearance_m:.3f} m"
     output.say(

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS
+from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS, find_robot, robot_names
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
+from elastic_strips.progress import PROGRESS_PERIOD
 
 from . import output
 
@@ -39,8 +40,7 @@ EXIT_DONE, EXIT_NOT_DONE = 0, 3
 SEED = click.IntRange(0, 2**31 - 1)
 TITLE = "elastic strip"
 """Headline of a picture."""
-_PATIENCE = 2.0  # [s]
-_SAY_EVERY = 10.0  # [s]
+_REPORT_PERIOD = 10.0  # [s] between lines of progress where standard error is no terminal
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
@@ -161,8 +161,6 @@ class KnownName(_TextType):
 
 
 def _robot_names() -> dict[str, str]:
-    from elastic_strips.catalogue import find_robot, robot_names
-
     return {name: find_robot(name).summary for name in robot_names()}
 
 
@@ -217,9 +215,12 @@ class GivenLimits:
                 f"{robot.base_kind.value}"
             )
         return MotionLimits.for_robot(
-            robot, joint_speed=self.joint_speed, wheel_speed=self.wheel_speed, track=self.track,
+            robot,
+            joint_speed=self.joint_speed,
+            wheel_speed=self.wheel_speed,
+            track=self.track,
             wheel_radius=self.wheel_radius,
-        )  # fmt: skip
+        )
 
 
 def limit_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -227,9 +228,13 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
 
     @wraps(command)
     def with_limits(
-        *, joint_speed: tuple[tuple[str, float], ...], wheel_speed: float | None, track: float | None,
-        wheel_radius: float | None, **others: object,
-    ) -> int:  # fmt: skip
+        *,
+        joint_speed: tuple[tuple[str, float], ...],
+        wheel_speed: float | None,
+        track: float | None,
+        wheel_radius: float | None,
+        **others: object,
+    ) -> int:
         return command(limits=GivenLimits(dict(joint_speed), wheel_speed, track, wheel_radius), **others)
 
     for name, help in (
@@ -239,9 +244,12 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
     ):
         with_limits = click.option(name, type=_POSITIVE, metavar="VALUE", help=help)(with_limits)
     return click.option(
-        "--joint-speed", multiple=True, type=JointValue(_POSITIVE), metavar="NAME=VALUE",
+        "--joint-speed",
+        multiple=True,
+        type=JointValue(_POSITIVE),
+        metavar="NAME=VALUE",
         help="Largest speed of a joint [rad/s or m/s]; the URDF's by default. May be given again.",
-    )(with_limits)  # fmt: skip
+    )(with_limits)
 
 
 def json_option(help: str) -> Callable[[_F], _F]:
@@ -261,9 +269,12 @@ def picture_options(command: _F) -> _F:
         "--png", "png_file", metavar="FILE.png", type=PictureFile(".png"), help="Write a picture (with Chromium)."
     )
     film = click.option(
-        "--film", "film_file", metavar="FILE.gif|.mp4|.webm", type=PictureFile(".gif", ".mp4", ".webm"),
+        "--film",
+        "film_file",
+        metavar="FILE.gif|.mp4|.webm",
+        type=PictureFile(".gif", ".mp4", ".webm"),
         help="Write a film (with Chromium, and the extra 'film').",
-    )  # fmt: skip
+    )
     return png(film(command))
 
 
@@ -271,25 +282,29 @@ processes_option = click.option(
     "--processes", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
 compute_option = click.option(
-    "--compute", metavar="FACTOR|work|free",
+    "--compute",
+    metavar="FACTOR|work|free",
     help="What computing costs in simulated time: so many times the processor time that it takes here [default: 1]; "
     "work: the time that is modelled for the work that was counted, alike everywhere; free: nothing.",
-)  # fmt: skip
+)
 evade_option = click.option(
     "--evade/--no-evade",
     default=None,
     help="Leave the strip where something moving comes [default], or only brake and wait.",
 )
 sensors_option = click.option(
-    "--sensors", metavar="NAMES|FILE.yaml",
+    "--sensors",
+    metavar="NAMES|FILE.yaml",
     help="Drive by what the robot's simulated sensors see, not by the scene: all, or some by name (laser,sonar), of "
     "the Silvermate's, or TIAGo's laser; or those of a file, as elastic_strips.sim.sensors reads it.",
-)  # fmt: skip
+)
 
 level_option = click.option(
-    "--level", metavar="FRAME", default="",
+    "--level",
+    metavar="FRAME",
+    default="",
     help="A frame of the robot that stays as level as it is at the start: a tray, or a hand with a cup.",
-)  # fmt: skip
+)
 
 browser_option = click.option(
     "--no-browser", is_flag=True, help="Print the address of the picture; do not open the default browser."
@@ -378,12 +393,12 @@ class LateProgress:
         if self._total is not None:
             left = (now - self._begin) / self._count * max(0, self._total - self._count)
             note = ", ".join(filter(None, (f"about {duration(left)} left", note)))
-        if not self._looked and now - self._begin > _PATIENCE:
+        if not self._looked and now - self._begin > PROGRESS_PERIOD:
             self._looked = True
             self._draw(note)
         if self._progress is not None:
             self._progress.update(self._task, completed=self._count, note=note)
-        elif self._lines and now - self._said > _SAY_EVERY and self._count != self._total:
+        elif self._lines and now - self._said > _REPORT_PERIOD and self._count != self._total:
             self._said = now
             click.echo(f"{self._label}: {self._count} of {self._total or '?'}, {note}", err=True)
 
@@ -395,8 +410,13 @@ class LateProgress:
             return
         console = Console(stderr=True)
         if console.is_terminal and not console.is_dumb_terminal:
-            columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(),
-                       TimeElapsedColumn(), TextColumn("{task.fields[note]}", markup=False))  # fmt: skip
+            columns = (
+                TextColumn("{task.description}", markup=False),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[note]}", markup=False),
+            )
             self._progress = Progress(*columns, console=console, transient=True)
             self._task = self._progress.add_task(self._label, total=self._total, note=note)
             self._progress.start()
@@ -436,9 +456,13 @@ def open_viewer(*, no_browser: bool, title: str = TITLE) -> Viewer:
 
 
 def write_pictures(
-    draw: Callable[[Viewer], object], html_file: str | None, png_file: str | None, film_file: str | None,
-    *, title: str = TITLE,
-) -> None:  # fmt: skip
+    draw: Callable[[Viewer], object],
+    html_file: str | None,
+    png_file: str | None,
+    film_file: str | None,
+    *,
+    title: str = TITLE,
+) -> None:
     """Write what ``draw`` shows as a standalone page, a picture and a film, as far as they are wanted.
 
     Raises:

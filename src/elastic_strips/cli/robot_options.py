@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions, RobotModel
     from elastic_strips.sim.scenarios import Scenario
 
-_NAMED = 12
+_ROBOTS_NAMED = 12  # in a message
 
 
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -26,9 +26,14 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
 
     @wraps(command)
     def with_options(
-        *, joints: str | None, lock: tuple[tuple[str, float], ...], srdf: str | None, package_dir: tuple[str, ...],
-        visual_as_collision: tuple[str, ...], **others: object,
-    ) -> int:  # fmt: skip
+        *,
+        joints: str | None,
+        lock: tuple[tuple[str, float], ...],
+        srdf: str | None,
+        package_dir: tuple[str, ...],
+        visual_as_collision: tuple[str, ...],
+        **others: object,
+    ) -> int:
         described: LoadOptions = {}
         if joints is not None:
             described["joints"] = [name.strip() for name in joints.split(",") if name.strip()]
@@ -46,20 +51,28 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
         return command(described=described, **others)
 
     folder = click.option(
-        "--package-dir", multiple=True, metavar="DIR", type=click.Path(file_okay=False, exists=True),
+        "--package-dir",
+        multiple=True,
+        metavar="DIR",
+        type=click.Path(file_okay=False, exists=True),
         help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
-    )  # fmt: skip
+    )
     shapes = click.option(
-        "--visual-as-collision", multiple=True, metavar="LINK|missing",
+        "--visual-as-collision",
+        multiple=True,
+        metavar="LINK|missing",
         help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
         "again.",
-    )  # fmt: skip
+    )
     pairs = click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups.")
     still = click.option(
-        "--lock", multiple=True, metavar="NAME=VALUE", type=JointValue(Finite()),
+        "--lock",
+        multiple=True,
+        metavar="NAME=VALUE",
+        type=JointValue(Finite()),
         help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
         "given again.",
-    )  # fmt: skip
+    )
     planned = click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; no others then.")
     return planned(still(pairs(folder(shapes(with_options)))))
 
@@ -85,5 +98,5 @@ def load_robot(
 
 
 def _list(names: tuple[str, ...]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return (", ".join(names[:_NAMED]) or "none") + more
+    more = f" and {len(names) - _ROBOTS_NAMED} more" if len(names) > _ROBOTS_NAMED else ""
+    return (", ".join(names[:_ROBOTS_NAMED]) or "none") + more

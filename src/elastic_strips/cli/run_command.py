@@ -28,15 +28,21 @@ if TYPE_CHECKING:
     "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
 )
 @click.option(
-    "--start-depth", type=options.Finite(0.0, 0.05), default=0.0, metavar="M",
+    "--start-depth",
+    type=options.Finite(0.0, 0.05),
+    default=0.0,
+    metavar="M",
     help="A start that touches by at most so much [m] is left along growing distance, and certified from where it is "
     "free: the result has both parts, and is not certified as a whole.",
-)  # fmt: skip
+)
 @options.json_option("Write the result.")
 @click.option(
-    "--trajectory", "trajectory_file", metavar="FILE", type=options.OutputFile(),
+    "--trajectory",
+    "trajectory_file",
+    metavar="FILE",
+    type=options.OutputFile(),
     help="Write the certified strip, timed within the robot's limits: .csv, .npz, .json or .mcap.",
-)  # fmt: skip
+)
 @options.limit_options
 @options.html_option("Write a standalone 3D page of the result.")
 @options.picture_options

@@ -49,9 +49,17 @@ def scene_options(command: Callable[..., int]) -> Callable[..., int]:
 
     @wraps(command)
     def with_options(
-        *, at: tuple[float, ...] | None, low: float | None, high: float | None, unknown: str | None,
-        outside: str | None, voxel: float | None, own_points: float | None, planes: str | None, **others: object,
-    ) -> int:  # fmt: skip
+        *,
+        at: tuple[float, ...] | None,
+        low: float | None,
+        high: float | None,
+        unknown: str | None,
+        outside: str | None,
+        voxel: float | None,
+        own_points: float | None,
+        planes: str | None,
+        **others: object,
+    ) -> int:
         reading: SceneOptions = {}
         if at is not None:
             reading["at"] = at
@@ -74,7 +82,9 @@ def scene_options(command: Callable[..., int]) -> Callable[..., int]:
     for option in (
         click.option("--planes", type=click.Choice(["blocked", "free"]), help="MoveIt's planes.  [default: blocked]"),
         click.option(
-            "--own-points", metavar="M", type=options.Finite(0.0, 10.0),
+            "--own-points",
+            metavar="M",
+            type=options.Finite(0.0, 10.0),
             help="Points of a cloud within so far [m] of the robot, where PATH begins, are its own and left out.",
         ),
         click.option("--voxel", metavar="M", type=_LENGTH, help="Edge of the cells that a cloud's points fill [m]."),
@@ -85,18 +95,24 @@ def scene_options(command: Callable[..., int]) -> Callable[..., int]:
             "--unknown", type=click.Choice(["free", "occupied"]), help="A map's unknown cells.  [default: free]"
         ),
         click.option(
-            "--high", metavar="Z", type=_HEIGHT,
+            "--high",
+            metavar="Z",
+            type=_HEIGHT,
             help="How high a map's walls are [m], by default as high as the robot reaches; what is above is left out "
             "of octrees and clouds.",
         ),
         click.option(
-            "--low", metavar="Z", type=_HEIGHT,
+            "--low",
+            metavar="Z",
+            type=_HEIGHT,
             help="Where a map's walls begin [m]; what is below, such as the floor, is left out of octrees and clouds.",
         ),
         click.option(
-            "--at", metavar="POSE", type=Pose(),
+            "--at",
+            metavar="POSE",
+            type=Pose(),
             help="Where the scene file's frame is in the world: x,y,z or x,y,z,yaw or x,y,z,qx,qy,qz,qw [m, rad].",
         ),
-    ):  # fmt: skip
+    ):
         with_options = option(with_options)
     return with_options

@@ -15,28 +15,34 @@ from elastic_strips.sim.sweep.plot import check_plot, plot_columns
 
 from . import EXIT_INTERRUPTED, options, output
 
-_TOLD = 5
+_FAILURES_TOLD = 5  # runs
 
 
 @click.command()
 @click.argument("file", metavar="FILE.yaml", type=options.FILE)
 @click.option(
-    "--out", metavar="FILE.csv|.parquet|.jsonl", type=click.Path(),
+    "--out",
+    metavar="FILE.csv|.parquet|.jsonl",
+    type=click.Path(),
     help="The table; beside it FILE.journal, from which the sweep is resumed.  [default: the sweep's name, .csv]",
-)  # fmt: skip
+)
 @click.option(
     "--processes", "--jobs", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
 @click.option(
-    "--scheduler", metavar="tcp://HOST:PORT",
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
     help="Run on the workers of this Dask cluster instead (pip install 'elastic-strips[sweep]').",
-)  # fmt: skip
+)
 @click.option("--retry-failed", is_flag=True, help="Run again what ended in an error.")
 @click.option("--dry-run", is_flag=True, help="List the runs, and run none.")
 @click.option(
-    "--plot", "plot_file", metavar="FILE.png", type=options.OutputFile(),
+    "--plot",
+    "plot_file",
+    metavar="FILE.png",
+    type=options.OutputFile(),
     help="Draw the table (pip install 'elastic-strips[study]').",
-)  # fmt: skip
+)
 @click.option("--x", metavar="COLUMN", help="Of the plot; what varies first by default.")
 @click.option("--y", metavar="COLUMN", help="Of the plot; clearance_m of plans, time_s of drives by default.")
 @click.option("--hue", metavar="COLUMN", help="Of the plot: a colour for each value; what varies next by default.")
@@ -105,14 +111,24 @@ def sweep(
                     bar.step(f"{wrong} with an error" if wrong else "")
         except (KeyboardInterrupt, SchedulerLost) as reason:
             lost = isinstance(reason, SchedulerLost)
-            given = {"--out": out, "--processes": processes, "--scheduler": scheduler, "--plot": plot_file, "--x": x,
-                     "--y": y, "--hue": hue, "--json": json_file}  # fmt: skip
+            given = {
+                "--out": out,
+                "--processes": processes,
+                "--scheduler": scheduler,
+                "--plot": plot_file,
+                "--x": x,
+                "--y": y,
+                "--hue": hue,
+                "--json": json_file,
+            }
             words = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
             again = shlex.join(["elastic-strips", "sweep", file, *words, *(["--retry-failed"] * retry_failed)])
             output.say(
-                ("error:", output.BAD) if lost else "interrupted", f" {reason}" if lost else "",
-                f"; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}", err=True,
-            )  # fmt: skip
+                ("error:", output.BAD) if lost else "interrupted",
+                f" {reason}" if lost else "",
+                f"; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}",
+                err=True,
+            )
             return options.EXIT_NOT_DONE if lost else EXIT_INTERRUPTED
         except InputError as error:
             error.args = (f"{error} ({len(store.rows)} of {_runs(len(found))} are kept)",) if store.rows else error.args
@@ -120,10 +136,10 @@ def sweep(
     failed = store.failed
     count = output.verdict(f"{len(failed)} with an error", not failed)
     output.say(f"table   {store.path}  ({len(store.rows)} rows, ", count, ")")
-    for row in failed[:_TOLD]:
+    for row in failed[:_FAILURES_TOLD]:
         output.say(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
-    if len(failed) > _TOLD:
-        output.say(f"  … and {len(failed) - _TOLD} more")
+    if len(failed) > _FAILURES_TOLD:
+        output.say(f"  … and {len(failed) - _FAILURES_TOLD} more")
     if plot_file:
         drawn = plot_sweep(found, list(store.rows.values()), plot_file, plot=plot)
         output.say(
@@ -146,8 +162,11 @@ def _quieten_dask() -> None:
 def _document(found: Sweep, store: SweepStore | None) -> dict[str, object]:
     """What ``--json`` writes; without a store of a sweep that is not run."""
     document: dict[str, object] = {
-        "format": "elastic-strips-sweep-answer", "version": 1, "sweep": found.document(), "runs": len(found),
-    }  # fmt: skip
+        "format": "elastic-strips-sweep-answer",
+        "version": 1,
+        "sweep": found.document(),
+        "runs": len(found),
+    }
     if store is None:
         return document | {"listed": [run.identity for run in found.runs()]}
     names = ("run", "scenario", "robot", "seed", *found.grid, "error_type", "error")

@@ -16,10 +16,10 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, by_rows
+from elastic_strips.coal_shapes import native_solid
 from elastic_strips.native import kernel
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
-from elastic_strips.robot.coal_shapes import native_solid
 from elastic_strips.robot.geometry import link_labels
 from elastic_strips.robot.kinematics import KinematicTree
 

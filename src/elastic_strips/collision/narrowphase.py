@@ -22,10 +22,10 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.coal_shapes import for_penetration, native_block, native_solid, sphere_as_capsule, supporter
 from elastic_strips.native import kernel
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import for_penetration, native_block, native_solid, sphere_as_capsule, supporter
 from elastic_strips.scene.parts import Part
 from elastic_strips.work import count_work
 

@@ -21,10 +21,10 @@ import numpy as np
 
 from elastic_strips import proof_checker as checker
 from elastic_strips.arrays import Array, Document, Indices
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import InputError, ParameterError, RobotError, SceneError
 from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_choice, check_number, check_type

@@ -26,7 +26,7 @@ from elastic_strips.scene.quantities import check_pose, rotation_of
 from elastic_strips.validation import check_array
 
 from .laser_log import LoggedScan, scan_of
-from .point_cloud import PointCloud
+from .point_cloud import MAX_POINTS, PointCloud
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -36,12 +36,11 @@ _MAX_BYTES = 2**42
 _HEADS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 _SCAN, _CLOUD, _JOINTS = (f"sensor_msgs/msg/{name}" for name in ("LaserScan", "PointCloud2", "JointState"))
 _TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_WAIT = 1.0  # for the transforms after a measurement [s], on the bag's clock
-_GAP = 1.0  # between the transforms before and after, at most [s]
-_KEPT = 10.0  # transforms stay so long [s]
-_FLAT = 1e-6
+_TRANSFORM_WAIT = 1.0  # [s] for the transforms after a measurement, on the bag's clock
+_TRANSFORM_GAP = 1.0  # [s] between the transforms before and after, at most
+_TRANSFORM_LIFE = 10.0  # [s] that transforms are kept
+_FLAT_TOLERANCE = 1e-6  # norm of a quaternion, or angle [rad] between two, that is as good as 0
 _FIELDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # of PointField
-_MAX_POINTS = 5_000_000
 
 
 class BagError(InputError):
@@ -110,8 +109,8 @@ def cloud_of(message: CloudMessage) -> PointCloud:
         return PointCloud(np.empty((0, 3)), 0)
     if missing:
         raise InputError(f"a cloud has no {', '.join(missing)}; it has {', '.join(fields) or 'nothing'}")
-    if count > _MAX_POINTS:
-        raise InputError(f"a cloud has {count} points; at most {_MAX_POINTS} are read")
+    if count > MAX_POINTS:
+        raise InputError(f"a cloud has {count} points; at most {MAX_POINTS} are read")
     order = ">" if message.is_bigendian else "<"
     kinds = [order + _FIELDS[fields[axis].datatype] for axis in "xyz"]
     offsets = [int(fields[axis].offset) for axis in "xyz"]
@@ -168,8 +167,8 @@ class BagReader:
             self._check_head()
         self.topics: dict[str, BagTopic] = {}
         self._static = _Frames()
-        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
-            self._static.add(kind, message, static=True)
+        for _, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
+            self._static.add(message, static=True)
 
     def _check_head(self) -> None:
         """The file begins as its name's ending says: a reader that looks for the end of a line reads all of another."""
@@ -284,8 +283,8 @@ class BagReader:
             BagError: a damaged bag.
         """
         frames, last = self._static.copied(), -math.inf
-        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and not t.topic.endswith("tf_static")):
-            frames.add(kind, message)
+        for _, _, message in self._read(lambda t: t.type in _TRANSFORMS and not t.topic.endswith("tf_static")):
+            frames.add(message)
             stamp = frames.latest(self._base)
             pose = self._pose(frames, stamp) if stamp > last else None
             if pose is not None:
@@ -303,8 +302,13 @@ class BagReader:
         ]
         _log.warning(
             "%s: no transforms lead from the frame %r to %r: %s%s; there are %s",
-            self.path, source, target, so, "".join(f"; {each}" for each in like), ", ".join(known[:12]) or "none",
-        )  # fmt: skip
+            self.path,
+            source,
+            target,
+            so,
+            "".join(f"; {each}" for each in like),
+            ", ".join(known[:12]) or "none",
+        )
 
     def _pose(self, frames: _Frames, stamp: float) -> Array | None:
         world = self._world or frames.root(self._base)
@@ -320,13 +324,13 @@ class BagReader:
             lambda t: t.topic == topic or (t.type in _TRANSFORMS and not t.topic.endswith("tf_static"))
         ):
             if name in _TRANSFORMS:
-                frames.add(name, message)
+                frames.add(message)
             else:
                 waiting.append((message, _seconds(message.header.stamp)))
             while waiting:
                 first, stamp = waiting[0]
                 ready = frames.known_at(stamp, first.header.frame_id, self._base)
-                if not ready and now - stamp < _WAIT and len(waiting) < 1000:
+                if not ready and now - stamp < _TRANSFORM_WAIT and len(waiting) < 1000:
                     break
                 waiting.popleft()
                 yield first, stamp, frames
@@ -400,13 +404,13 @@ class _Frames:
     def copied(self) -> _Frames:
         return _Frames(dict(self.parents), dict(self.still))
 
-    def add(self, kind: str, message: Any, *, static: bool = False) -> None:
+    def add(self, message: Any, *, static: bool = False) -> None:
         for each in message.transforms:
             child, parent = each.child_frame_id.lstrip("/"), each.header.frame_id.lstrip("/")
             at, turn = each.transform.translation, each.transform.rotation
             row = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w])
             norm = float(np.linalg.norm(row[3:]))
-            if not np.isfinite(row).all() or norm < _FLAT or child == parent:
+            if not np.isfinite(row).all() or norm < _FLAT_TOLERANCE or child == parent:
                 continue
             row[3:] /= norm
             if self.parents.get(child, parent) != parent:  # what was under another one does not count any more
@@ -416,7 +420,7 @@ class _Frames:
                 self.still[child] = _matrix(row)
                 continue
             stamp, rows = _seconds(each.header.stamp), self.moving.setdefault(child, deque())
-            if rows and stamp < rows[-1][0] - _KEPT:  # the clock was set back
+            if rows and stamp < rows[-1][0] - _TRANSFORM_LIFE:  # the clock was set back
                 rows.clear()
             at = len(rows)
             while at and rows[at - 1][0] > stamp:  # it is late
@@ -424,7 +428,7 @@ class _Frames:
             if at and rows[at - 1][0] == stamp:  # again
                 continue
             rows.insert(at, (stamp, row))
-            while rows[0][0] < rows[-1][0] - _KEPT:
+            while rows[0][0] < rows[-1][0] - _TRANSFORM_LIFE:
                 rows.popleft()
 
     def chain(self, frame: str) -> list[str]:
@@ -478,15 +482,15 @@ class _Frames:
             before = None
         if before is None or after is None:  # before the first, or after the last
             stamp, row = before or after or rows[0]
-            return _matrix(row) if abs(stamp - t) <= 0.5 * _GAP else None
+            return _matrix(row) if abs(stamp - t) <= 0.5 * _TRANSFORM_GAP else None
         (t0, a), (t1, b) = before, after
-        if t1 - t0 > _GAP:
+        if t1 - t0 > _TRANSFORM_GAP:
             return None
         s = (t - t0) / (t1 - t0)
         row = (1.0 - s) * a + s * b
         cos = float(a[3:] @ b[3:])
         angle = math.acos(min(abs(cos), 1.0))
-        if angle > _FLAT:  # on the shorter way
+        if angle > _FLAT_TOLERANCE:  # on the shorter way
             sign = math.copysign(1.0, cos)
             row[3:] = (math.sin((1.0 - s) * angle) * a[3:] + sign * math.sin(s * angle) * b[3:]) / math.sin(angle)
         row[3:] /= np.linalg.norm(row[3:])

@@ -30,13 +30,15 @@ MAX_BYTES = 100_000_000
 _MAX_CELLS = 16_000_000
 _COMMENT = re.compile(rb"#[^\r\n]*")
 _MODES = ("trinary", "scale", "raw")
-_FULL = 100.0  # occupancy of a cell that is certainly occupied
+_FULL_OCCUPANCY = 100.0  # occupancy of a cell that is certainly occupied
 WALL_HEIGHT = 3.0
 """Height [m] of a map's walls where neither it nor the robot is known: more than mobile manipulators reach."""
-_FAR = 20_000.0  # [m] to which a map's outside is filled: robots stay within 10 km of the origin; proofs take no more
-_LEAST_EDGE = 2.0  # [m] of a map that is as large itself
-_SEAM = 0.01  # [m] a gap between two maps that is narrower is none
-_TURN = 2.0 * math.pi
+_OUTSIDE_EDGE = (
+    20_000.0  # [m] to which a map's outside is filled: robots stay within 10 km of the origin; proofs take no more
+)
+_LEAST_MAP_EDGE = 2.0  # [m] of a map that is as large itself
+_NARROWEST_GAP = 0.01  # [m] a gap between two maps that is narrower is none
+_WHOLE_TURN = 2.0 * math.pi  # [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,11 +76,13 @@ class MapArea:
     def beyond(self) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
         """Low and high corners [m] of rectangles around it, in its own frame; like the sails of a windmill."""
         x, y = self.size.tolist()
-        far = max(_FAR - max(x, y), _LEAST_EDGE)
+        far = max(_OUTSIDE_EDGE - max(x, y), _LEAST_MAP_EDGE)
         return {
-            "left": ((-far, -far), (0.0, y)), "right": ((x, 0.0), (x + far, y + far)),
-            "lower": ((0.0, -far), (x + far, 0.0)), "upper": ((-far, y), (x, y + far)),
-        }  # fmt: skip
+            "left": ((-far, -far), (0.0, y)),
+            "right": ((x, 0.0), (x + far, y + far)),
+            "lower": ((0.0, -far), (x + far, 0.0)),
+            "upper": ((-far, y), (x, y + far)),
+        }
 
     def block(self, name: str, outline: Array) -> Obstacle:
         """An obstacle as high as its walls over a convex outline (K, 2) in its own frame [m]."""
@@ -118,9 +122,9 @@ def _without(outline: Array, hole: Array) -> list[Array]:
         along = (end - start) / np.linalg.norm(end - start)
         outward = np.array([along[1], -along[0]])
         beyond, outline = (_clipped(outline, sign * outward, sign * float(outward @ start)) for sign in (1.0, -1.0))
-        if _width(beyond) > _SEAM:
+        if _width(beyond) > _NARROWEST_GAP:
             found.append(beyond)
-        if _width(outline) <= _SEAM:
+        if _width(outline) <= _NARROWEST_GAP:
             break
     return found
 
@@ -152,9 +156,14 @@ def _width(outline: Array) -> float:
 
 
 def load_nav2_map(
-    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL,
-    low: float = 0.0, outside: str = "blocked",
-) -> Scene:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    unknown: str = "free",
+    height: float = WALL_HEIGHT,
+    lethal: float = _FULL_OCCUPANCY,
+    low: float = 0.0,
+    outside: str = "blocked",
+) -> Scene:
     """A map in Nav2's format as a scene with one obstacle, ``map``: a box from the floor up for every occupied cell.
 
     A pixel of brightness b (of 255) has the occupancy p = (255 − b) / 255, or b / 255 where ``negate`` is set. A cell
@@ -188,9 +197,15 @@ def load_nav2_map(
 
 
 def read_map(
-    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL,
-    low: float = 0.0, at: Array | None = None, name: str = "map",
-) -> tuple[list[Obstacle], MapArea]:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    unknown: str = "free",
+    height: float = WALL_HEIGHT,
+    lethal: float = _FULL_OCCUPANCY,
+    low: float = 0.0,
+    at: Array | None = None,
+    name: str = "map",
+) -> tuple[list[Obstacle], MapArea]:
     """The walls of a map, and the area that it shows; see `load_nav2_map`.
 
     Args:
@@ -202,7 +217,7 @@ def read_map(
         MissingExtraError, ScenarioError: as there.
     """
     check_choice("unknown", unknown, ("free", "occupied"), ScenarioError)
-    check_number("lethal", lethal, above=0.0, high=_FULL, error=ScenarioError)
+    check_number("lethal", lethal, above=0.0, high=_FULL_OCCUPANCY, error=ScenarioError)
     check_number("height", height, unit="m", error=ScenarioError)
     check_number("low", low, unit="m", error=ScenarioError)
     root = load_yaml(path, error=ScenarioError)
@@ -214,12 +229,15 @@ def read_map(
     negate = "negate" in entries and _flag(entries["negate"])
     resolution = entries["resolution"].number(low=1e-4, high=100.0)
     x, y, yaw = entries["origin"].vector(3).tolist()
-    if abs(yaw) > _TURN:
+    if abs(yaw) > _WHOLE_TURN:
         _log.warning(
             "%s: the origin's yaw is %g rad, more than a turn: it is in radians; %g degrees would be %.6g",
-            root.source.path, yaw, yaw, math.radians(yaw),
-        )  # fmt: skip
-        yaw = math.remainder(yaw, _TURN)
+            root.source.path,
+            yaw,
+            yaw,
+            math.radians(yaw),
+        )
+        yaw = math.remainder(yaw, _WHOLE_TURN)
     high, free = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
     if free > high:
         entries["free_thresh"].fail(f"is {free:g}; it must not exceed 'occupied_thresh', {high:g}")
@@ -270,16 +288,18 @@ def _occupancy(image: Array, opacity: Array | None, mode: str, negate: bool, low
     """Occupancy (rows, columns) from 0 to 100, and NaN where it is unknown."""
     if mode == "raw":
         value = np.rint(255.0 * image)
-        return np.where(value <= _FULL, value, np.nan)
+        return np.where(value <= _FULL_OCCUPANCY, value, np.nan)
     p = image if negate else 1.0 - image
-    between = np.full(p.shape, np.nan) if mode == "trinary" else np.rint(_FULL * (p - low) / max(high - low, 1e-9))
-    value = np.where(p >= high, _FULL, np.where(p <= low, 0.0, between))
+    between = (
+        np.full(p.shape, np.nan) if mode == "trinary" else np.rint(_FULL_OCCUPANCY * (p - low) / max(high - low, 1e-9))
+    )
+    value = np.where(p >= high, _FULL_OCCUPANCY, np.where(p <= low, 0.0, between))
     if opacity is None:
         return value
     value = np.where(opacity < 1.0, np.nan, value)
     if mode == "trinary":  # the mean of four colours, as it was
         mean = 0.75 * image + 0.25 * opacity
-        value = np.where((mean if negate else 1.0 - mean) > high, _FULL, value)
+        value = np.where((mean if negate else 1.0 - mean) > high, _FULL_OCCUPANCY, value)
     return value
 
 

@@ -23,7 +23,7 @@ import yaml
 from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, ScenarioError, SceneError, nearest_name
 from elastic_strips.files import read_input_text
-from elastic_strips.validation import check_number, shown
+from elastic_strips.validation import MAX_LENGTH, check_number, shown
 
 MAX_YAML_BYTES = 50_000_000
 MAX_JSON_BYTES = 20_000_000
@@ -169,7 +169,7 @@ class Node:
             self.fail(f"must be true or false, not {self.kind}")
         return self.value
 
-    def number(self, *, low: float = -1e6, high: float = 1e6, unit: str = "m") -> float:
+    def number(self, *, low: float = -MAX_LENGTH, high: float = MAX_LENGTH, unit: str = "m") -> float:
         """A finite number in [low, high]."""
         if not _is_number(self.value):
             self.fail(f"must be a number, not {self.kind}")
@@ -281,6 +281,17 @@ class _Collection:
     key: str
     pending: tuple[str, int] | None = None  # key and line of the dict's entry whose value comes next
 
+    def take(self, value: object, line: int) -> tuple[str, int]:
+        """Add the next value, which begins in a line; its key, and the line where that begins."""
+        if isinstance(self.value, list):
+            key = f"{self.key}[{len(self.value)}]"
+            self.value.append(value)
+            return key, line
+        assert self.pending is not None
+        name, line = self.pending
+        self.value[name], self.pending = value, None
+        return f"{self.key}.{name}" if self.key else name, line
+
 
 def _data(events: Iterable[object], source: Source) -> object:
     """Build the data from the event stream, and the source's lines; no recursion, so no depth of nesting can hurt."""
@@ -299,11 +310,7 @@ def _data(events: Iterable[object], source: Source) -> object:
         count += 1
         if count > MAX_NODES:
             source.fail(f"the file holds more than {MAX_NODES} values", line)
-        if isinstance(event, yaml.AliasEvent):
-            source.fail(f"alias *{event.anchor}: aliases are not allowed; write the value out", line)
-        tag = getattr(event, "tag", None)
-        if tag is not None:
-            source.fail(f"tag {tag}: tags are not allowed", line)
+        _refuse_references(event, source, line)
         top = stack[-1] if stack else None
         if top is not None and isinstance(top.value, dict) and top.pending is None:
             top.pending = _key(event, top, source, line)
@@ -315,14 +322,8 @@ def _data(events: Iterable[object], source: Source) -> object:
         if top is None:
             key = ""
             root.append(value)
-        elif isinstance(top.value, list):
-            key = f"{top.key}[{len(top.value)}]"
-            top.value.append(value)
         else:
-            assert top.pending is not None
-            name, line = top.pending
-            key = f"{top.key}.{name}" if top.key else name
-            top.value[name], top.pending = value, None
+            key, line = top.take(value, line)
         source.lines[key] = line
         if isinstance(value, (list, dict)):
             stack.append(_Collection(value, key))
@@ -331,6 +332,15 @@ def _data(events: Iterable[object], source: Source) -> object:
     if not root:
         source.fail("the file is empty")
     return root[0]
+
+
+def _refuse_references(event: yaml.NodeEvent, source: Source, line: int) -> None:
+    """Aliases and tags make more of a document than what is written in it."""
+    if isinstance(event, yaml.AliasEvent):
+        source.fail(f"alias *{event.anchor}: aliases are not allowed; write the value out", line)
+    tag = getattr(event, "tag", None)
+    if tag is not None:
+        source.fail(f"tag {tag}: tags are not allowed", line)
 
 
 def _key(event: yaml.NodeEvent, owner: _Collection, source: Source, line: int) -> tuple[str, int]:

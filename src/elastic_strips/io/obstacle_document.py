@@ -18,19 +18,18 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.errors import InputError, SceneError, nearest_name
-from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Voxels, World
 from elastic_strips.scene.motion import MAX_SPEED, Keyframes, Motion, Twist, UnknownMotion
 from elastic_strips.scene.obstacle import Obstacle, check_name
 from elastic_strips.scene.quantities import (
-    MAX_LENGTH,
-    MIN_LENGTH,
     check_points,
     check_quaternion,
     check_sizes,
     quaternion_of,
 )
+from elastic_strips.validation import MAX_LENGTH, MIN_LENGTH
 
 from .nodes import Node
 from .point_cloud import LARGE_MESH, read_points, warn_of_units
@@ -214,8 +213,13 @@ def warn_of_degrees(what: str, *angles: float) -> None:
     """Say in the log that one of the angles [rad] of a pose is more than a turn: it may well be in degrees."""
     most = max(angles, key=abs)
     if abs(most) > 2.0 * math.pi + 1e-6:
-        _log.warning("%s: %g rad is more than a turn: angles are in radians; %g degrees would be %.6g", what, most,
-                     most, math.radians(most))  # fmt: skip
+        _log.warning(
+            "%s: %g rad is more than a turn: angles are in radians; %g degrees would be %.6g",
+            what,
+            most,
+            most,
+            math.radians(most),
+        )
 
 
 def quaternion_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

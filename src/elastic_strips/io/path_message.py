@@ -8,7 +8,7 @@ begin there, and says where the joints are that no trajectory names.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -19,7 +19,9 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import MAX_NAME, RATES, PathTable, heading_of, of_something_else, words_of
+from .path_columns import heading_of
+from .path_names import MAX_NAME, of_something_else, words_of
+from .path_table import RATES, PathTable
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
@@ -32,7 +34,7 @@ _UNREAD = {
 }  # fmt: skip
 """Words in keys of what says where something is; what else a message has is of no path."""
 _SHAPES = {"primitive", "mesh", "plane", "subframe", "constraint", "constraints"}
-_JOIN = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
+_JOIN_TOLERANCE = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
 _MOST_DOCUMENTS = 100
 
 
@@ -99,12 +101,7 @@ def message_table(roots: list[Node], source: Source, ignore: Collection[str] = (
     trajectories = [part for part in parts if not part.start]
     if not trajectories:
         source.fail("has no JointTrajectory: a mapping with joint_names and points is needed")
-    names = list(dict.fromkeys(name for part in parts for name in part.names))
-    column = {name: k for k, name in enumerate(names)}
-    now = np.full(len(names), np.nan)
-    rows, nodes, times = [], [], []
-    timed = all(part.times is not None for part in trajectories)
-    clock = 0.0
+    names = tuple(dict.fromkeys(name for part in parts for name in part.names))
     keys = {_key(node) for node in found.unread}
     left = tuple(name for name in ignore if name not in keys)
     unread = [node for node in found.unread if _key(node) not in ignore]
@@ -117,58 +114,88 @@ def message_table(roots: list[Node], source: Source, ignore: Collection[str] = (
             f"the file says more of where something is, which is not read: {shown}. Make it a trajectory, or say that "
             f"it does not matter (--ignore {_key(unread[0])}, ignore=)"
         )
-    for part in parts:
-        at = [column[name] for name in part.names]
-        table = np.tile(now, (len(part.rows), 1))
-        table[:, at] = part.rows
-        if part.heading is not None:
-            k = column[part.heading]
-            before = table[0, k] if np.isnan(now[k]) else now[k]
-            table[:, k] = np.unwrap(np.concatenate(([before], table[:, k])))[1:]
-        if rows:
-            gap = np.nan_to_num(np.abs(table[0] - now))
-            worst = int(gap.argmax()) if len(gap) else 0
-            beside, unknown = gap.max(initial=0.0), [name for name in part.names if np.isnan(now[column[name]])]
-            if not (parts[0].start and len(rows) == 1):
-                if beside > _JOIN:
-                    part.node.fail(
-                        f"begins with {names[worst]} at {table[0, worst]:.6g}, and the one before ends at "
-                        f"{now[worst]:.6g}; trajectories of one file follow each other"
-                    )
-            elif beside <= LIMIT_TOLERANCE and (unknown or part.times is None or part.times[0] == 0.0):
-                for done in (rows, nodes, times):
-                    done.clear()  # the path begins where the start state is
-            elif unknown:
-                doubts.append(f"the start state is not where the path begins, and has no {', '.join(unknown[:8])}")
-        rows += list(table)
-        nodes += part.nodes
-        if timed:
-            stamps = np.zeros(1) if part.times is None else part.times
-            times += (clock + stamps).tolist()
-            clock = times[-1]
-        now = table[-1].copy()
-    table = _filled(np.array(rows))
-    several = timed and len(trajectories) > 1
+    timed = all(part.times is not None for part in trajectories)
+    joined = _joined(parts, names, timed)
     notes = [note for part in parts for note in part.notes]
     if len(trajectories) > 1:
         notes.append(f"{len(trajectories)} trajectories, one after the other")
     if len(left) < len(tuple(ignore)):
         notes.append(f"not looked at, as was asked: {', '.join(name for name in ignore if name not in left)}")
+    several = timed and len(trajectories) > 1
     result = PathTable(
         source,
-        tuple(names),
-        table,
-        lambda k: (nodes[k].key or "the document", nodes[k].line),
-        np.array(times) if timed else None,
+        names,
+        _filled(np.array(joined.rows)),
+        lambda k: (joined.nodes[k].key or "the document", joined.nodes[k].line),
+        np.array(joined.times) if timed else None,
         from_start=True,
         metres=True,
         stamp=trajectories[0].stamp,
         start=frozenset(names) - {name for part in trajectories for name in part.names},
         notes=tuple(dict.fromkeys(notes)),
-        doubts=tuple(dict.fromkeys(doubts)),
+        doubts=tuple(dict.fromkeys(doubts + joined.doubts)),
         time_doubts=("the file does not say when the trajectories after the first begin",) if several else (),
     )
     return result, left
+
+
+@dataclass(slots=True)
+class _Joined:
+    """Trajectories one after the other: a row (C,) for each configuration, its node and its time [s]."""
+
+    rows: list[Array] = field(default_factory=list)
+    nodes: list[Node] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+    def clear(self) -> None:
+        """Begin anew."""
+        for done in (self.rows, self.nodes, self.times):
+            done.clear()
+
+
+def _joined(parts: Sequence[_Part], names: Sequence[str], timed: bool) -> _Joined:
+    """The parts in their order; each begins where the one before has ended.
+
+    Raises:
+        ConfigurationError: one does not.
+    """
+    column = {name: k for k, name in enumerate(names)}
+    now = np.full(len(names), np.nan)
+    done, clock = _Joined(), 0.0
+    for part in parts:
+        table = np.tile(now, (len(part.rows), 1))
+        table[:, [column[name] for name in part.names]] = part.rows
+        if part.heading is not None:
+            k = column[part.heading]
+            before = table[0, k] if np.isnan(now[k]) else now[k]
+            table[:, k] = np.unwrap(np.concatenate(([before], table[:, k])))[1:]
+        if done.rows:
+            gap = np.nan_to_num(np.abs(table[0] - now))
+            unknown = [name for name in part.names if np.isnan(now[column[name]])]
+            from_start = parts[0].start and len(done.rows) == 1
+            if not from_start and gap.max(initial=0.0) > _JOIN_TOLERANCE:
+                worst = int(gap.argmax())
+                part.node.fail(
+                    f"begins with {names[worst]} at {table[0, worst]:.6g}, and the one before ends at "
+                    f"{now[worst]:.6g}; trajectories of one file follow each other"
+                )
+            if (
+                from_start
+                and gap.max(initial=0.0) <= LIMIT_TOLERANCE
+                and (unknown or part.times is None or part.times[0] == 0.0)
+            ):
+                done.clear()  # the path begins where the start state is
+            elif from_start and unknown:
+                done.doubts.append(f"the start state is not where the path begins, and has no {', '.join(unknown[:8])}")
+        done.rows += list(table)
+        done.nodes += part.nodes
+        if timed:
+            stamps = np.zeros(1) if part.times is None else part.times
+            done.times += (clock + stamps).tolist()
+            clock = done.times[-1]
+        now = table[-1].copy()
+    return done
 
 
 def _key(node: Node) -> str:
@@ -260,9 +287,16 @@ def _robot_trajectory(node: Node, joints: Node | None, base: Node | None) -> Ite
         times = two.times if one.times is None else one.times
         rows = np.hstack((two.rows, one.rows))
         yield _Part(
-            [*two.names, *one.names], rows, times, one.nodes, node, two.heading,
-            doubts=two.doubts, notes=(*one.notes, *two.notes), stamp=one.stamp or two.stamp,
-        )  # fmt: skip
+            [*two.names, *one.names],
+            rows,
+            times,
+            one.nodes,
+            node,
+            two.heading,
+            doubts=two.doubts,
+            notes=(*one.notes, *two.notes),
+            stamp=one.stamp or two.stamp,
+        )
     else:
         yield halves[0]
 
@@ -274,9 +308,7 @@ def _joint_part(node: Node) -> _Part | None:
         return None
     rows = np.array([p["positions"].vector(len(names)) for p in points])
     rates = any(p.value.get(key) for p in points for key in ("velocities", "accelerations"))
-    return _Part(
-        names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node)
-    )  # fmt: skip
+    return _Part(names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node))
 
 
 def _stamp(node: Node) -> float:
@@ -328,9 +360,16 @@ def _base_part(node: Node) -> _Part | None:
     rows = np.array([[] if base is None else _planar(t[base]) for t in transforms])
     own = [] if base is None else _pose_names(names[base])
     return _Part(
-        own, rows, _times(points), points, node, own[2] if own else None,
-        doubts=tuple(doubts), notes=tuple(notes), stamp=_stamp(node),
-    )  # fmt: skip
+        own,
+        rows,
+        _times(points),
+        points,
+        node,
+        own[2] if own else None,
+        doubts=tuple(doubts),
+        notes=tuple(notes),
+        stamp=_stamp(node),
+    )
 
 
 def _pose_names(joint: str) -> list[str]:

@@ -22,15 +22,15 @@ from elastic_strips.files import open_input, read_input
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
-from elastic_strips.scene.quantities import MIN_LENGTH, check_points
+from elastic_strips.scene.quantities import check_points
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_number
+from elastic_strips.validation import MIN_LENGTH, check_number
 
 from .npy_source import NpyError, read_npy
 
 _log = logging.getLogger(__name__)
 MAX_BYTES = 200_000_000
-_MAX_POINTS = 5_000_000
+MAX_POINTS = 5_000_000
 _MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
 LARGE_CLOUD = 100.0
@@ -172,8 +172,10 @@ def warn_of_units(what: str, points: Array, most: float) -> None:
     if extent > most:
         _log.warning(
             "%s: is %.4g m large: lengths are in metres; are these millimetres? scale: 0.001 makes %.4g m of it",
-            what, extent, 0.001 * extent,
-        )  # fmt: skip
+            what,
+            extent,
+            0.001 * extent,
+        )
 
 
 def without_robot(points: ArrayLike | PointCloud, robot: RobotModel, q: ArrayLike, margin: float = 0.05) -> PointCloud:
@@ -383,7 +385,7 @@ def _xyz(data: bytes) -> Array:
         comment = text.startswith(("#", "//"))
         return [] if comment else text.replace(",", " ").replace(";", " ").split(None, 3)[:3]
 
-    return _listed(data, words, "begin with", _MAX_POINTS)
+    return _listed(data, words, "begin with", MAX_POINTS)
 
 
 def _listed(data: bytes, words: Callable[[str], list[str]], verb: str, most: int) -> Array:
@@ -474,8 +476,8 @@ def _float(word: bytes) -> float:
 
 def _places(fields: list[tuple[str, str]], count: int) -> list[int]:
     """Which fields x, y and z are."""
-    if count > _MAX_POINTS:
-        raise ValueError(f": the file has {count} points; at most {_MAX_POINTS} are read")
+    if count > MAX_POINTS:
+        raise ValueError(f": the file has {count} points; at most {MAX_POINTS} are read")
     names = [name for name, _ in fields]
     for axis in "xyz":
         if axis not in names:

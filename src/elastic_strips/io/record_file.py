@@ -233,8 +233,11 @@ def _packed(record: Record) -> bytes:
     if size > MAX_ARRAY_BYTES or len(text) > MAX_TEXT:
         _log.warning(
             "the record's arrays have %d bytes and its metadata %d characters; read_record takes at most %d and %d",
-            size, len(text), MAX_ARRAY_BYTES, MAX_TEXT,
-        )  # fmt: skip
+            size,
+            len(text),
+            MAX_ARRAY_BYTES,
+            MAX_TEXT,
+        )
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
     return stream.getvalue()

@@ -46,8 +46,8 @@ _log = logging.getLogger(__name__)
 VERSION = 1
 _MOST_FILES = 100  # of a scene
 _SIZED = ("box", "sphere", "cylinder", "capsule", "cone")
-_THICK, _LONG = 1.0, 100.0  # [m] a scene in millimetres has hardly anything thinner, and something longer
-_DEEPEST = 8  # scene files that name each other
+_THICK_METRES, _LONG_METRES = 1.0, 100.0  # a scene in millimetres has hardly anything thinner, and something longer
+_DEEPEST_INCLUDE = 8  # scene files that name each other
 _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
 _ROBOTS = (".urdf", ".xacro")
@@ -59,9 +59,12 @@ _SCENARIO_KEYS = (
 
 
 def read_scene(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
-    q: Array | None = None, options: SceneOptions | None = None,
-) -> Scene:  # fmt: skip
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    robot: RobotModel | None = None,
+    q: Array | None = None,
+    options: SceneOptions | None = None,
+) -> Scene:
     """Read a scene file: the obstacles that exist at the file's time.
 
     Files of other programs are read, too: MoveIt's ``.scene`` and planning scenes (YAML, JSON), OctoMap's ``.bt`` and
@@ -81,9 +84,12 @@ def read_scene(
 
 
 def read_world(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
-    q: Array | None = None, options: SceneOptions | None = None,
-) -> World:  # fmt: skip
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    robot: RobotModel | None = None,
+    q: Array | None = None,
+    options: SceneOptions | None = None,
+) -> World:
     """Read a scene file: all obstacles, and when they appear and vanish; or one of others, as `read_scene` does.
 
     What a robot holds in a planning scene is no obstacle, and left out with a warning: `read_scene_file` has it.
@@ -102,9 +108,12 @@ def read_world(
 
 
 def read_scene_file(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
-    q: Array | None = None, options: SceneOptions | None = None,
-) -> SceneFile:  # fmt: skip
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    robot: RobotModel | None = None,
+    q: Array | None = None,
+    options: SceneOptions | None = None,
+) -> SceneFile:
     """All that a scene's files say: the obstacles over time, what the robot holds, and the area that maps show.
 
     Args:
@@ -135,9 +144,11 @@ def read_scene_file(
 
 
 def _parts(
-    paths: Sequence[str | os.PathLike[str]], kinds: Sequence[tuple[str, Node | None]], said: SceneOptions,
+    paths: Sequence[str | os.PathLike[str]],
+    kinds: Sequence[tuple[str, Node | None]],
+    said: SceneOptions,
     reading: Reading,
-) -> SceneFile:  # fmt: skip
+) -> SceneFile:
     """All files as one scene."""
     parts = []
     for each, (kind, root) in zip(paths, kinds, strict=True):
@@ -151,7 +162,7 @@ def _parts(
 def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, reading: Reading) -> SceneFile:
     """One file of a scene."""
     here = os.path.realpath(path)
-    if here in reading.within or len(reading.within) >= _DEEPEST:
+    if here in reading.within or len(reading.within) >= _DEEPEST_INCLUDE:
         chain = " → ".join(Path(name).name for name in (*reading.within, here))
         raise SceneError(f"{path}: scene files name each other: {chain}")
     reading.read.append(here)
@@ -177,11 +188,14 @@ def _warn_of_millimetres(path: Path, scene: Scene) -> None:
     """Say in the log that all that is in a scene is thick, and something as large as a street."""
     lengths = [np.ravel(np.asarray(v, dtype=float)) for o in scene if o.shape in _SIZED for v in o.spec.values()]
     least, most = (f(np.concatenate(lengths)) if lengths else 0.0 for f in (np.min, np.max))
-    if least >= _THICK and most >= _LONG:
+    if least >= _THICK_METRES and most >= _LONG_METRES:
         _log.warning(
             "%s: nothing in it is thinner than %.4g m, and something is %.4g m large: lengths are in metres; are these "
-            "millimetres?", path, least, most,
-        )  # fmt: skip
+            "millimetres?",
+            path,
+            least,
+            most,
+        )
 
 
 def _scene_from_node(node: Node, reading: Reading) -> SceneFile:

@@ -29,7 +29,8 @@ from .nav2_map import WALL_HEIGHT, MapArea, outside_of, read_map
 from .nodes import Node
 from .obstacle_document import warn_of_degrees
 from .octomap import read_octomap
-from .planning_scene import PlanningScene, is_planning_scene, load_message, planning_scene_of
+from .planning_message import is_planning_scene, load_message, planning_scene_of
+from .planning_scene import PlanningScene
 from .point_cloud import PointCloud, cloud_scene, read_point_cloud, read_points, warn_of_dropped, without_robot
 
 _log = logging.getLogger(__name__)
@@ -39,7 +40,7 @@ _SUFFIXES = {
     ".scene": MOVEIT, ".bt": OCTREE, ".ot": OCTREE,
     **dict.fromkeys((".pcd", ".ply", ".xyz", ".txt", ".csv", ".npy"), CLOUD),
 }  # fmt: skip
-_HALF_TURN = 1e-6  # of the product of two quaternions, below which they are half a turn apart
+_HALF_TURN_PRODUCT = 1e-6  # of the product of two quaternions, below which they are half a turn apart
 _MESHES = (".stl", ".obj", ".dae")
 _LISTED = (".csv", ".npy")
 OF_KIND: Mapping[str, tuple[str, ...]] = {
@@ -233,9 +234,7 @@ def read_foreign(path: Path, kind: str, root: Node | None, options: SceneOptions
     if pose is not None:
         message = replace(message, attached=message.attached_at(pose))
     unplaced = (message,) if pose is None and reading.robot is None else ()
-    return SceneFile(
-        placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced
-    )  # fmt: skip
+    return SceneFile(placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced)
 
 
 def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading) -> SceneFile:
@@ -248,9 +247,13 @@ def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading
         high = assumed = WALL_HEIGHT
     try:
         walls, area = read_map(
-            path, unknown=options.get("unknown", "free"), lethal=options.get("lethal", 100.0), at=pose,
-            low=options.get("low", 0.0), height=high,
-        )  # fmt: skip
+            path,
+            unknown=options.get("unknown", "free"),
+            lethal=options.get("lethal", 100.0),
+            at=pose,
+            low=options.get("low", 0.0),
+            height=high,
+        )
     except ScenarioError as error:
         raise SceneError(str(error)) from None
     areas = (area,) if options.get("outside", "blocked") == "blocked" else ()
@@ -308,7 +311,7 @@ def _turned(obstacle: Obstacle, pose: Array) -> Motion:
     if isinstance(motion, Keyframes):
         times, at, quats = motion.times, motion.positions @ turn.T + pose[:3, 3], motion.quats
         if quats is not None:  # else the obstacle keeps its own orientation
-            half = np.flatnonzero(np.abs((quats[1:] * quats[:-1]).sum(axis=1)) < _HALF_TURN)
+            half = np.flatnonzero(np.abs((quats[1:] * quats[:-1]).sum(axis=1)) < _HALF_TURN_PRODUCT)
             if len(half):  # which way round must not depend on rounding: a keyframe in the middle says it
                 middle = quats[half] + quats[half + 1]
                 middle /= np.linalg.norm(middle, axis=1)[:, None]
@@ -347,9 +350,11 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
     heights = [part.assumed_height for part in parts if part.assumed_height is not None]
     return SceneFile(
         World(Scene(obstacles, time=own.scene.time), appears, vanishes),
-        tuple(held for part in parts for held in part.held), tuple(area for part in parts for area in part.areas),
-        min(heights, default=None), tuple(scene for part in parts for scene in part.unplaced),
-    )  # fmt: skip
+        tuple(held for part in parts for held in part.held),
+        tuple(area for part in parts for area in part.areas),
+        min(heights, default=None),
+        tuple(scene for part in parts for scene in part.unplaced),
+    )
 
 
 def bounded(found: SceneFile) -> SceneFile:

@@ -16,8 +16,8 @@ from .clusters import OTHER, ROUND, Cluster, ClusterShape, fit_shape
 from .params import SceneEstimatorParams
 from .readings import ScanRays
 
-_KEPT_POINTS = 64
-_SLACK = 0.01
+_KEPT_POINTS = 64  # of a thing
+_SOLID_SLACK = 0.01
 """A mover's solid is made that much larger [m] than it has to be, so that it need not be made anew at once."""
 
 
@@ -166,8 +166,11 @@ class Track:
     def tracked(self, params: SceneEstimatorParams) -> TrackedObstacle:
         """The mover as a value; its solid is made anew only where its radius has changed."""
         wanted = self.radius + params.padding
-        if self.solid is None or not self.solid_radius - params.shape_change - _SLACK <= wanted <= self.solid_radius:
-            self.solid_radius = wanted + _SLACK
+        if (
+            self.solid is None
+            or not self.solid_radius - params.shape_change - _SOLID_SLACK <= wanted <= self.solid_radius
+        ):
+            self.solid_radius = wanted + _SOLID_SLACK
             self.solid = Cylinder(self.solid_radius, params.height, name=self.name, motion=Twist())
         pose = np.eye(4)
         pose[:2, 3], pose[2, 3] = self.p, 0.5 * params.height
@@ -204,13 +207,13 @@ def _noise(cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams, 
     return variance
 
 
-_FORBIDDEN = 1e6
+_FORBIDDEN_COST = 1e6
 _VIEW_STEP = 0.04
 _MAX_VIEWS = 64
-_DISPLACEMENT = 0.3
+_LOOK_BACK_DISTANCE = 0.3
 """A thing is looked for where it was this far [m] ago, or as long ago as ``history``."""
-_EVIDENCE = 0.2
-_VOTES = 2
+_LEAST_EVIDENCE = 0.2
+_LEAST_VOTES = 2
 
 
 class Tracker:
@@ -285,7 +288,7 @@ class Tracker:
         from scipy.optimize import linear_sum_assignment  # late: slow to import
 
         params = self.params
-        cost = np.full((len(self._tracks), len(clusters)), _FORBIDDEN)
+        cost = np.full((len(self._tracks), len(clusters)), _FORBIDDEN_COST)
         centers = np.array([s.center for s in shapes])
         places = np.array([t.p for t in self._tracks])
         apart = np.hypot(*(places[:, None] - centers[None]).transpose(2, 0, 1))
@@ -294,7 +297,7 @@ class Tracker:
             if square < params.gate:
                 cost[k, j] = square
         rows, columns = linear_sum_assignment(cost)
-        return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN]
+        return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN_COST]
 
     def _judge(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str, moved: list[Array]) -> None:
         """Whether a track that was just seen is a mover from now on, or none any more."""
@@ -311,13 +314,13 @@ class Tracker:
             track.displaced_at = track.time
         # what has moved before needs no proof that it can
         track.votes = track.votes + 1 if significant and (displaced or track.recently_moved(params)) else 0
-        if track.votes >= _VOTES:
+        if track.votes >= _LEAST_VOTES:
             track.moving, track.moved = True, track.time
             moved.extend(points for _, points in track.points)
 
     def _displaced(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str) -> bool:
         """Whether scans some time apart contradict that a track stands."""
-        then = rays.time - min(self.params.history, _DISPLACEMENT / max(track.speed, 1e-9))
+        then = rays.time - min(self.params.history, _LOOK_BACK_DISTANCE / max(track.speed, 1e-9))
         view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
         if view is None:
             return False
@@ -326,7 +329,7 @@ class Tracker:
         for scan, points in ((view, cluster.points), (rays, was)):
             if len(points):
                 through, _ = scan.beyond(points, margin)
-                if through.sum() >= max(2.0, _EVIDENCE * len(points)):
+                if through.sum() >= max(2.0, _LEAST_EVIDENCE * len(points)):
                     return True
         return False
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.coal_shapes import support
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import PlanarFootprint, RobotModel
-from elastic_strips.robot.coal_shapes import support
 from elastic_strips.robot.footprint import DIRECTIONS, outline_directions
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary

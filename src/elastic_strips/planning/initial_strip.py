@@ -20,7 +20,7 @@ from elastic_strips.strip.solver import project_rolling
 
 from .grid_path import resample
 from .ompl_planner import PathResult, ompl_path
-from .problem import Deadline, PlanningProblem
+from .problem import SEED_STRIDE, Deadline, PlanningProblem
 
 _LARGEST_TURN = 0.35  # largest turn in place between two nodes [rad]
 
@@ -403,7 +403,7 @@ class PathSearch:
         problem = self.problem
         with self.timed("planner"):
             return ompl_path(
-                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
+                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + SEED_STRIDE * attempt,
                 margin=margin, timeout=timeout, spacing=problem.spacing, box=box, fineness=fineness,
                 most=problem.params.max_nodes, deadline=deadline,
             )  # fmt: skip

@@ -18,10 +18,10 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Document
+from elastic_strips.coal_shapes import for_penetration
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.coal_shapes import for_penetration
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.params import DeformParams

@@ -32,12 +32,12 @@ _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
 _FAR_GOAL = 200.0  # [m] a warning is logged for a goal farther away
 _ENDLESS_SIZE = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
-_HUGE_SIZE, _THICK_SIZE = (
-    200.0,
-    1.0,
-)  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
+_HUGE_SIZE = 200.0  # [m] a warning is logged for an obstacle of such a size,
+_THICK_SIZE = 1.0  # [m] unless it is thinner, as a wall or a floor is
 _PASSING_ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST_TURNING_ROOM = 2.0  # [m] about start and goal, to turn and to back up
+SEED_STRIDE = 7919
+"""Between the seeds of one attempt and of the next, so that attempts of neighbouring seeds differ."""
 ARM = DeformParams(influence=0.1, near=0.04)
 """Of an arm's relaxation, by default: in a shelf everything is within 0.3 m, and not all of it need be measured."""
 _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself

@@ -18,7 +18,7 @@ from .grid_path import MOST_CELLS, grid_path
 from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, staged_rows
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
-from .problem import PlanningProblem
+from .problem import SEED_STRIDE, PlanningProblem
 from .report import PlanReport
 from .validity import Checker, SatisfyingChecker, ValidityChecker
 
@@ -174,9 +174,14 @@ class PlanSearch(PathSearch):
         if np.array_equal(ends[0], ends[1]):
             return ends[:1]
         corners = search_joints(
-            valid, ends, seed=self.problem.seed + 7919 * attempt, planner=PLANNERS[0], step=_EDGE_STEP * 0.5**attempt,
-            timeout=_LONGEST_STAGE_SEARCH, deadline=self.deadline,
-        )  # fmt: skip
+            valid,
+            ends,
+            seed=self.problem.seed + SEED_STRIDE * attempt,
+            planner=PLANNERS[0],
+            step=_EDGE_STEP * 0.5**attempt,
+            timeout=_LONGEST_STAGE_SEARCH,
+            deadline=self.deadline,
+        )
         return None if corners is None else divided(corners, _JOINT_NODE_SPACING)
 
     def of_the_joints(self) -> PlanReport | None:
@@ -191,7 +196,7 @@ class PlanSearch(PathSearch):
             with self.timed("planner"):
                 corners = search_joints(
                     satisfying if satisfying is not None and attempt % 2 else valid, ends,
-                    seed=problem.seed + 7919 * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
+                    seed=problem.seed + SEED_STRIDE * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
                     step=step, timeout=seconds, deadline=self.deadline,
                 )  # fmt: skip
             if corners is None:

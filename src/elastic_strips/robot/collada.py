@@ -11,12 +11,11 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.arrays import Array
-
-from .coal_shapes import ShapeKind, shape_of, vertices
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 
 _log = logging.getLogger(__name__)
 _TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # takes y, where that is up, to z
-_SLACK = 5e-3  # [m] by which a centre of mass may lie beside what is drawn of its link
+_CENTRE_SLACK = 5e-3  # [m] by which a centre of mass may lie beside what is drawn of its link
 
 
 def mesh_unit(path: Path) -> float:
@@ -82,7 +81,7 @@ def said_of_turned(links: tuple[str, ...]) -> str:
 
 def _holds(points: Array, centre: Array) -> bool:
     """Whether the box about points (N, 3) holds a centre (3,) [m]."""
-    return bool(((points.min(axis=0) - _SLACK <= centre) & (centre <= points.max(axis=0) + _SLACK)).all())
+    return bool(((points.min(axis=0) - _CENTRE_SLACK <= centre) & (centre <= points.max(axis=0) + _CENTRE_SLACK)).all())
 
 
 def _centres_of_mass(document: str) -> dict[str, Array]:

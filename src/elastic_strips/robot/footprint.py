@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import support, support_points
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.work import count_work
 
-from .coal_shapes import support, support_points
 from .model import RobotModel
 
 DIRECTIONS = 32
@@ -23,7 +23,7 @@ _POINTS: WeakKeyDictionary[RobotModel, list[tuple[Array, float]]] = WeakKeyDicti
 """Of each robot's bodies: points and a radius whose sphere-swept hull contains it."""
 _OUTLINES: WeakKeyDictionary[RobotModel, dict[bytes, Array]] = WeakKeyDictionary()
 """Of each robot in its last postures: how far each body reaches, as `PlanarFootprint.outlines` gives it."""
-_POSTURES = 64  # that are kept of a robot
+_POSTURES_KEPT = 64  # that are kept of a robot
 
 
 class PlanarFootprint(OneThread):
@@ -157,7 +157,7 @@ class PlanarFootprint(OneThread):
                     for piece, pose in zip(self._robot.geometries, self._poses(), strict=True)
                 ]
             ).reshape(-1, DIRECTIONS + 2)
-            if len(known) >= _POSTURES:
+            if len(known) >= _POSTURES_KEPT:
                 known.clear()
             known[key] = reach
         return reach

@@ -15,11 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Mask
-from elastic_strips.decompose import few_pieces
-from elastic_strips.hulls import convex_hull
-from elastic_strips.progress import LoggedProgress
-
-from .coal_shapes import (
+from elastic_strips.coal_shapes import (
     SIGNS,
     ShapeKind,
     box_about,
@@ -30,6 +26,9 @@ from .coal_shapes import (
     support_points,
     vertices,
 )
+from elastic_strips.decompose import few_pieces
+from elastic_strips.hulls import convex_hull
+from elastic_strips.progress import LoggedProgress
 
 _JOIN_RATIO = 1.06  # two pieces of a body are joined where the joint hull has at most this many times their volume
 _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
@@ -268,3 +267,9 @@ def _joined(
         for other in [n for n in live if n != new]:
             consider(other, new)
     return list(live.values()), [of[i] for i in live]
+
+
+def shape_pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
+    """Where a piece is in the world, once the joints' poses are computed."""
+    T = data.oMi[piece.joint] * pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
+    return coal.Transform3s(T.rotation, T.translation)

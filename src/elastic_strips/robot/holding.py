@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import coal
 import numpy as np
@@ -16,9 +16,10 @@ from elastic_strips.validation import check_number
 
 from .geometry import LinkGeometry, piece_of
 from .kinematics import find_frame
-from .model import RobotModel
-from .self_pairs import UncheckedPair, WhyUnchecked
+from .unchecked_pairs import UncheckedPair, WhyUnchecked
+from .value import RobotValue
 
+R = TypeVar("R", bound=RobotValue)
 _COLOR = np.array([0.85, 0.65, 0.25, 1.0])
 
 
@@ -45,7 +46,7 @@ class HeldShape(Protocol):
 
 
 def attached(
-    robot: RobotModel,
+    robot: R,
     shape: HeldShape,
     frame: str,
     *,
@@ -53,7 +54,7 @@ def attached(
     touch: Collection[str] = (),
     mass: float = 0.0,
     name: str | None = None,
-) -> RobotModel:
+) -> R:
     """The robot with a shape that one of its frames carries.
 
     The shape is part of the robot from then on: of distances and certificates, of its own collisions and of pictures.
@@ -95,15 +96,7 @@ def attached(
         pin.forwardKinematics(robot.model, data, robot.check_q(q))
         T_joint_shape = np.linalg.inv(data.oMi[joint].homogeneous) @ shape.pose
     pieces = _pieces(shape, name, joint, T_joint_shape)
-    pairs = [
-        (i, len(robot.geometries) + k)
-        for k in range(len(pieces))
-        for i, own in enumerate(robot.geometries)
-        if own.joint != joint and not allowed & set(own.links)
-    ]
-    others = [own for own in robot.geometries if own.joint != joint and allowed & set(own.links)]
-    may_touch = {link for own in others for link in own.links}
-    unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
+    pairs, unchecked = _pairs(robot, len(pieces), joint, allowed, name)
     model = robot.model.copy()
     if weight > 0.0:
         model.appendBodyToJoint(joint, pin.Inertia(weight, np.zeros(3), np.zeros((3, 3))), pin.SE3(T_joint_shape))
@@ -140,6 +133,18 @@ def attached(
             "that may"
         )
     return held
+
+
+def _pairs(
+    robot: RobotValue, count: int, joint: int, allowed: set[str], name: str
+) -> tuple[list[tuple[int, int]], list[UncheckedPair]]:
+    """Pairs of the robot's pieces with those of a load on a joint, which come after them; and pairs not looked at."""
+    others = [(i, own) for i, own in enumerate(robot.geometries) if own.joint != joint]
+    first = len(robot.geometries)
+    pairs = [(i, first + k) for k in range(count) for i, own in others if not allowed & set(own.links)]
+    may_touch = {link for _, own in others if allowed & set(own.links) for link in own.links}
+    unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
+    return pairs, unchecked
 
 
 def _pieces(shape: HeldShape, name: str, joint: int, T: Array) -> list[LinkGeometry]:

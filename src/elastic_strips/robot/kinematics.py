@@ -151,9 +151,17 @@ class KinematicTree(Summary):
             return None
         space = self.space
         return module.Tree(
-            space.planar, self.parents, self.motion, self.prismatic, space.circular, self.support, self.offset,
-            self.coordinate, self.rate, self.shift,
-        )  # fmt: skip
+            space.planar,
+            self.parents,
+            self.motion,
+            self.prismatic,
+            space.circular,
+            self.support,
+            self.offset,
+            self.coordinate,
+            self.rate,
+            self.shift,
+        )
 
     @property
     def follows(self) -> bool:

@@ -12,12 +12,13 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.validation import MAX_LENGTH
 
 from .mimic import Following, with_followers
 from .model import RobotModel
 from .space import LIMIT_TOLERANCE
 from .srdf import Srdf, within_limits
-from .urdf import MAX_LENGTH, UrdfSource
+from .urdf import UrdfSource
 from .wheels import wheel_joints
 
 _log = logging.getLogger(__name__)
@@ -30,9 +31,12 @@ _SELDOM_PLANNED = (
 
 
 def planned_joints(
-    source: UrdfSource, semantics: Srdf | None, joints: Iterable[str] | None, group: str | None,
+    source: UrdfSource,
+    semantics: Srdf | None,
+    joints: Iterable[str] | None,
+    group: str | None,
     locked: Mapping[str, float] | None,
-) -> frozenset[str] | None:  # fmt: skip
+) -> frozenset[str] | None:
     """The joints to plan, or None where all are planned but those that are locked."""
     if joints is not None and group is not None:
         raise RobotError(f"joints={joints!r} and group={group!r} both say what is planned; give one of them")
@@ -177,8 +181,15 @@ def compare_states(robot: str, semantics: Srdf | None, followers: Mapping[str, F
         for name, (leader, multiplier, constant) in followers.items():
             wanted = multiplier * values.get(leader, np.nan) + constant
             if name in values and abs(values[name] - wanted) > LIMIT_TOLERANCE:
-                _log.warning("%s: state %r has %r at %.6g; it follows %r, which puts it at %.6g",
-                             robot, state, name, values[name], leader, wanted)  # fmt: skip
+                _log.warning(
+                    "%s: state %r has %r at %.6g; it follows %r, which puts it at %.6g",
+                    robot,
+                    state,
+                    name,
+                    values[name],
+                    leader,
+                    wanted,
+                )
 
 
 def held_still(
@@ -217,9 +228,12 @@ def what_to_lock(robot: RobotModel) -> str:
 
 
 def why_held(
-    source: UrdfSource, still: Mapping[str, float], locked: Mapping[str, float], wheels: set[str],
+    source: UrdfSource,
+    still: Mapping[str, float],
+    locked: Mapping[str, float],
+    wheels: set[str],
     planned: frozenset[str] | None,
-) -> dict[str, str]:  # fmt: skip
+) -> dict[str, str]:
     """Why each joint that is held still is."""
 
     def why(joint: str) -> str:

@@ -9,9 +9,9 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from .model import RobotModel
+from .reduced import LONGEST_SLIDE
 
-_LONGEST_SLIDE = 1e3  # [m] of a joint that slides without limits
-_UPRIGHT = 1e-9  # how far an axis may be from the vertical, and count as vertical
+_UPRIGHT_TOLERANCE = 1e-9  # how far an axis may be from the vertical, and count as vertical
 
 
 def highest_reach(robot: RobotModel) -> float:
@@ -36,12 +36,12 @@ def highest_reach(robot: RobotModel) -> float:
         if column >= 0:
             axis = tree.align[i][:, 2]
             if tree.prismatic[i]:
-                ends = np.clip((robot.space.lower[column], robot.space.upper[column]), -_LONGEST_SLIDE, _LONGEST_SLIDE)
+                ends = np.clip((robot.space.lower[column], robot.space.upper[column]), -LONGEST_SLIDE, LONGEST_SLIDE)
                 if rotation is None:
                     far += float(np.abs(ends).max())
                 else:
                     up += float((ends * (rotation @ axis)[2]).max())
-            elif rotation is not None and np.hypot(*(rotation @ axis)[:2]) > _UPRIGHT:
+            elif rotation is not None and np.hypot(*(rotation @ axis)[:2]) > _UPRIGHT_TOLERANCE:
                 rotation = None
         turned.append(rotation)
         height.append(up)

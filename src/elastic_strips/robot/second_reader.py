@@ -15,19 +15,20 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 
-from .coal_shapes import ShapeKind, shape_of, vertices
-from .urdf import UrdfSource, read_xml
+from .urdf import UrdfSource
+from .urdf_shapes import PLATE_THICKNESS
+from .xml_file import read_xml
 
 if TYPE_CHECKING:
     import yourdfpy
 
 _log = logging.getLogger(__name__)
-_POSTURES = 2  # any one finds what is placed or turned otherwise; the other is for luck
-_SAME = 1e-6  # [m], [rad], entries of rotations; relative of what is large
-_TURN = 3.0  # [rad] or [m]: values of joints that are tried are within it
-_THICK = 1e-4  # [m]: plates and rods of no thickness get this one here
-_LOOSE = 1e-3  # of a mesh's size: what the readers of meshes may round
+_POSTURES_COMPARED = 2  # any one finds what is placed or turned otherwise; the other is for luck
+_NUMBER_TOLERANCE = 1e-6  # [m], [rad], entries of rotations; relative of what is large
+_JOINT_RANGE = 3.0  # [rad] or [m]: values of joints that are tried are within it
+_MESH_ROUNDING = 1e-3  # of a mesh's size: what the readers of meshes may round
 _MESHES = (".dae", ".obj", ".stl")  # that trimesh reads as well
 _MOVING = ("revolute", "continuous", "prismatic")
 
@@ -120,11 +121,11 @@ def _joints(source: UrdfSource, model: pin.Model, second: yourdfpy.URDF) -> Iter
         if joint.type != "continuous" and joint.limit is not None:
             limits = [float(model.lowerPositionLimit[own.idx_q]), float(model.upperPositionLimit[own.idx_q])]
             theirs = [joint.limit.lower or 0.0, joint.limit.upper or 0.0]
-            if not np.allclose(limits, theirs, rtol=_SAME, atol=_SAME):
+            if not np.allclose(limits, theirs, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
                 yield f"joint {name!r} has limits {_span(limits)} here, {_span(theirs)} there"
         if joint.limit is not None and joint.limit.velocity is not None:
             speed = float(model.velocityLimit[own.idx_v])
-            if not np.isclose(speed, joint.limit.velocity, rtol=_SAME, atol=_SAME):
+            if not np.isclose(speed, joint.limit.velocity, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
                 yield f"joint {name!r} has speed {speed:g} here, {joint.limit.velocity:g} there"
         ours, mimic = source.followers.get(name), joint.mimic
         ours = ours if ours is None or ours[0] in other else None  # what has no value of its own is no leader there
@@ -139,7 +140,7 @@ def _alike(one: tuple[str, float, float] | None, two: tuple[str, float, float] |
     """Whether two ways to mimic (leader, multiplier, offset) are one."""
     if one is None or two is None:
         return one is two
-    return one[0] == two[0] and bool(np.allclose(one[1:], two[1:], rtol=_SAME, atol=_SAME))
+    return one[0] == two[0] and bool(np.allclose(one[1:], two[1:], rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE))
 
 
 def _placements(model: pin.Model, second: yourdfpy.URDF) -> Iterator[str]:
@@ -153,7 +154,7 @@ def _placements(model: pin.Model, second: yourdfpy.URDF) -> Iterator[str]:
         yield f"link {link!r} is {'here' if link in frames else 'there'} alone"
     data, rng = model.createData(), np.random.default_rng(0)
     told: set[str] = set()
-    for _ in range(_POSTURES):
+    for _ in range(_POSTURES_COMPARED):
         q, values = _posture(model, rng)
         pin.framesForwardKinematics(model, data, q)
         free.update_cfg({j.name: values.get(j.name, 0.0) for j in free.robot.joints if j.type in _MOVING})
@@ -176,7 +177,7 @@ def _posture(model: pin.Model, rng: np.random.Generator) -> tuple[Array, dict[st
         joint = model.joints[i]
         if joint.nv != 1:
             continue
-        value = float(rng.uniform(-_TURN, _TURN))
+        value = float(rng.uniform(-_JOINT_RANGE, _JOINT_RANGE))
         values[str(model.names[i])] = value
         if joint.nq == 2:
             q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
@@ -188,10 +189,10 @@ def _posture(model: pin.Model, rng: np.random.Generator) -> tuple[Array, dict[st
 def _gap(one: Array, two: Array) -> str:
     """How far two poses (4, 4) are from each other, in words, or nothing."""
     far = float(np.linalg.norm(one[:3, 3] - two[:3, 3]))
-    if far > _SAME * max(1.0, float(np.linalg.norm(one[:3, 3]))):
+    if far > _NUMBER_TOLERANCE * max(1.0, float(np.linalg.norm(one[:3, 3]))):
         return f"{1e3 * far:.3g} mm"
     turned = float(np.linalg.norm(one[:3, :3] - two[:3, :3])) / np.sqrt(2.0)
-    return f"turned by {turned:.3g} rad, so" if turned > _SAME else ""
+    return f"turned by {turned:.3g} rad, so" if turned > _NUMBER_TOLERANCE else ""
 
 
 def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> Iterator[str]:
@@ -236,7 +237,7 @@ def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> 
             mine, half = shape_of(item.geometry)
             if mesh is not None and mine in (ShapeKind.MESH, ShapeKind.CONVEX):
                 yield from _mesh(item, mesh)
-            elif mine.value != kind or not np.allclose(half, sizes, rtol=_SAME, atol=_THICK):
+            elif mine.value != kind or not np.allclose(half, sizes, rtol=_NUMBER_TOLERANCE, atol=PLATE_THICKNESS):
                 ours = ", ".join(f"{1e3 * x:.4g}" for x in half)
                 theirs = ", ".join(f"{1e3 * x:.4g}" for x in sizes)
                 yield f"collision shape {item.name!r}: {mine.value} of {ours} mm here, {kind} of {theirs} mm there"
@@ -271,7 +272,7 @@ def _mesh(item: pin.GeometryObject, mesh: yourdfpy.Mesh) -> Iterator[str]:
     theirs = np.sort(np.asarray(scene.bounds) * unit * scale, axis=0)
     points = vertices(item.geometry)
     ours = np.array([points.min(axis=0), points.max(axis=0)])
-    if np.abs(ours - theirs).max() > _LOOSE * max(1e-3, float(np.ptp(theirs, axis=0).max())):
+    if np.abs(ours - theirs).max() > _MESH_ROUNDING * max(1e-3, float(np.ptp(theirs, axis=0).max())):
         yield f"mesh {file.name} is {_size(ours)} m here, {_size(theirs)} m there, or lies elsewhere"
 
 

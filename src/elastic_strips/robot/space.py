@@ -53,6 +53,9 @@ class BaseKind(str, Enum):
 LIMIT_TOLERANCE = 1e-4
 """A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
 
+UNLIMITED_SPEED = 1e6
+"""A speed limit [rad/s or m/s] of a description that is larger means that there is none."""
+
 MAX_TRAVEL = 1e4
 """Farthest [m] that a path may take a base from the origin, along x and along y."""
 

@@ -11,7 +11,8 @@ from lxml import etree
 from elastic_strips.errors import RobotError
 
 from .space import LIMIT_TOLERANCE
-from .urdf import Mends, UrdfSource, fault, read_xml
+from .urdf import UrdfSource
+from .xml_file import Mends, fault, read_xml
 
 _KNOWN = {
     "robot", "group", "joint", "link", "chain", "group_state", "end_effector", "virtual_joint", "passive_joint",
@@ -169,31 +170,34 @@ def _group(
     """
     joints: list[str] = []
     for member in elements[name]:
-        if member.tag == "joint":
-            if member.get("name") in robot.joints:
-                joints.append(member.get("name"))
-            elif member.get("name") not in passed:
-                mends.add("joints in <group> that the robot has not", member.get("name"))
-        elif member.tag == "link":
-            if member.get("name") not in robot.links:
-                mends.add("links in <group> that the robot has not", member.get("name"))
-            elif member.get("name") in robot.parents:
-                joints.append(robot.parents[member.get("name")][0])
+        own = member.get("name")
+        if member.tag == "joint" and own in robot.joints:
+            joints.append(own)
+        elif member.tag == "joint" and own not in passed:
+            mends.add("joints in <group> that the robot has not", own)
+        elif member.tag == "link" and own not in robot.links:
+            mends.add("links in <group> that the robot has not", own)
+        elif member.tag == "link" and own in robot.parents:
+            joints.append(robot.parents[own][0])
         elif member.tag == "chain":
-            ends = [member.get("base_link"), member.get("tip_link")]
-            missing = [end for end in ends if end not in robot.links]
-            for end in missing:
-                mends.add("links in <group> that the robot has not", end)
-            if not missing:
-                base, tip = (_joints_above(robot, end) for end in ends)
-                joints += [j for j in reversed(tip) if j not in base] + [j for j in base if j not in tip]
-        elif member.tag == "group":
-            other = member.get("name")
-            if other not in elements:
-                mends.add("sub-groups that the file has not", other)
-            elif other not in passed and other != name:  # a group cannot hold itself
-                joints += _group(elements, other, robot, mends, passed | {name})
+            joints += _chain(member, robot, mends)
+        elif member.tag == "group" and own not in elements:
+            mends.add("sub-groups that the file has not", own)
+        elif member.tag == "group" and own not in passed and own != name:  # a group cannot hold itself
+            joints += _group(elements, own, robot, mends, passed | {name})
     return joints
+
+
+def _chain(member: etree._Element, robot: UrdfSource, mends: Mends) -> list[str]:
+    """The joints from one link to another one."""
+    ends = [member.get("base_link"), member.get("tip_link")]
+    missing = [end for end in ends if end not in robot.links]
+    for end in missing:
+        mends.add("links in <group> that the robot has not", end)
+    if missing:
+        return []
+    base, tip = (_joints_above(robot, end) for end in ends)
+    return [j for j in reversed(tip) if j not in base] + [j for j in base if j not in tip]
 
 
 def _joints_above(robot: UrdfSource, link: str) -> list[str]:

@@ -18,7 +18,7 @@ from elastic_strips.files import atomic_write, read_input
 from elastic_strips.summary import shortened
 from elastic_strips.xacro_process import MAX_BYTES, expanded
 
-from .urdf import resolve_mesh, search_folders
+from .urdf_shapes import resolve_mesh, search_folders
 
 _log = logging.getLogger(__name__)
 

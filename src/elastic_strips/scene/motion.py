@@ -25,7 +25,7 @@ from .quantities import QUAT_TOLERANCE, check_points, check_quaternion, rotation
 MAX_SPEED = 1e4
 """Largest linear [m/s] or angular [rad/s] speed that is accepted."""
 
-_SLACK = 1e-9  # [s] by which a place on a track may be rounded
+_TRACK_SLACK = 1e-9  # [s] by which a place on a track may be rounded
 
 
 class Motion(abc.ABC):
@@ -357,7 +357,7 @@ class PedestrianMotion(Motion):
         else:
             places.append(self.place(stop))
             low, high, rate = min(places), max(places), max(map(abs, self._rates[first : final + 1]))
-        return rate * self.track.speed_bound(radius, start=low - _SLACK, end=high + _SLACK)
+        return rate * self.track.speed_bound(radius, start=low - _TRACK_SLACK, end=high + _TRACK_SLACK)
 
     def copy(self, *, history: bool = True) -> PedestrianMotion:
         """Another motion along the same track, with the same history or with none."""

@@ -10,13 +10,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import SceneError
-from elastic_strips.validation import check_array, check_number, shown
-
-MAX_LENGTH = 1e6
-"""Largest size or coordinate that is accepted [m]."""
-
-MIN_LENGTH = 1e-6
-"""Smallest size that is accepted [m]; below it the distances (accurate to about 3e-6 m) mean nothing."""
+from elastic_strips.validation import MAX_LENGTH, MIN_LENGTH, check_array, check_number, shown
 
 _MAX_TIME = 1e12
 """Largest time that is accepted [s]."""

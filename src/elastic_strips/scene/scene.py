@@ -191,10 +191,7 @@ class Scene:
         """
         k = self._place(name)
         old = self.obstacles
-        if old[k].time != self.time:  # a static obstacle keeps the time it was made for
-            new = old[k]._copy(time=self.time).moved(pose)
-        else:
-            new = old[k].moved(pose)
+        new = old[k].moved(pose, time=self.time)  # a static obstacle keeps the time it was made for
         return self._derived((*old[:k], new, *old[k + 1 :]), self.time, (k,))
 
     def with_observations(self, obstacles: Iterable[Obstacle]) -> Scene:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import PlanarFootprint, RobotModel
-from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of
 from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Obstacle, PedestrianMotion, World
 from elastic_strips.validation import Fraction, NonNegative, Positive, check_fields

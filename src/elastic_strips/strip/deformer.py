@@ -18,14 +18,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.validation import check_type
 
 from .constraint import ConstraintForce, OrientationConstraint
-from .forces import (
-    add_elastic,
-    add_joint_limits,
-    add_obstacle_repulsion,
-    add_posture,
-    add_self_repulsion,
-    repulsive_magnitude,
-)
+from .forces import FORCES, Acting, repulsive_magnitude
 from .params import DeformParams
 from .recovery import Intrusions, hold_joints, own_distances_to_keep
 from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
@@ -360,32 +353,36 @@ class Deformer(OneThread):
     def _assemble(self, policy: TickPolicy, *, detail: bool = False) -> StripForces:
         """Forces, matrix and energies at the current nodes, in the system; external forces, where they are wanted."""
         params, space, kin = self.params, self.robot.space, self.workspace.kin
-        obstacles, self_pairs = self.workspace.obstacles, self.workspace.self_pairs
-        n = kin.n
+        obstacles, n = self.workspace.obstacles, kin.n
         coordinates = kin.coordinates[:n]
         if self._system.force.shape[0] != n:
             self._system = System(n, space.nv)
         system = self._system
         system.clear()
-        v = space.difference(coordinates[:-1], coordinates[1:])
-        add_elastic(system, space, v, self._stiffness)
-        policy.add_forces(system, v)
         near, k_near = policy.stiff_layer(params)
-        near = min(near, params.influence)
-        add_obstacle_repulsion(system, kin, obstacles, k_r=params.k_r, k_near=k_near, near=near)
+        acting = Acting(
+            params=params,
+            space=space,
+            kin=kin,
+            coordinates=coordinates,
+            v=space.difference(coordinates[:-1], coordinates[1:]),
+            obstacles=obstacles,
+            self_pairs=self.workspace.self_pairs,
+            near=min(near, params.influence),
+            k_near=k_near,
+            stiffness=self._stiffness,
+            k_posture=self._posture,
+            posture=self._straight,
+            constraint=self.constraint,
+            further=policy.add_forces,
+        )
+        for force in FORCES:
+            force(system, acting)
         forces = StripForces.none()
         if detail:
             contacts = obstacles.contacts()
             push = repulsive_magnitude(contacts.distance, params.k_r, params.influence)
             forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
-        add_self_repulsion(system, kin, self_pairs, k_s=params.k_self)
-        add_joint_limits(
-            system, space, coordinates, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin
-        )
-        if self.constraint is not None:
-            self.constraint.push(system, kin)
-        if params.k_posture > 0.0:
-            add_posture(system, space, coordinates, self._straight(coordinates), k_p=self._posture)
         self.clock.mark("forces")
         return forces
 

@@ -1,6 +1,9 @@
-"""Forces of the default preset. Each adds force, matrix and potential to a :class:`System`."""
+"""Forces of the default preset. Each adds force, matrix and potential to a :class:`System`; `FORCES` lists them all."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +12,8 @@ from elastic_strips.collision import ObstacleProximity, SelfProximity
 from elastic_strips.collision.narrowphase import Contacts
 from elastic_strips.robot import ConfigurationSpace, Kinematics
 
+from .constraint import ConstraintForce
+from .params import DeformParams
 from .solver import System
 
 
@@ -227,3 +232,81 @@ def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, t
     index = np.arange(space.nv)
     system.diagonal[:, index, index] += k_p
     system.energies["posture"] = energy
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Acting:
+    """What forces act on in one update, and how.
+
+    Attributes:
+        params: with the gains.
+        space: configuration space.
+        kin: kinematics of the nodes.
+        coordinates: (N, nv) nodes.
+        v: (N−1, nv) segment tangents.
+        obstacles, self_pairs: what is near the links.
+        near, k_near: distance [m] and gain of the stiff layer about obstacles.
+        stiffness: (nv,) of the springs between nodes.
+        k_posture: (nv,) gains of the posture, zero for the base.
+        posture: makes (N, nv) the posture of nodes.
+        constraint: what the strip is to satisfy besides, or None.
+        further: adds forces of whoever asks for the tick, for the segment tangents ``v``.
+    """
+
+    params: DeformParams
+    space: ConfigurationSpace
+    kin: Kinematics
+    coordinates: Array
+    v: Array
+    obstacles: ObstacleProximity
+    self_pairs: SelfProximity
+    near: float
+    k_near: float
+    stiffness: Array
+    k_posture: Array
+    posture: Callable[[Array], Array]
+    constraint: ConstraintForce | None
+    further: Callable[[System, Array], None]
+
+
+def _elastic(system: System, at: Acting) -> None:
+    add_elastic(system, at.space, at.v, at.stiffness)
+
+
+def _further(system: System, at: Acting) -> None:
+    at.further(system, at.v)
+
+
+def _obstacle_repulsion(system: System, at: Acting) -> None:
+    add_obstacle_repulsion(system, at.kin, at.obstacles, k_r=at.params.k_r, k_near=at.k_near, near=at.near)
+
+
+def _self_repulsion(system: System, at: Acting) -> None:
+    add_self_repulsion(system, at.kin, at.self_pairs, k_s=at.params.k_self)
+
+
+def _joint_limits(system: System, at: Acting) -> None:
+    gain = at.params.k_limit * at.params.joint_lever**2
+    add_joint_limits(system, at.space, at.coordinates, k_l=gain, margin=at.params.limit_margin)
+
+
+def _constraint(system: System, at: Acting) -> None:
+    if at.constraint is not None:
+        at.constraint.push(system, at.kin)
+
+
+def _posture(system: System, at: Acting) -> None:
+    if at.params.k_posture > 0.0:
+        add_posture(system, at.space, at.coordinates, at.posture(at.coordinates), k_p=at.k_posture)
+
+
+FORCES: tuple[Callable[[System, Acting], None], ...] = (
+    _elastic,
+    _further,
+    _obstacle_repulsion,
+    _self_repulsion,
+    _joint_limits,
+    _constraint,
+    _posture,
+)
+"""All forces of an update, in the order in which they are added up."""

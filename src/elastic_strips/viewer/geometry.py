@@ -15,8 +15,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array, ArrayLike, Indices
+from elastic_strips.coal_shapes import ShapeKind, faces, shape_of, vertices
 from elastic_strips.robot import ConfigurationSpace, Kinematics, RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, faces, shape_of, vertices
 from elastic_strips.scene import Obstacle
 
 Floats = NDArray[np.float32]

@@ -10,9 +10,9 @@ from brute_force import configuration, random_coordinates
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elastic_strips.coal_shapes import support_points
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.robot import Kinematics, RobotModel
-from elastic_strips.robot.coal_shapes import support_points
 
 
 def body_points(robot: RobotModel, rng: np.random.Generator, count: int = 12) -> list[np.ndarray]:

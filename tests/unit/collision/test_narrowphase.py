@@ -18,10 +18,10 @@ from brute_force import (
 )
 from scipy.optimize import minimize
 
+from elastic_strips.coal_shapes import convex_from_vertices
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.collision.narrowphase import GJK_EXCESS
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import convex_from_vertices
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
 
 STEP = 1e-4

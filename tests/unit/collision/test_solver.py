@@ -8,8 +8,8 @@ import coal
 import numpy as np
 import pytest
 
+from elastic_strips.coal_shapes import convex_from_vertices, sphere_as_capsule
 from elastic_strips.collision.narrowphase import PairSolver, ShapePair
-from elastic_strips.robot.coal_shapes import convex_from_vertices, sphere_as_capsule
 
 SHAPES = {
     "point": coal.Sphere(1e-6),

@@ -11,7 +11,7 @@ import pytest
 import elastic_strips as es
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.io import read_scene, read_scene_file
-from elastic_strips.io.planning_scene import read_planning_scene
+from elastic_strips.io.planning_message import read_planning_scene
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene.quantities import quaternion_of
 

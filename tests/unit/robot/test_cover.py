@@ -12,9 +12,9 @@ import pytest
 import trimesh
 
 import elastic_strips as es
+from elastic_strips.coal_shapes import outside
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.robot.coal_shapes import outside
 from elastic_strips.robot.cover import sticks_out
 from elastic_strips.robot.geometry import piece_of
 from elastic_strips.scene import Box, Scene

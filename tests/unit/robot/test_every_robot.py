@@ -13,10 +13,10 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot, recorded_robot, robot_names
+from elastic_strips.coal_shapes import convex_from_vertices
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.robot import load_robot
-from elastic_strips.robot.coal_shapes import convex_from_vertices
-from elastic_strips.robot.model import _carried_over, _reduced
+from elastic_strips.robot.reduced import carried_over, reduced_model
 
 LIMIT = '<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>'
 
@@ -157,9 +157,9 @@ def test_the_reduced_geometry_is_that_of_pinocchio(tiago):
     )
     q, ids = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq)), list(range(2, model.njoints, 3))
     wanted_model, wanted = pin.buildReducedModel(model, shapes, ids, q)
-    reduced = _reduced(model, ids, q)
+    reduced = reduced_model(model, ids, q)
     assert list(reduced.names) == list(wanted_model.names)
-    for one, two in zip(_carried_over(model, reduced, shapes).geometryObjects, wanted.geometryObjects, strict=True):
+    for one, two in zip(carried_over(model, reduced, shapes).geometryObjects, wanted.geometryObjects, strict=True):
         assert (one.name, one.parentJoint) == (two.name, two.parentJoint)
         assert reduced.frames[one.parentFrame].name == wanted_model.frames[two.parentFrame].name
         np.testing.assert_allclose(one.placement.homogeneous, two.placement.homogeneous, atol=1e-12)

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from elastic_strips.coal_shapes import support_points
 from elastic_strips.robot import PlanarFootprint
-from elastic_strips.robot.coal_shapes import support_points
 from elastic_strips.robot.footprint import box_distance, support
 
 

@@ -16,9 +16,9 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot
+from elastic_strips.coal_shapes import convex_from_vertices, support_points
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.coal_shapes import convex_from_vertices, support_points
 from elastic_strips.robot.geometry import bounding_capsule, convex_shapes, joined_pieces, piece_of
 
 SHAPES = [
@@ -170,7 +170,7 @@ def test_nearly_flat_meshes_do_not_crash(thickness):
     code = (
         "import numpy as np\n"
         "from elastic_strips.errors import RobotError\n"
-        "from elastic_strips.robot.coal_shapes import convex_from_vertices\n"
+        "from elastic_strips.coal_shapes import convex_from_vertices\n"
         "rng = np.random.default_rng(0)\n"
         f"points = np.c_[rng.uniform(0, 1, (30, 2)), rng.uniform(-1, 1, 30) * {thickness}]\n"
         "try:\n    convex_from_vertices(points)\nexcept RobotError:\n    pass\n"

@@ -21,7 +21,8 @@ from elastic_strips.errors import RobotError
 from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.robot.geometry import collision_data
-from elastic_strips.robot.self_pairs import WhyUnchecked, joints_of_links, least_distance
+from elastic_strips.robot.least_distance import least_distance
+from elastic_strips.robot.unchecked_pairs import WhyUnchecked, joints_of_links
 from elastic_strips.scene import Scene
 
 BASE = "0.8 0.5 0.3"

@@ -147,7 +147,7 @@ def test_paths_that_are_no_files(tmp_path):
 
 
 def test_a_file_that_is_too_large(tmp_path, monkeypatch):
-    monkeypatch.setattr("elastic_strips.robot.urdf._MAX_BYTES", 100)
+    monkeypatch.setattr("elastic_strips.robot.xml_file.MAX_BYTES", 100)
     assert "may have at most 100" in refused(write(tmp_path, GOOD))
 
 

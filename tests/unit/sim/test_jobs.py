@@ -174,6 +174,6 @@ def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "tcp://:-1"])
 def test_an_address_without_a_scheduler_is_wrong_input(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs, "_CONNECT", 0.5)
+    monkeypatch.setattr(jobs, "_CONNECT_TIMEOUT", 0.5)
     with pytest.raises(ParameterError, match="no Dask scheduler answers there"):
         list(run_jobs(odd_jobs.square, [1], scheduler=address))

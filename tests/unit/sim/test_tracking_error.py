@@ -10,12 +10,12 @@ import pytest
 from following import follow_trajectory
 from motions import smooth_motion
 
+from elastic_strips.coal_shapes import support_points
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import DriveParams
 from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.planning import plan
-from elastic_strips.robot.coal_shapes import support_points
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
 from elastic_strips.sim.scenarios.corridors import corridor_scene
 from elastic_strips.trajectory.limits import MotionLimits

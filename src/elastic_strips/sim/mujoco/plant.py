@@ -18,7 +18,7 @@ from elastic_strips.trajectory import MotionLimits
 
 from .model import FLOOR, LINK, OBSTACLE, ROLLING, MujocoModel, build_model, import_mujoco
 
-_SETTLE = 0.3  # [s] that a robot is given to sink into its tyres at a reset
+_SETTLE_TIME = 0.3  # [s] that a robot is given to sink into its tyres at a reset
 _FRICTION_EDGE = 0.02  # [rad/s or m/s] speed above which the drives make up for all of their friction
 _SAME_TOUCH = 0.1  # [s] shorter interruptions do not end a contact
 
@@ -164,7 +164,7 @@ class MujocoPlant:
         self._place(coordinates)
         for geoms in layout.obstacle_geoms.values():
             model.geom_conaffinity[geoms] = 0  # nothing but the floor holds a robot that settles
-        for _ in range(round(_SETTLE / self.timestep)):
+        for _ in range(round(_SETTLE_TIME / self.timestep)):
             mujoco.mj_step1(model, data)
             data.qfrc_applied[layout.joint_dof] = data.qfrc_bias[layout.joint_dof]
             mujoco.mj_step2(model, data)

@@ -18,6 +18,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
 from elastic_strips.planning.leaving import Departure
+from elastic_strips.planning.problem import SEED_STRIDE
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
@@ -236,7 +237,7 @@ def _run_paper(
                 scenario.scene,
                 start,
                 goal,
-                seed=seed + 7919 * k,
+                seed=seed + SEED_STRIDE * k,
                 margin=0.04,
                 timeout=timeout / 4,
                 spacing=spacing,

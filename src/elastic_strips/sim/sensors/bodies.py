@@ -16,9 +16,9 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, support_points, vertices
 from elastic_strips.errors import ConfigurationError, RobotError, missing_extra, nearest_name
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, support_points, vertices
 from elastic_strips.robot.geometry import LinkGeometry
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Obstacle, Scene, World
@@ -131,7 +131,7 @@ class SensorMount:
 _Corners = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (V, 3) [m] and triangles (F, 3)."""
 
-_FARTHEST = 1e30  # [m] Embree returns 1e37 without a hit
+_FARTHEST_HIT = 1e30  # [m] Embree returns 1e37 without a hit
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _BOX_FACES = np.array(
     [
@@ -189,7 +189,7 @@ class _TriangleBody:
         origin = np.empty_like(direction)
         origin[:] = local.origin
         met = self._scene.run(origin, direction, output=True)
-        hit = np.flatnonzero(met["tfar"] < _FARTHEST)
+        hit = np.flatnonzero(met["tfar"] < _FARTHEST_HIT)
         if len(hit) == 0:
             return True
         distance = met["tfar"][hit].astype(np.float64)
@@ -312,7 +312,7 @@ def _meshes(obstacle: Obstacle) -> list[_Corners]:
     return [m for part in obstacle.parts if not is_primitive(part.geometry) for m in _part_meshes(part)]
 
 
-_FAR = 1e3  # [m] beyond any robot
+_BEYOND_ROBOT = 1e3  # [m] beyond any robot
 
 
 class SelfFilter:
@@ -340,7 +340,7 @@ class SelfFilter:
         for j in np.unique(joint):
             rays = np.flatnonzero(joint == j)
             nearest = Nearest(len(rays))
-            _Bodies([p for p in pieces if p.joint == j], 0.0).cast(at_rest, local.some(rays), nearest, _FAR)
+            _Bodies([p for p in pieces if p.joint == j], 0.0).cast(at_rest, local.some(rays), nearest, _BEYOND_ROBOT)
             self._fixed[rays] = nearest.distance
             others = [p for p in pieces if p.joint != j]
             paddings = (padding, 0.0) if padding > 0.0 else (0.0,)

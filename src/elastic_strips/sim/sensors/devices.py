@@ -19,7 +19,7 @@ from .bodies import ObstacleRays, Posture, SelfFilter, SensorMount
 from .params import LaserParams, RangeParams, RingParams, SensorConfig
 from .rays import Rays
 
-_CUT = 3.0
+_NOISE_CUT = 3.0
 """Noise is cut off at this many standard deviations."""
 
 
@@ -37,7 +37,7 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
         ``NOTHING`` beyond the longest range, ``NO_ANSWER`` where the range is lost or unknown; else within
         ``range_min`` and ``range_max``.
     """
-    white = np.clip(rng.standard_normal(distance.shape), -_CUT, _CUT)
+    white = np.clip(rng.standard_normal(distance.shape), -_NOISE_CUT, _NOISE_CUT)
     lost = rng.random(distance.shape) < params.dropout
     there = np.where(np.isfinite(distance), distance, 0.0)
     ranges = np.clip(there + (params.noise + params.noise_ratio * there) * white, params.range_min, params.range_max)
@@ -182,7 +182,7 @@ class SonarArray:
         return np.where(hears & (neighbour < distance), neighbour, distance)
 
 
-_SLACK = 1e-9  # [s] times that differ by less are the same
+_SAME_TIME = 1e-9  # [s] times that differ by less are the same
 
 
 @dataclass(slots=True)
@@ -263,20 +263,20 @@ class SensorSuite:
             ConfigurationError: the coordinate row has another size, or is not finite.
         """
         now = check_number("t", t, unit="s")
-        if now < self._now - _SLACK:
+        if now < self._now - _SAME_TIME:
             raise ParameterError(f"observe at t={now!r} s after t={self._now!r} s; time must not go back: reset first")
         self._now = now
-        due = [k for k, sensor in enumerate(self._sensors) if now >= sensor.due - _SLACK]
+        due = [k for k, sensor in enumerate(self._sensors) if now >= sensor.due - _SAME_TIME]
         if due:
             self._posture.place(coordinates)
         for k in due:
             sensor = self._sensors[k]
             reading = sensor.device.measure(now)
             self._pending.append((now, k, now + sensor.device.params.latency, reading))
-            passed = math.floor((now - self._start + _SLACK) / sensor.period)
+            passed = math.floor((now - self._start + _SAME_TIME) / sensor.period)
             sensor.due = self._start + (passed + 1) * sensor.period
-        ready = [entry for entry in self._pending if entry[2] <= now + _SLACK]
+        ready = [entry for entry in self._pending if entry[2] <= now + _SAME_TIME]
         if not ready:
             return ()
-        self._pending = [entry for entry in self._pending if entry[2] > now + _SLACK]
+        self._pending = [entry for entry in self._pending if entry[2] > now + _SAME_TIME]
         return tuple(entry[3] for entry in sorted(ready, key=lambda e: e[:2]))

@@ -24,7 +24,7 @@ VERSION = 1
 MAX_RUNS = 1_000_000
 MAX_SEED = 2**31 - 1
 _KEYS = ("version", "kind", "scenarios", "robots", "presets", "seeds", "grid", "fixed", "plot")
-_TRIED = 2000
+_COMBINATIONS_TRIED = 2000
 """Combinations that are tried before a value counts as impossible."""
 
 
@@ -88,11 +88,18 @@ class Sweep:
         )
         return tuple(
             Run(
-                k, self.kind, scenario, robot, preset, seed, (*zip(axes, point, strict=True), *fixed), folder,
+                k,
+                self.kind,
+                scenario,
+                robot,
+                preset,
+                seed,
+                (*zip(axes, point, strict=True), *fixed),
+                folder,
                 len(axes),
             )
             for k, (scenario, robot, preset, point, seed) in enumerate(every)
-        )  # fmt: skip
+        )
 
     def columns(self) -> dict[str, type]:
         """Column of the table → type of its values."""
@@ -276,7 +283,7 @@ def _check_values(sweep: Sweep, grid: Mapping[str, Node], fixed: Mapping[str, No
 def _check_some(sweep: Sweep, preset: str | None, axes: list[tuple[Value, ...]], node: Node) -> None:
     """Some combination is sound; else the first one's error, at the node of a fixed value if that alone is wrong."""
     first: InputError | None = None
-    for point in itertools.islice(itertools.product(*axes), _TRIED):
+    for point in itertools.islice(itertools.product(*axes), _COMBINATIONS_TRIED):
         try:
             check_values(sweep.kind, preset, {**sweep.fixed, **dict(zip(sweep.grid, point, strict=True))})
             return

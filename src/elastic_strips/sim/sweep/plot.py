@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from elastic_strips.validation import check_choice, shown
 
 from .document import Plot, Sweep, SweepError
 from .runs import Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _DEFAULT_Y = {"plan": "clearance_m", "drive": "time_s"}
 _MOST_HUES = 10
@@ -50,19 +54,29 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     good = [row for row in rows if row[y] is not None and row[x] is not None]
     if not good:
         raise SweepError(f"{target}: nothing to draw: none of {len(rows)} rows has a {y}")
-    hues = _values(good, hue) if hue else [None]
-    found, hues = len(hues), hues[:_MOST_HUES]
-    places = _values(good, x)
-    numeric = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in places)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.add_subplot()
+    _draw(axes, good, Plot(x, y, hue))
+    lost = len(rows) - len(good)
+    title = f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else "")
+    axes.set_title(title, fontsize=10, parse_math=False)
+    stream = BytesIO()
+    figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
+    atomic_write(target, stream.getvalue())
+    return Plot(x, y, hue)
+
+
+def _draw(axes: Axes, rows: Sequence[Row], plot: Plot) -> None:
+    """Rows that have values of x and y."""
+    x, y, hue = plot.x or "", plot.y or "", plot.hue
+    hues = _values(rows, hue) if hue else [None]
+    found, hues = len(hues), hues[:_MOST_HUES]
+    places = _values(rows, x)
+    numeric = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in places)
     for k, value in enumerate(hues):
-        mine = [row for row in good if hue is None or row[hue] == value]
+        mine = [row for row in rows if hue is None or row[hue] == value]
         at, middle, low, high = _summary(mine, x, y, places, numeric)
-        label = None if hue is None else str(value) if isinstance(value, str) else f"{hue} {value}"
-        if label is not None and label.startswith("_"):  # else Matplotlib leaves it out of the legend
-            label = f" {label}"
-        color = f"C{k}"
+        label, color = None if hue is None else _label(hue, value), f"C{k}"
         if numeric:
             axes.fill_between(at, low, high, color=color, alpha=0.2, lw=0)
             axes.plot(at, middle, ".-", color=color, label=label)
@@ -73,20 +87,17 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     if not numeric:
         axes.set_xticks(range(len(places)), [str(v) for v in places], parse_math=False)
     axes.set_xlabel(x)
-    share = isinstance(good[0][y], bool)
-    axes.set_ylabel(f"part of the runs with {y}" if share else y)
-    lost = len(rows) - len(good)
-    axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10,
-                   parse_math=False)  # fmt: skip
+    axes.set_ylabel(f"part of the runs with {y}" if isinstance(rows[0][y], bool) else y)
     if hue is not None:
         legend = axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
         for text in legend.get_texts():
             text.set_parse_math(False)
     axes.grid(alpha=0.3)
-    stream = BytesIO()
-    figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
-    atomic_write(target, stream.getvalue())
-    return Plot(x, y, hue)
+
+
+def _label(hue: str, value: object) -> str:
+    label = value if isinstance(value, str) else f"{hue} {value}"
+    return f" {label}" if label.startswith("_") else label  # else Matplotlib leaves it out of the legend
 
 
 def check_plot(path: str | os.PathLike[str]) -> Path:

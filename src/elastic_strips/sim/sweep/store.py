@@ -182,9 +182,14 @@ class SweepStore:
         except OSError as error:
             raise SweepError(f"{self.journal}: cannot write: {error.strerror}") from None
         if not whole:
-            head = {"format": FORMAT, "version": FORMAT_VERSION, "elastic_strips": __version__,
-                    "digest": self.sweep.digest, "columns": list(self._columns),
-                    "sweep": self.sweep.document()}  # fmt: skip
+            head = {
+                "format": FORMAT,
+                "version": FORMAT_VERSION,
+                "elastic_strips": __version__,
+                "digest": self.sweep.digest,
+                "columns": list(self._columns),
+                "sweep": self.sweep.document(),
+            }
             self._write(head)
             return 0
         first, *lines = whole.splitlines()
@@ -245,9 +250,12 @@ class SweepStore:
         kinds = {bool: arrow.bool_(), int: arrow.int64(), float: arrow.float64(), str: arrow.string()}
         schema = arrow.schema(
             [(name, kinds[kind]) for name, kind in self._columns.items()],
-            metadata={"elastic_strips": __version__, "sweep": json.dumps(self.sweep.document()),
-                      "digest": self.sweep.digest},
-        )  # fmt: skip
+            metadata={
+                "elastic_strips": __version__,
+                "sweep": json.dumps(self.sweep.document()),
+                "digest": self.sweep.digest,
+            },
+        )
         made = {
             name: [str(v) if kind is str and v is not None else v for v in (row[name] for row in rows)]
             for name, kind in self._columns.items()

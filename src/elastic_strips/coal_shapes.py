@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import RobotError
-from elastic_strips.hulls import convex_hull, convex_shape
+from elastic_strips.hulls import MIN_THICKNESS, convex_hull, convex_shape
 from elastic_strips.native import kernel
 
 if TYPE_CHECKING:
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 _CIRCLE = np.column_stack(
     (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
 )
-_FARTHEST = 1e3  # [m]
-_THINNEST = 1e-6  # [m]
+_FARTHEST_VERTEX = 1e3  # [m] from the origin
 _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
 SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 """(8, 3) signs of the corners of a box."""
@@ -255,15 +254,15 @@ def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:
         RobotError: a point is not finite or further than 1 km away, or the points are fewer than four or flat.
     """
     points = np.asarray(vertices, dtype=float)
-    if not np.isfinite(points).all() or np.abs(points).max(initial=0.0) > _FARTHEST:
-        raise RobotError(f"{name}: a vertex is not finite or further than {_FARTHEST:g} m from the origin")
+    if not np.isfinite(points).all() or np.abs(points).max(initial=0.0) > _FARTHEST_VERTEX:
+        raise RobotError(f"{name}: a vertex is not finite or further than {_FARTHEST_VERTEX:g} m from the origin")
     points = np.unique(points.round(12), axis=0)
     flat = RobotError(f"{name}: {len(points)} distinct vertices without volume; a convex hull needs 4, not coplanar")
     if len(points) < 4:
         raise flat
     middle = points.mean(axis=0)
     thin = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
-    if float(np.ptp((points - middle) @ thin)) < _THINNEST:
+    if float(np.ptp((points - middle) @ thin)) < MIN_THICKNESS:
         raise flat
     from scipy.spatial import QhullError  # late: slow to import, and robots of primitives need none
 

@@ -1,0 +1,284 @@
+"""Which pairs of a robot's links are not looked at, and why.
+
+Every pair of links is looked at but those that one joint of the URDF joins, those that the SRDF leaves out, and those
+that touch in every sampled posture. All three are decided by links and shapes as the file has them, before joints are
+held still and hulls joined: what holding a joint makes neighbours, or what is fixed to a neighbour, is looked at.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from elastic_strips.arrays import Mask
+
+from .geometry import LinkGeometry
+from .sampled_postures import (
+    GRAZING_DEPTH,
+    NEVER_POSTURES,
+    POSTURES,
+    LinkPair,
+    SampledPostures,
+    mesh_shares,
+    touching_at_first,
+    touching_in_some,
+)
+
+_log = logging.getLogger(__name__)
+_NEARLY_ALL_POSTURES = 50  # postures one after the other in which a pair touches that nearly always does
+_HIDDEN_SHARE = 0.9  # of postures in which the meshes of such a pair touch, at most, where its hulls hide them
+_NEVER_TOUCHING = "Never"  # what MoveIt's assistant writes of them
+
+
+class WhyUnchecked(str, Enum):
+    """Why collisions of two links are not looked at."""
+
+    JOINED = "one joint joins them"
+    SRDF = "the SRDF leaves them out"
+    ALWAYS = "they touch in every sampled posture"
+    HELD = "they touch as their joints are held still"
+    ALLOWED = "what is held may touch them"
+
+
+@dataclass(frozen=True, slots=True)
+class UncheckedPair:
+    """Two links of a robot whose collisions with each other are not looked at.
+
+    Attributes:
+        links: names of the links, sorted.
+        why: the reason.
+        note: what is known besides: the joint, the SRDF's reason, in how many postures the meshes touch.
+    """
+
+    links: tuple[str, str]
+    why: WhyUnchecked
+    note: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.links[0]} and {self.links[1]}: {self.why.value}" + (f" ({self.note})" if self.note else "")
+
+
+@dataclass(frozen=True, slots=True)
+class PairRules:
+    """What is said of pairs of links besides their shapes.
+
+    Attributes:
+        disabled: pair of links → why it is left out, in the SRDF's words.
+        enabled: pairs that are looked at, though a joint joins them.
+        told: whether somebody said which pairs to leave out, so that what touches always is a surprise.
+        followers: joint → (the joint that it mimics, multiplier, offset [rad or m]).
+    """
+
+    disabled: Mapping[LinkPair, str] = field(default_factory=dict)
+    enabled: Collection[LinkPair] = frozenset()
+    told: bool = False
+    followers: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Pairs of a robot's shapes that are not looked at.
+
+    Attributes:
+        mask: (n, n) whether a pair is left out; symmetric, True on the diagonal and for shapes of one link.
+        pairs: which links that is about, and why.
+        shares: in which share of postures the meshes of pairs touch, whose hulls do in every one or nearly so.
+        hidden: pairs whose hulls touch in every sampled posture or nearly so, and whose meshes do not.
+        crowded: pairs that are looked at and touch in nearly every posture.
+        met: pairs that never touch, as the SRDF says, and in how many of the sampled postures they do.
+    """
+
+    mask: Mask
+    pairs: dict[LinkPair, UncheckedPair]
+    shares: Mapping[LinkPair, float]
+    hidden: frozenset[LinkPair]
+    crowded: frozenset[LinkPair]
+    met: Mapping[LinkPair, int]
+
+
+def joints_of_links(model: pin.Model) -> dict[LinkPair, str]:
+    """Pairs of links that one joint joins, be it fixed or not, and its name: the tree as the URDF has it."""
+    frames = list(model.frames)
+    joined: dict[LinkPair, str] = {}
+    for frame in frames:
+        if frame.type != pin.FrameType.BODY:
+            continue
+        between = [frame]
+        while 0 < between[-1].parentFrame < len(frames):
+            above = frames[between[-1].parentFrame]
+            if above.name == between[-1].name and above.type == between[-1].type:
+                break  # Pinocchio gives a joint that was held still itself as its parent
+            if above.type == pin.FrameType.BODY:
+                if len(between) == 2:
+                    joined[frozenset((frame.name, above.name))] = between[-1].name
+                break
+            between.append(above)
+    return joined
+
+
+def left_out(
+    model: pin.Model,
+    shapes: Sequence[LinkGeometry],
+    meshes: Sequence[coal.CollisionGeometry],
+    rules: PairRules,
+    shares: Mapping[LinkPair, float] | None = None,
+) -> LeftOut:
+    """Decide which pairs of the file's shapes are looked at.
+
+    Args:
+        model: the model with all its joints, before any is held still.
+        shapes: convex shapes of its links.
+        meshes: what they were made of, in the same order.
+        rules: what else is said of pairs.
+        shares: what is known already of :attr:`LeftOut.shares`.
+    """
+    n = len(shapes)
+    joined = joints_of_links(model)
+    mask = np.eye(n, dtype=bool)
+    pairs: dict[LinkPair, UncheckedPair] = {}
+    asked: dict[LinkPair, list[tuple[int, int]]] = {}
+    never: dict[LinkPair, list[tuple[int, int]]] = {}
+
+    def leave_out(members: list[tuple[int, int]]) -> None:
+        for i, k in members:
+            mask[i, k] = mask[k, i] = True
+
+    for pair, members in _pairs_by_links(shapes).items():
+        if len(pair) == 1:
+            leave_out(members)
+        elif pair in joined and pair not in rules.enabled:
+            leave_out(members)
+            pairs[pair] = _unchecked(pair, WhyUnchecked.JOINED, joined[pair])
+        elif pair in rules.disabled:
+            leave_out(members)
+            pairs[pair] = _unchecked(pair, WhyUnchecked.SRDF, rules.disabled[pair])
+            if rules.disabled[pair] == _NEVER_TOUCHING:
+                never[pair] = members
+        else:
+            asked[pair] = members
+    postures = SampledPostures(model, shapes, meshes, rules.followers)
+    first_apart = touching_at_first(postures, asked)
+    often = {
+        pair: asked[pair]
+        for pair, count in first_apart.items()
+        if count >= _NEARLY_ALL_POSTURES
+        and shapes[asked[pair][0][0]].joint != shapes[asked[pair][0][1]].joint
+        and any(isinstance(meshes[m], coal.BVHModelBase) for member in asked[pair] for m in member)
+    }
+    known = {pair: share for pair, share in (shares or {}).items() if pair in often}
+    shares = known | mesh_shares(postures, {pair: each for pair, each in often.items() if pair not in known})
+    for pair, count in first_apart.items():
+        if count == POSTURES:
+            share = shares.get(pair, 1.0)
+            note = f"their hulls; their meshes in {100.0 * share:.3g} % of them" if share < 1.0 else ""
+            if shapes[asked[pair][0][0]].joint == shapes[asked[pair][0][1]].joint:
+                note = "nothing moves them to each other"
+            leave_out(asked[pair])
+            pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
+    hidden = frozenset(pair for pair, share in shares.items() if share < (1.0 if pair in pairs else _HIDDEN_SHARE))
+    crowded = frozenset(pair for pair, count in first_apart.items() if _NEARLY_ALL_POSTURES <= count < POSTURES)
+    return LeftOut(mask, pairs, shares, hidden, crowded, touching_in_some(postures, never))
+
+
+def _unchecked(pair: LinkPair, why: WhyUnchecked, note: str = "") -> UncheckedPair:
+    one, two = sorted(pair)
+    return UncheckedPair((one, two), why, note)
+
+
+def warn_of(out: LeftOut, rules: PairRules) -> None:
+    """Say what a user would not expect: pairs that somebody asked for, hulls that hide what meshes do, an SRDF's
+    pairs that never touch and did so in some of the sampled postures."""
+    always = {links: pair for links, pair in out.pairs.items() if pair.why is WhyUnchecked.ALWAYS}
+    hidden = [pair for links, pair in always.items() if links in out.hidden]
+    asked = [pair for links, pair in always.items() if rules.told and links not in out.hidden]
+    crowded = [_unchecked(pair, WhyUnchecked.ALWAYS) for pair in sorted(out.crowded, key=sorted)]
+    met = out.met
+    for found, text in (
+        (
+            asked,
+            "self-collision of %d pairs is not checked, though the SRDF asks for it: they touch in every sampled "
+            "posture (%s)",
+        ),
+        (
+            crowded,
+            "%d pairs of links touch in nearly every posture, so that little is free of collisions; where they "
+            "may, an SRDF leaves them out (%s)",
+        ),
+        (
+            hidden,
+            "self-collision of %d pairs is not checked: their convex hulls touch in every sampled posture, their "
+            "meshes do not (%s)",
+        ),
+    ):
+        if found:
+            names = [" and ".join(pair.links) + (f", {pair.note}" if pair.note else "") for pair in found]
+            more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+            _log.warning(text, len(names), "; ".join(names[:8]) + more)
+    if met:
+        said = [f"{' and '.join(sorted(pair))}, in {count} of {NEVER_POSTURES}" for pair, count in met.items()]
+        more = f" and {len(said) - 8} more" if len(said) > 8 else ""
+        _log.warning(
+            "self-collision of %d pairs is not checked, for the SRDF says that they never touch; they do (%s)",
+            len(said),
+            "; ".join(said[:8]) + more,
+        )
+
+
+def _pairs_by_links(shapes: Sequence[LinkGeometry]) -> dict[LinkPair, list[tuple[int, int]]]:
+    """All pairs of shapes, by the links that they are of; a link alone for its own shapes."""
+    of: dict[LinkPair, list[tuple[int, int]]] = {}
+    for i in range(len(shapes)):
+        for k in range(i + 1, len(shapes)):
+            of.setdefault(frozenset((*shapes[i].links, *shapes[k].links)), []).append((i, k))
+    return of
+
+
+def held_together(
+    model: pin.Model,
+    shapes: Sequence[LinkGeometry],
+    meshes: Sequence[coal.CollisionGeometry],
+    out: LeftOut,
+) -> list[tuple[int, int]]:
+    """Pairs of shapes that joints which are held still bring together, deeper than closed fingers: they collide.
+
+    Args:
+        model: the model in which some joints are held still.
+        shapes: shapes of its links, in its joints' frames.
+        meshes: what they were made of.
+        out: the pairs that are not looked at; those that only graze, or whose hulls only touch, are added.
+    """
+    postures = SampledPostures(model, shapes, meshes)
+    deep: list[tuple[int, int]] = []
+    grazing: dict[LinkPair, UncheckedPair] = {}
+    collide: set[LinkPair] = set()  # links of several shapes may do both
+    for i in range(len(shapes)):
+        for k in range(i + 1, len(shapes)):
+            if shapes[i].joint != shapes[k].joint or out.mask[i, k]:
+                continue
+            depth = postures.depth(i, k)
+            if depth < 0.0:
+                continue  # for ever: nothing moves them
+            pair = frozenset((*shapes[i].links, *shapes[k].links))
+            if depth > GRAZING_DEPTH and postures.meshes_touch(i, k, 0.0, None):
+                deep.append((i, k))
+                collide.add(pair)
+                continue
+            what = "by less than 1 mm" if depth <= GRAZING_DEPTH else "only their hulls"
+            grazing.setdefault(pair, _unchecked(pair, WhyUnchecked.HELD, what))
+    for pair in grazing.keys() - collide:
+        out.pairs.setdefault(pair, grazing[pair])
+    if deep:
+        names = [f"{shapes[i].links[0]} and {shapes[k].links[0]}" for i, k in deep]
+        more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+        _log.warning(
+            "joints are held still where links collide, so nothing is free of collisions: %s%s",
+            "; ".join(names[:8]),
+            more,
+        )
+    return deep
