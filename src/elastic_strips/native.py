@@ -1,32 +1,38 @@
 """The native kernel: the inner loops compiled, where they are; the NumPy code beside each is its readable twin.
 
-``ELASTIC_STRIPS_NATIVE=0`` turns it off. Without a compiled part, or with one that was made for another Coal, the twin
-runs, and a notice is logged once.
+``ELASTIC_STRIPS_NATIVE=0`` turns it off, and a file's path takes that one. Without a compiled part, or with one that
+was made for another Coal or with other constants, the twin runs, and a notice is logged once.
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import coal
 
+from elastic_strips import constants
+
 if TYPE_CHECKING:  # its types, for all who have a native half
     from elastic_strips import _native as _native
+
+T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
 
 def _load() -> tuple[ModuleType | None, str]:
-    if os.environ.get("ELASTIC_STRIPS_NATIVE", "1") == "0":
+    which = os.environ.get("ELASTIC_STRIPS_NATIVE", "1")
+    if which == "0":
         return None, "turned off by ELASTIC_STRIPS_NATIVE=0"
     try:
-        native = importlib.import_module("elastic_strips._native")
+        native = _imported("elastic_strips._native", which if os.sep in which else None)
     except ImportError as error:
         _log.warning("the native kernel is not there (%s): NumPy computes, several times slower", error)
         return None, f"not there ({error})"
@@ -38,7 +44,30 @@ def _load() -> tuple[ModuleType | None, str]:
             coal.__version__,
         )
         return None, f"compiled for Coal {native.coal_version}, and this is {coal.__version__}"
+    for name, value in native.constants.items():
+        mine = getattr(constants, name, None)
+        if value != mine:
+            _log.warning(
+                "the native kernel was compiled with %s = %s, and here it is %s: NumPy computes, several times slower; "
+                "install elastic-strips anew",
+                name,
+                value,
+                mine,
+            )
+            return None, f"compiled with {name} = {value}, and here it is {mine}"
     return native, ""
+
+
+def _imported(name: str, file: str | None) -> ModuleType:
+    """The module where it is installed, or from a file."""
+    if file is None:
+        return importlib.import_module(name)
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no compiled module of this Python")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 _kernel: ModuleType | None
@@ -49,6 +78,24 @@ _kernel, ABSENT = _load()
 def kernel() -> ModuleType | None:
     """The compiled module, or None where the twin computes. Workspaces ask when they are made."""
     return _kernel
+
+
+class Shown(Generic[T]):
+    """What the kernel has been shown, as an object of its own: made anew as soon as it is of other objects.
+
+    So nobody has to say that an array was replaced, and none is computed with that is no longer there.
+    """
+
+    def __init__(self) -> None:
+        self._of: tuple[object, ...] | None = None
+        self._made: T | None = None
+
+    def of(self, make: Callable[[], T], *objects: object) -> T:
+        """What ``make`` gives for these very objects."""
+        before = self._of
+        if self._made is None or before is None or any(a is not b for a, b in zip(before, objects, strict=True)):
+            self._made, self._of = make(), objects
+        return self._made
 
 
 @contextmanager

@@ -13,11 +13,24 @@
 #include <string>
 #include <vector>
 
+#include "constants.hpp"
+
 namespace strips {
 
 using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using coal::Transform3s;
+
+// There is no such number: a depth that Coal does not find, the step of a matrix that is not positive definite. Python
+// gets a NumericalError, as from the twin.
+struct NoAnswer : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// A workspace that another thread is in. Python gets a ThreadError.
+struct Busy : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
 
 // Many boxes in one of Coal's trees, in the frame of the part that they make up.
 struct Block {
@@ -50,11 +63,6 @@ struct ShapePair {
   coal::ComputeDistance apart, deep, fine;
 
   ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::ShapeBase> b);
-};
-
-// Coal says no depth of two shapes that penetrate, whatever the tolerance.
-struct NoDepth : std::runtime_error {
-  using std::runtime_error::runtime_error;
 };
 
 // Requests and one result, of one thread.

@@ -61,7 +61,7 @@ static void measure(Queries& ask, std::size_t node, std::size_t body, std::size_
   const Vec3* moves = ask.moving.at(static_cast<double>(node), part, shift, uncertainty) ? &shift : nullptr;
   const std::size_t k = d.index(node, body, part);
   ++ask.counts.pairs;
-  const double cheap = capsule_bound(*ask.narrow.bodies, one, two, body, ask.poses, part, moves, uncertainty);
+  const double cheap = capsule_bound(*ask.narrow.bodies, one, two, body, ask.parts, part, moves, uncertainty);
   if (cheap >= reach) {
     d.bound[k] = cheap;
     d.exact[k] = INFINITY;
