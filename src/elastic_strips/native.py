@@ -10,10 +10,10 @@ import importlib
 import importlib.util
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING
 
 import coal
 
@@ -21,8 +21,6 @@ from elastic_strips import constants
 
 if TYPE_CHECKING:  # its types, for all who have a native half
     from elastic_strips import _native as _native
-
-T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -78,24 +76,6 @@ _kernel, ABSENT = _load()
 def kernel() -> ModuleType | None:
     """The compiled module, or None where the twin computes. Workspaces ask when they are made."""
     return _kernel
-
-
-class Shown(Generic[T]):
-    """What the kernel has been shown, as an object of its own: made anew as soon as it is of other objects.
-
-    So nobody has to say that an array was replaced, and none is computed with that is no longer there.
-    """
-
-    def __init__(self) -> None:
-        self._of: tuple[object, ...] | None = None
-        self._made: T | None = None
-
-    def of(self, make: Callable[[], T], *objects: object) -> T:
-        """What ``make`` gives for these very objects."""
-        before = self._of
-        if self._made is None or before is None or any(a is not b for a, b in zip(before, objects, strict=True)):
-            self._made, self._of = make(), objects
-        return self._made
 
 
 @contextmanager

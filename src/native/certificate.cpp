@@ -10,11 +10,11 @@ static double segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, cons
   const Vec3 u = b - a, v = d - c, w = a - c;
   const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), uw = u.dot(w), vw = v.dot(w);
   const double det = uu * vv - uv * uv;
-  double s = det > kPointLength2 ? (uv * vw - vv * uw) / det : 0.0;
+  double s = det > POINT_LENGTH2 ? (uv * vw - vv * uw) / det : 0.0;
   s = std::clamp(s, 0.0, 1.0);
-  double t = std::clamp((uv * s + vw) / std::max(vv, kPointLength2), 0.0, 1.0);
-  s = std::clamp((uv * t - uw) / std::max(uu, kPointLength2), 0.0, 1.0);
-  t = std::clamp((uv * s + vw) / std::max(vv, kPointLength2), 0.0, 1.0);
+  double t = std::clamp((uv * s + vw) / std::max(vv, POINT_LENGTH2), 0.0, 1.0);
+  s = std::clamp((uv * t - uw) / std::max(uu, POINT_LENGTH2), 0.0, 1.0);
+  t = std::clamp((uv * s + vw) / std::max(vv, POINT_LENGTH2), 0.0, 1.0);
   return (w + s * u - t * v).norm();
 }
 
@@ -25,7 +25,7 @@ double ObstaclePairs::measure(const Frames& frames, std::size_t node, double pla
   double uncertainty = 0.0;
   const Vec3* moves = moving_.at(place, part, shift, uncertainty) ? &shift : nullptr;
   if (exact) {
-    return Queries{narrow_, frames, parts_, moving_}.exact(node, body, part, moves).distance - kGjkExcess - uncertainty;
+    return Queries{narrow_, frames, parts_, moving_}.exact(node, body, part, moves).distance - GJK_EXCESS - uncertainty;
   }
   narrow_.bodies->ends_at(frames, node, body, one, two);
   return capsule_bound(*narrow_.bodies, one, two, body, parts_, part, moves, uncertainty);
@@ -33,7 +33,7 @@ double ObstaclePairs::measure(const Frames& frames, std::size_t node, double pla
 
 double ObstaclePairs::loose(std::int64_t pair) const {
   const double* e = &narrow_.bodies->ends[(static_cast<std::size_t>(pair) / parts_.count()) * 6];
-  return (Vec3(e[3], e[4], e[5]) - Vec3(e[0], e[1], e[2])).norm() + kCapsuleLoose;
+  return (Vec3(e[3], e[4], e[5]) - Vec3(e[0], e[1], e[2])).norm() + CAPSULE_LOOSE;
 }
 
 SelfPairs::SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs, bool shallow)
@@ -65,10 +65,10 @@ double SelfPairs::query(const Frames& frames, std::size_t node, std::int64_t pai
 }
 
 double SelfPairs::measure(const Frames& frames, std::size_t node, double, std::int64_t pair, bool exact) {
-  return exact ? query(frames, node, pair) - kGjkExcess : lower_bound(frames, node, pair);
+  return exact ? query(frames, node, pair) - GJK_EXCESS : lower_bound(frames, node, pair);
 }
 
-double SelfPairs::loose(std::int64_t) const { return kCapsuleLoose; }
+double SelfPairs::loose(std::int64_t) const { return CAPSULE_LOOSE; }
 
 void Worst::note(double at, std::int64_t which, double d, bool sure) {
   if (there && (certain != sure ? certain : distance <= d)) return;
@@ -183,7 +183,7 @@ std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, S
       d[k] = measure(pairs, places[k], x.pair, false);
       // from here on, a half is proven
       const double one = first[k] - x.d_low + 2.0 * c, two = second[k] - x.d_high + 2.0 * c;
-      bool need = d[k] < std::max(std::max(one, two), c) + kExactWithin;
+      bool need = d[k] < std::max(std::max(one, two), c) + EXACT_WITHIN;
       if (need && approach != nullptr && x.high - x.low > 1.0) {  // only what can close a half; it is halved anyway
         need = d[k] + pairs.loose(x.pair) >= std::min(one, two) || d[k] <= c;
       }
@@ -222,7 +222,7 @@ void self_drift(const Tree& tree, const double* coordinates, const double* befor
       const double* r = radius + k * d.pairs;
       for (std::size_t s = 0; s < d.pairs; ++s) {
         double shift = moved * r[s];
-        if (std::isnan(shift)) shift = kFar;  // of a new node nothing is known
+        if (std::isnan(shift)) shift = FAR;  // of a new node nothing is known
         bound[s] -= shift;
         since[s] += shift;
       }
@@ -250,12 +250,12 @@ static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t nod
   const double cheap = pairs.lower_bound(frames, node, static_cast<std::int64_t>(pair));
   if (cheap >= reach) {
     d.bound[k] = cheap;
-    d.since[k] = kFar;
+    d.since[k] = FAR;
     d.exact[k] = INFINITY;
     return;
   }
   d.exact[k] = pairs.query(frames, node, static_cast<std::int64_t>(pair));
-  d.bound[k] = d.exact[k] - kGjkExcess;
+  d.bound[k] = d.exact[k] - GJK_EXCESS;
   d.since[k] = 0.0;
   // kept in the base's frame: the base carries all links alike, and needs no new measurement
   const double* T = frames.at(pairs.planar() ? 1 : 0, node);
@@ -301,7 +301,7 @@ std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tr
     for (const Interval& x : todo) {
       const std::size_t s = static_cast<std::size_t>(x.low), p = static_cast<std::size_t>(x.pair);
       const double other = d.bound[(s + 1 - end) * d.pairs + p];
-      self_refine_at(pairs, frames, s + end, p, x.travel + 2.0 * clearance - other + kExactWithin, d);
+      self_refine_at(pairs, frames, s + end, p, x.travel + 2.0 * clearance - other + EXACT_WITHIN, d);
     }
   }
   return still_open(std::move(todo), d.bound, d.pairs, clearance);
@@ -315,7 +315,7 @@ void colliding_nodes(Queries& ask, Distances& d, Search& search) {
       const double* bound = d.bound + d.index(n, g, 0);
       for (std::size_t p = 0; p < d.parts; ++p) {
         if (bound[p] > clearance) continue;
-        refine_at(ask, n, g, p, clearance + kExactWithin, d);
+        refine_at(ask, n, g, p, clearance + EXACT_WITHIN, d);
         if (bound[p] > clearance) continue;
         search.states[std::min(n, last)] = search.states[n == 0 ? 0 : n - 1] = 2;
         search.worst.note(static_cast<double>(std::min(n, last)), static_cast<std::int64_t>(g * d.parts + p), bound[p],
@@ -355,7 +355,7 @@ std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const d
     reach.clear();
     for (const Interval& x : todo) {
       const std::size_t other = static_cast<std::size_t>(x.low) + 1 - end, pair = static_cast<std::size_t>(x.pair);
-      reach.push_back(x.travel + 2.0 * clearance - d.bound[other * d.bodies * d.parts + pair] + kExactWithin);
+      reach.push_back(x.travel + 2.0 * clearance - d.bound[other * d.bodies * d.parts + pair] + EXACT_WITHIN);
     }
     for (std::size_t k = 0; k < todo.size(); ++k) {
       const std::size_t node = static_cast<std::size_t>(todo[k].low) + end,

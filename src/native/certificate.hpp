@@ -1,6 +1,7 @@
 // The certificate's branch and bound: open intervals of pairs are halved until none is left; see certificate.py.
 #pragma once
 
+#include <algorithm>
 #include <functional>
 
 #include "proximity.hpp"
@@ -91,14 +92,12 @@ struct Search {
 // How far the two of a pair can have come nearer from one node to another.
 using Approach = std::function<double(std::int64_t pair, std::size_t low, std::size_t high)>;
 
-constexpr int kMostHalvings = 64;  // there are no more numbers in between
-
 // A path: nodes, and the tangents (N-1, nv) from each to the next. Halves intervals along it, level by level, at most
-// `depth` times.
+// `depth` times; after 64 there are no more numbers in between.
 class Bisection {
  public:
   Bisection(const Tree& tree, const Frames& at, const double* coordinates, const double* v, int depth)
-      : frames(at), tree_(tree), coordinates_(coordinates), v_(v), depth_(depth) {}
+      : frames(at), tree_(tree), coordinates_(coordinates), v_(v), depth_(std::min(depth, 64)) {}
 
   // What still is open then; `approach` is null where all intervals lie in one segment.
   std::vector<Interval> run(Pairs& pairs, std::vector<Interval> todo, Search& search, const Approach* approach);

@@ -1,48 +1,19 @@
-// Numbers that the twin has as well, under these names in capitals: the module exports them, and Python does not use it
-// where they differ. See constants.py, which says what each is.
+// Numbers that the twin has as well: the module exports them, and Python does not use it where they differ. What each
+// of them is, and its unit, says constants.py.
 #pragma once
 
 namespace strips {
 
-constexpr double kGjkTolerance = 1e-10, kEpaTolerance = 1e-12;
-constexpr double kCoarseEpaTolerances[] = {1e-4, 1e-3, 1e-2, 0.1};
-constexpr double kNoDepth = -1e100;
-constexpr double kDepthAgreement = 1e-4;  // [m]
-constexpr double kUnitExcess = 1e-9;
-constexpr double kNormalExcess = 5e-6;   // [m]
-constexpr double kGjkExcess = 1e-5;      // [m]
-constexpr double kFar = 1e9;             // [m]
-constexpr double kCapsuleLoose = 0.15;   // [m]
-constexpr double kExactWithin = 1e-4;    // [m]
-constexpr double kPointLength2 = 1e-18;  // [m²]
-constexpr double kSlidingTurn = 1e-9;
-constexpr double kSmallTurn = 1e-4;          // [rad]
-constexpr double kRollingTolerance = 1e-9;   // [m]
-constexpr double kRollingYawWeight = 0.1;    // [m²/rad²]
-constexpr double kRollingLargestStep = 0.5;  // [m, rad]
+// clang-format off
+#define STRIPS_CONSTANTS(X) \
+  X(GJK_TOLERANCE, 1e-10) X(EPA_TOLERANCE, 1e-12) X(NO_DEPTH, -1e100) X(DEPTH_AGREEMENT, 1e-4) X(UNIT_EXCESS, 1e-9) \
+  X(NORMAL_EXCESS, 5e-6) X(GJK_EXCESS, 1e-5) X(FAR, 1e9) X(CAPSULE_LOOSE, 0.15) X(EXACT_WITHIN, 1e-4) \
+  X(POINT_LENGTH2, 1e-18) X(SLIDING_TURN, 1e-9) X(SMALL_TURN, 1e-4) X(ROLLING_TOLERANCE, 1e-9) \
+  X(ROLLING_YAW_WEIGHT, 0.1) X(ROLLING_LARGEST_STEP, 0.5)
+// clang-format on
 
-struct Constant {
-  const char* name;
-  double value;
-};
-
-constexpr Constant kConstants[] = {
-    {"GJK_TOLERANCE", kGjkTolerance},
-    {"EPA_TOLERANCE", kEpaTolerance},
-    {"NO_DEPTH", kNoDepth},
-    {"DEPTH_AGREEMENT", kDepthAgreement},
-    {"UNIT_EXCESS", kUnitExcess},
-    {"NORMAL_EXCESS", kNormalExcess},
-    {"GJK_EXCESS", kGjkExcess},
-    {"FAR", kFar},
-    {"CAPSULE_LOOSE", kCapsuleLoose},
-    {"EXACT_WITHIN", kExactWithin},
-    {"POINT_LENGTH2", kPointLength2},
-    {"SLIDING_TURN", kSlidingTurn},
-    {"SMALL_TURN", kSmallTurn},
-    {"ROLLING_TOLERANCE", kRollingTolerance},
-    {"ROLLING_YAW_WEIGHT", kRollingYawWeight},
-    {"ROLLING_LARGEST_STEP", kRollingLargestStep},
-};
+#define STRIPS_CONSTANT(name, value) constexpr double name = value;
+STRIPS_CONSTANTS(STRIPS_CONSTANT)
+constexpr double COARSE_EPA_TOLERANCES[] = {1e-4, 1e-3, 1e-2, 0.1};
 
 }  // namespace strips

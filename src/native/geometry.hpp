@@ -21,15 +21,10 @@ using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using coal::Transform3s;
 
-// There is no such number: a depth that Coal does not find, the step of a matrix that is not positive definite. Python
-// gets a NumericalError, as from the twin.
-struct NoAnswer : std::runtime_error {
-  using std::runtime_error::runtime_error;
-};
-
-// A workspace that another thread is in. Python gets a ThreadError.
-struct Busy : std::runtime_error {
-  using std::runtime_error::runtime_error;
+// What Python gets as an error of this name of errors.py, the one that the twin raises.
+struct Failure : std::runtime_error {
+  Failure(const char* error, const char* what) : std::runtime_error(what), name(error) {}
+  const char* name;
 };
 
 // Many boxes in one of Coal's trees, in the frame of the part that they make up.

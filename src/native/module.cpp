@@ -27,6 +27,10 @@ template <typename T>
 struct Same : nb::ndarray<T, nb::c_contig, nb::device::cpu> {
   using Array = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
   using Array::Array;
+  template <typename U>
+  operator std::vector<U>() const {
+    return std::vector<U>(this->data(), this->data() + this->size());
+  }
 };
 
 }  // namespace
@@ -64,8 +68,8 @@ bool finite(const double* x, std::size_t count) {
   return std::all_of(nought, nought + 8, [](double sum) { return sum == 0.0; });
 }
 
-// What arrays that are handed over together have to have in common: sizes, by letters, and the parts that they number.
-// What does not fit is refused before anything is read or written.
+// Sizes that arrays have in common, by letters, 'z' the stamp of the parts that they number: what does not fit is
+// refused before anything is read or written.
 struct Sizes {
   Sizes() { std::fill_n(size, 26, kOpen); }
   explicit Sizes(const Tree& tree) : Sizes() {
@@ -77,34 +81,21 @@ struct Sizes {
 
   Sizes& is(char letter, std::size_t value) {
     std::size_t& known = size[letter - 'a'];
-    require(known == kOpen || known == value, "what is handed over together is not of the same size");
+    require(known == kOpen || known == value,
+            "what is handed over together is not of the same size, or of other parts");
     known = value;
     return *this;
   }
-  Sizes& of(std::size_t parts) {
-    require(stamp == 0 || stamp == parts, "what is handed over together is of different parts");
-    stamp = parts;
-    return *this;
-  }
-  Sizes& has(const Parts& parts) {
-    const std::size_t count = parts.count();
-    const bool numbers = finite(parts.rotation, 9 * count) && finite(parts.translation, 3 * count);
-    require(numbers && finite(parts.box_center, 3 * count) && finite(parts.box_half, 3 * count), kNoNumber);
-    return is('p', count).of(parts.stamp);
-  }
-  Sizes& has(const Moving& moving) {
-    if (moving.mover == nullptr) return *this;
-    const std::size_t count = moving.nodes * moving.movers;
-    require(finite(moving.shift, 3 * count) && finite(moving.uncertainty, count), kNoNumber);
-    return is('n', moving.nodes).is('p', moving.parts).of(moving.stamp);
-  }
-  Sizes& has(const Distances& d) { return is('n', d.nodes).is('g', d.bodies).is('p', d.parts).of(d.stamp); }
+  Sizes& has(const Parts& parts) { return is('p', parts.count()).is('z', parts.stamp); }
+  Sizes& has(const Moving& moving) { return moving.mover ? is('n', moving.nodes).is('z', moving.stamp) : *this; }
+  Sizes& has(const Distances& d) { return is('n', d.nodes).is('g', d.bodies).is('p', d.parts).is('z', d.stamp); }
   Sizes& has(const SelfDistances& d) { return is('n', d.nodes).is('s', d.pairs); }
   Sizes& has(const System& system) { return is('n', system.nodes).is('v', system.nv); }
 
-  // One word for each array, such as "nv j>n34 k<n": a letter is the size that it was before, 'N' one less than 'n',
+  // One word for each array, such as "nv ?j>n34 k<n": a letter is the size that it was before, 'N' one less than 'n',
   // ">n" at least that, and a digit itself; "<n" at the end are numbers of what there are n of, "~n" -1 among them.
-  // What is only read has to be finite, but after a '?': there the function has an answer to what is no number.
+  // What is only read has to be finite, but after a '?': there the function has an answer to what is no number. So it
+  // is with placements, which `place` makes of finite coordinates: of what is nowhere nothing is proven.
   template <typename... A>
   Sizes& operator()(const char* words, const A&... arrays) {
     (fit(words, arrays), ...);
@@ -149,17 +140,8 @@ struct Sizes {
 
   static constexpr std::size_t kOpen = static_cast<std::size_t>(-2);
   static constexpr char kNoNumber[] = "an array holds what is no number";
-  std::size_t size[26], stamp = 0;
+  std::size_t size[26];
 };
-
-template <typename T, typename A>
-std::vector<T> copied(const A& array) {
-  return std::vector<T>(array.data(), array.data() + array.size());
-}
-
-std::vector<std::uint8_t> flags(const Flags& array) { return copied<std::uint8_t>(array); }
-std::vector<double> reals(const Reals& array) { return copied<double>(array); }
-std::vector<std::int64_t> numbers(const Numbers& array) { return copied<std::int64_t>(array); }
 
 // A function that runs without the interpreter's lock.
 template <typename Scope, typename F>
@@ -188,7 +170,7 @@ Moving view(const MaybeMoving& moving) { return moving ? Moving(*moving) : Movin
 template <typename Workspace>
 std::unique_lock<std::mutex> enter(Workspace& workspace) {
   std::unique_lock<std::mutex> inside(workspace.busy, std::try_to_lock);
-  if (!inside) throw Busy("another thread is at work in these very buffers");
+  if (!inside) throw Failure("ThreadError", "another thread is at work in these very buffers");
   return inside;
 }
 
@@ -200,11 +182,6 @@ using Proof = std::tuple<std::optional<std::tuple<double, std::int64_t, double, 
 Proof proof(const Worst& worst, std::size_t checks, const Counts& counts) {
   if (!worst.there) return {std::nullopt, checks, counted(counts)};
   return {std::make_tuple(worst.place, worst.pair, worst.distance, worst.certain), checks, counted(counts)};
-}
-
-int halvings(int depth) {
-  require(depth >= 0 && depth <= kMostHalvings, "fewer than no halvings, or more than there are numbers");
-  return depth;
 }
 
 // Bisect what is open and not decided; what is left then is unknown.
@@ -226,24 +203,16 @@ std::vector<double> summed(const Reals& steps) {
   return sums;
 }
 
-constexpr char kNoSize[] = "a size below 0, or that is no number";
-bool is_size(double x) { return x >= 0.0 && std::isfinite(x); }
-
 void bind_robot(nb::module_& m) {
   nb::class_<Solid>(m, "Solid");
-  m.def("primitive", [](const std::string& kind, const std::vector<double>& size, double swept) {
-    require(std::all_of(size.begin(), size.end(), is_size) && is_size(swept), kNoSize);
-    return primitive(kind, size, swept);
-  });
+  m.def("primitive", &primitive);
   m.def("convex", [](Reals points, Same<const std::uint32_t> triangles, double swept) {
     Sizes()("n3 t3<n", points, triangles);
     require(triangles.size() > 0, "a convex shape without triangles");
-    require(is_size(swept), kNoSize);
     return convex(points.data(), points.shape(0), triangles.data(), triangles.shape(0), swept);
   });
   m.def("block", [](Reals sides, Reals at) {
     Sizes()("n3 n3", sides, at);
-    require(std::all_of(sides.data(), sides.data() + sides.size(), is_size), kNoSize);
     return block(sides.data(), at.data(), sides.shape(0));
   });
 
@@ -260,44 +229,31 @@ void bind_robot(nb::module_& m) {
           require(parents.data()[i] >= 0 && behind, "a joint before its parent");
           require((motion.data()[i] < 0) == root, "a joint without a motion, or a planar root with one");
         }
-        const Space space{static_cast<int>(nv), planar, flags(circular)};
-        new (self) Tree{space,
-                        static_cast<int>(joints),
-                        numbers(parents),
-                        numbers(motion),
-                        numbers(coordinate),
-                        flags(prismatic),
-                        flags(support),
-                        reals(offset),
-                        reals(rate),
-                        reals(shift)};
+        const Space space{static_cast<int>(nv), planar, circular};
+        const int count = static_cast<int>(joints);
+        new (self) Tree{space, count, parents, motion, coordinate, prismatic, support, offset, rate, shift};
       });
   unlocked(
       tree_class, "place", [](const Tree& tree, Reals coordinates, Same<double> T, Same<double> J, bool jacobians) {
-        Sizes sizes(tree);
-        sizes("nv j>n34 >nm6", coordinates, T, J);
+        Sizes{tree}("nv j>n34 >nm6", coordinates, T, J);
         place(tree, coordinates.data(), coordinates.shape(0), T.data(), jacobians ? J.data() : nullptr, T.shape(1));
       });
 
   nb::class_<Bodies>(m, "Bodies")
       .def("__init__", [](Bodies* self, const Tree& tree, const std::vector<Solid>& solids, Numbers joint,
                           Reals rotation, Reals translation, Reals ends, Reals radius, double skin) {
-        Sizes sizes(tree);
-        sizes.is('g', solids.size())("g<j g33 g3 g23 g", joint, rotation, translation, ends, radius);
+        Sizes(tree).is('g', solids.size())("g<j g33 g3 g23 g", joint, rotation, translation, ends, radius);
         for (const Solid& solid : solids) require(solid.shape != nullptr, "a body that is a block");
-        new (self)
-            Bodies{tree, solids, numbers(joint), reals(rotation), reals(translation), reals(ends), reals(radius), skin};
+        new (self) Bodies{tree, solids, joint, rotation, translation, ends, radius, skin};
       });
 }
 
-void bind_obstacles(nb::module_& m) {
+void bind_distances(nb::module_& m) {
   nb::class_<Kept<Parts>>(m, "Parts")
       .def("__init__", [](Kept<Parts>* self, const std::vector<Solid>& solids, Reals rotation, Reals translation,
                           Reals center, Reals half) {
-        Sizes().is('p', solids.size())("p33 p3 p3 p3", rotation, translation, center, half);
-        using Arrays = std::tuple<Reals, Reals, Reals, Reals>;
-        new (self) Kept<Parts>{{solids, rotation.data(), translation.data(), center.data(), half.data()},
-                               std::make_shared<Arrays>(rotation, translation, center, half)};
+        keep(self, Sizes().is('p', solids.size()), "p33 p3 p3 p3", rotation, translation, center, half);
+        self->solids = solids;
       });
   nb::class_<Kept<Moving>>(m, "Moving")
       .def("__init__", [](Kept<Moving>* self, const Kept<Parts>& parts, Reals shift, Reals uncertainty, Numbers mover) {
@@ -319,7 +275,7 @@ void bind_obstacles(nb::module_& m) {
            [](Narrowphase& self, Reals T, Numbers node, Numbers body, Numbers part, const Kept<Parts>& parts,
               MaybeReals shift, Same<double> distance, Same<double> direction, Same<double> witness) {
              const auto inside = enter(self);
-             Sizes(self).has(parts)("jc34 k<c k<g k<p k3 k k3 k3", T, node, body, part, shift, distance, direction,
+             Sizes(self).has(parts)("?jc34 k<c k<g k<p k3 k k3 k3", T, node, body, part, shift, distance, direction,
                                     witness);
              Queries ask(self, frames_of(T), parts);
              for (std::size_t k = 0; k < node.size(); ++k) {
@@ -335,7 +291,7 @@ void bind_obstacles(nb::module_& m) {
            [](Narrowphase& self, Reals T, const Kept<Parts>& parts, const MaybeMoving& moving, double influence,
               Kept<Distances>& distances) {
              const auto inside = enter(self);
-             Sizes(self).has(parts).has(distances).has(view(moving))("j>n34", T);
+             Sizes(self).has(parts).has(distances).has(view(moving))("?j>n34", T);
              Queries ask(self, frames_of(T), parts, view(moving));
              refine(ask, influence, distances);
              return counted(ask.counts);
@@ -344,9 +300,8 @@ void bind_obstacles(nb::module_& m) {
            [](const Narrowphase& self, Reals T, Reals coordinates, double influence, Same<double> kept,
               Same<double> ends, Same<double> rotations, Reals low, Reals high, Same<std::int64_t> cover,
               Same<double> margin, Kept<Distances>& distances) {
-             Sizes sizes(self);
-             sizes.has(distances)("j>n34 nv nv ng23 ng33", T, coordinates, kept, ends, rotations);
-             sizes("c3 c3 n~c n", low, high, cover, margin);
+             Sizes(self).has(distances)("?j>n34 nv nv ng23 ng33 c3 c3 n~c n", T, coordinates, kept, ends, rotations,
+                                        low, high, cover, margin);
              Nodes nodes{kept.data(), ends.data(),  rotations.data(), low.data(),
                          high.data(), cover.data(), margin.data()};
              return follow(*self.bodies, frames_of(T), coordinates.data(), influence, nodes, distances);
@@ -356,13 +311,12 @@ void bind_obstacles(nb::module_& m) {
               const MaybeMoving& moving, Reals radius, MaybeReals approach, Kept<Distances>& distances,
               double clearance, int depth, Same<std::int8_t> states) {
              const auto inside = enter(self);
-             Sizes sizes(self);
-             sizes.has(parts).has(distances).has(view(moving));
-             sizes("j>n34 >nm6 nv Nv mg Np N", T, J, coordinates, v, radius, approach, states);
+             Sizes(self).has(parts).has(distances).has(view(moving))("?j>n34 ?>nm6 nv Nv mg Np N", T, J, coordinates, v,
+                                                                     radius, approach, states);
              require(distances.nodes > 1, "a strip of less than two nodes");
              Search search{clearance, states.data()};
              Queries ask(self, frames_of(T, J.data()), parts, view(moving));
-             Bisection bisection(self.bodies->tree, ask.frames, coordinates.data(), v.data(), halvings(depth));
+             Bisection bisection(self.bodies->tree, ask.frames, coordinates.data(), v.data(), depth);
              colliding_nodes(ask, distances, search);
              const double* nearer = approach ? approach->data() : nullptr;
              const std::vector<Interval> todo = open_obstacles(ask, radius.data(), v.data(), nearer, search, distances);
@@ -376,8 +330,7 @@ void bind_obstacles(nb::module_& m) {
          Reals travel, MaybeReals approach, double clearance, int depth) {
         const auto inside = enter(self);
         const Moving moves = view(moving);
-        Sizes sizes(self);
-        sizes("nv Nv j>n34 Ng Np", coordinates, v, T, travel, approach).has(parts).has(moves);
+        Sizes{self}("nv Nv ?j>n34 Ng Np", coordinates, v, T, travel, approach).has(parts).has(moves);
         const std::size_t bodies = self.bodies->size(), count = parts.count();
         const std::vector<double> own = summed(travel), theirs = approach ? summed(*approach) : std::vector<double>();
         const Approach nearer = [&](std::int64_t pair, std::size_t low, std::size_t high) {
@@ -386,13 +339,11 @@ void bind_obstacles(nb::module_& m) {
           return theirs.empty() ? sum : sum + (theirs[high * count + p] - theirs[low * count + p]);
         };
         ObstaclePairs pairs(self, parts, moves);
-        Bisection bisection(self.bodies->tree, frames_of(T), coordinates.data(), v.data(), halvings(depth));
+        Bisection bisection(self.bodies->tree, frames_of(T), coordinates.data(), v.data(), depth);
         const Worst worst = prove_motion(pairs, bodies * count, bisection, coordinates.shape(0), clearance, nearer);
         return proof(worst, bisection.checks, pairs.counts);
       });
-}
 
-void bind_self(nb::module_& m) {
   nb::class_<Kept<SelfDistances>>(m, "SelfDistances")
       .def("__init__", [](Kept<SelfDistances>* self, Same<double> bound, Same<double> since, Same<double> exact,
                           Same<double> direction, Same<double> first, Same<double> second, double tolerance) {
@@ -401,15 +352,14 @@ void bind_self(nb::module_& m) {
       });
   nb::class_<SelfPairs> selfPairs(m, "SelfPairs");
   selfPairs.def("__init__", [](SelfPairs* self, std::shared_ptr<Bodies> bodies, Numbers pairs) {
-    Sizes sizes(*bodies);
-    sizes("s2<g", pairs);
-    new (self) SelfPairs(bodies, numbers(pairs));
+    Sizes{*bodies}("s2<g", pairs);
+    new (self) SelfPairs(bodies, pairs);
   });
   unlocked(selfPairs, "update",
            [](SelfPairs& self, Reals T, Reals coordinates, Reals before, Reals radius, double reach,
               Kept<SelfDistances>& distances) {
              const auto inside = enter(self);
-             Sizes(self).has(distances)("j>n34 nv ?nv vs", T, coordinates, before, radius);
+             Sizes(self).has(distances)("?j>n34 nv ?nv vs", T, coordinates, before, radius);
              self.counts = {};
              self_drift(self.bodies().tree, coordinates.data(), before.data(), radius.data(), distances);
              self_refine(self, frames_of(T), reach, distances);
@@ -419,12 +369,12 @@ void bind_self(nb::module_& m) {
            [](SelfPairs& self, Reals T, Reals coordinates, Reals v, Reals radius, Kept<SelfDistances>& distances,
               double clearance, int depth, Same<std::int8_t> states) {
              const auto inside = enter(self);
-             Sizes(self).has(distances)("j>n34 nv Nv vs N", T, coordinates, v, radius, states);
+             Sizes(self).has(distances)("?j>n34 nv Nv vs N", T, coordinates, v, radius, states);
              const Frames frames = frames_of(T);
              Search search{clearance, states.data()};
              self.counts = {};
              const Tree& tree = self.bodies().tree;
-             Bisection bisection(tree, frames, coordinates.data(), v.data(), halvings(depth));
+             Bisection bisection(tree, frames, coordinates.data(), v.data(), depth);
              const std::vector<Interval> todo =
                  open_self(self, frames, tree, radius.data(), v.data(), search, distances);
              return bisected(bisection, self, todo, search);
@@ -432,15 +382,14 @@ void bind_self(nb::module_& m) {
   unlocked(selfPairs, "prove",
            [](SelfPairs& self, Reals T, Reals coordinates, Reals v, Reals travel, double clearance, int depth) {
              const auto inside = enter(self);
-             Sizes sizes(self);
-             sizes("nv Nv Ns j>n34", coordinates, v, travel, T);
+             Sizes{self}("nv Nv Ns ?j>n34", coordinates, v, travel, T);
              const std::size_t count = self.size();
              const std::vector<double> own = summed(travel);
              const Approach nearer = [&](std::int64_t pair, std::size_t low, std::size_t high) {
                return own[high * count + pair] - own[low * count + pair];
              };
              self.counts = {};
-             Bisection bisection(self.bodies().tree, frames_of(T), coordinates.data(), v.data(), halvings(depth));
+             Bisection bisection(self.bodies().tree, frames_of(T), coordinates.data(), v.data(), depth);
              const Worst worst = prove_motion(self, count, bisection, coordinates.shape(0), clearance, nearer);
              return proof(worst, bisection.checks, self.counts);
            });
@@ -450,18 +399,13 @@ void bind_self(nb::module_& m) {
 struct Checker {
   const Kept<Parts> parts;
   const Reals radius;
-  const Tree tree;
   Validity validity;
 
   Checker(std::shared_ptr<Bodies> bodies, const Kept<Parts>& among, Numbers self_pairs, Reals radii, double margin)
-      : parts(among),
-        radius(radii),
-        tree(bodies->tree),
-        validity(bodies, parts, numbers(self_pairs), radius.data(), margin) {}
+      : parts(among), radius(radii), validity(bodies, parts, self_pairs, radius.data(), margin) {}
 
   const double* row(const Reals& coordinates) const {
-    Sizes sizes(tree);
-    sizes("v", coordinates);
+    Sizes{validity.tree()}("v", coordinates);
     return coordinates.data();
   }
 };
@@ -487,8 +431,7 @@ void bind_validity(nb::module_& m) {
   nb::class_<Checker> validity(m, "Validity");
   validity.def("__init__", [](Checker* self, std::shared_ptr<Bodies> bodies, const Kept<Parts>& parts,
                               Numbers self_pairs, Reals radius, double margin) {
-    Sizes sizes(*bodies);
-    sizes.has(parts)("mg s2<g", radius, self_pairs);
+    Sizes(*bodies).has(parts)("mg s2<g", radius, self_pairs);
     new (self) Checker(bodies, parts, self_pairs, radius, margin);
   });
   validity.def("valid", [](Checker& self, Reals row) { return self.validity.valid(self.row(row)); });
@@ -501,7 +444,7 @@ void bind_validity(nb::module_& m) {
         self.row(row);
         Sizes()("k", unit);
         require(unit.size() <= row.size(), "a chart of more coordinates than there are");
-        return Chart{&self, reals(row), reals(row), reals(unit)};
+        return Chart{&self, row, row, unit};
       },
       nb::keep_alive<0, 1>());
   nb::class_<Chart>(m, "Chart").def("motion", &Chart::motion);
@@ -512,7 +455,7 @@ void bind_validity(nb::module_& m) {
 Space space_of(bool planar, const Flags& circular, const Reals& a, const Reals& b, const Same<double>& c) {
   const std::size_t nv = circular.size() + (planar ? 3 : 0);
   Sizes().is('v', nv)("r kv kv kv", circular, a, b, c);
-  return {static_cast<int>(nv), planar, flags(circular)};
+  return {static_cast<int>(nv), planar, circular};
 }
 
 void bind_system(nb::module_& m) {
@@ -528,13 +471,13 @@ void bind_system(nb::module_& m) {
   unlocked(system, "add_repulsion",
            [](Kept<System>& self, const Narrowphase& narrow, Reals J, const Kept<Distances>& distances,
               double influence, double k_r, double near, double k_near) {
-             Sizes(narrow).has(self).has(distances)(">nm6", J);
+             Sizes(narrow).has(self).has(distances)("?>nm6", J);
              return add_repulsion(self, *narrow.bodies, J.data(), distances, influence, k_r, near, k_near);
            });
   unlocked(system, "add_self_repulsion",
            [](Kept<System>& self, const SelfPairs& pairs, Reals T, Reals J, const Kept<SelfDistances>& distances,
               Reals repulsion, double k_s) {
-             Sizes(pairs).has(self).has(distances)("j>n34 >nm6 s", T, J, repulsion);
+             Sizes(pairs).has(self).has(distances)("?j>n34 ?>nm6 s", T, J, repulsion);
              return add_self_repulsion(self, pairs, frames_of(T, J.data()), distances, repulsion.data(), k_s);
            });
   unlocked(system, "add_posture", [](Kept<System>& self, Reals coordinates, Reals target, Reals k_p, Flags circular) {
@@ -549,9 +492,7 @@ void bind_system(nb::module_& m) {
   });
   unlocked(m, "difference", [](bool planar, Flags circular, Reals a, Reals b, Same<double> v) {
     const Space space = space_of(planar, circular, a, b, v);
-    for (std::size_t k = 0; k < v.size(); k += space.nv) {
-      difference(space, a.data() + k, b.data() + k, v.data() + k);
-    }
+    for (std::size_t k = 0; k < v.size(); k += space.nv) difference(space, a.data() + k, b.data() + k, v.data() + k);
   });
   unlocked(m, "integrate", [](bool planar, Flags circular, Reals a, Reals v, Same<double> out) {
     const Space space = space_of(planar, circular, a, v, out);
@@ -579,7 +520,13 @@ Rollout rollout_of(const Reals& pose, const MaybeReals& time, Same<double>& out)
   return {pose.data(), time ? time->data() : nullptr, pose.shape(0), pose.shape(1), out.data()};
 }
 
-void bind_lookahead(nb::module_& m) {
+Grid grid_of(const Reals& grid, const Reals& y1, const Reals& y2, const Reals& acceleration, const Same<double>& x) {
+  Sizes()("g ?gm ?gm m g", grid, y1, y2, acceleration, x);
+  require(grid.size() > 0 && acceleration.size() > 0, "a path without points or coordinates");
+  return {grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
+}
+
+void bind_driving(nb::module_& m) {
   unlocked(m, "roll_out",
            [](Reals start, Reals speed, Reals first, Reals second, Reals change, Reals rate, Reals twist, Numbers done,
               Same<double> pose) {
@@ -612,15 +559,6 @@ void bind_lookahead(nb::module_& m) {
              const Rollout view = rollout_of(pose, std::nullopt, out);
              standing_boxes(view, boxes.data(), boxes.shape(0), footprint_of(middle, half, low, high), least, far);
            });
-}
-
-Grid grid_of(const Reals& grid, const Reals& y1, const Reals& y2, const Reals& acceleration, const Same<double>& x) {
-  Sizes()("g ?gm ?gm m g", grid, y1, y2, acceleration, x);
-  require(grid.size() > 0 && acceleration.size() > 0, "a path without points or coordinates");
-  return {grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
-}
-
-void bind_timing(nb::module_& m) {
   unlocked(
       m, "travel_at", [](Reals knots, Reals coefficients, Reals edges, MaybeReals weights, Reals s, Same<double> out) {
         Sizes()("k 4Km w W3m g 3gm", knots, coefficients, edges, weights, s, out);
@@ -650,38 +588,30 @@ void bind_timing(nb::module_& m) {
            });
 }
 
-// What Python gets instead: the errors that the twin raises.
 void translate(const std::exception_ptr& thrown, void* errors) {
-  const auto raise = [errors](const char* name, const std::exception& error) {
-    PyErr_SetString(nb::handle(static_cast<PyObject*>(errors)).attr(name).ptr(), error.what());
-  };
   try {
     std::rethrow_exception(thrown);
-  } catch (const NoAnswer& error) {
-    raise("NumericalError", error);
-  } catch (const Busy& error) {
-    raise("ThreadError", error);
+  } catch (const Failure& failure) {
+    PyErr_SetString(nb::handle(static_cast<PyObject*>(errors)).attr(failure.name).ptr(), failure.what());
   }
 }
 
 }  // namespace
 
 NB_MODULE(_native, m) {
-  static PyObject* errors = nb::module_::import_("elastic_strips.errors").release().ptr();
-  nb::register_exception_translator(translate, errors);
+  nb::register_exception_translator(translate, nb::module_::import_("elastic_strips.errors").release().ptr());
   nb::set_leak_warnings(false);  // what Python keeps until it ends is no leak
   m.attr("coal_version") = std::to_string(COAL_MAJOR_VERSION) + "." + std::to_string(COAL_MINOR_VERSION) + "." +
                            std::to_string(COAL_PATCH_VERSION);
   nb::dict constants;
-  for (const Constant& constant : kConstants) constants[constant.name] = constant.value;
-  constants["COARSE_EPA_TOLERANCES"] = nb::make_tuple(kCoarseEpaTolerances[0], kCoarseEpaTolerances[1],
-                                                      kCoarseEpaTolerances[2], kCoarseEpaTolerances[3]);
+#define STRIPS_EXPORT(name, value) constants[#name] = name;
+  STRIPS_CONSTANTS(STRIPS_EXPORT)
+  constants["COARSE_EPA_TOLERANCES"] = nb::make_tuple(COARSE_EPA_TOLERANCES[0], COARSE_EPA_TOLERANCES[1],
+                                                      COARSE_EPA_TOLERANCES[2], COARSE_EPA_TOLERANCES[3]);
   m.attr("constants") = constants;
   bind_robot(m);
-  bind_obstacles(m);
-  bind_self(m);
+  bind_distances(m);
   bind_system(m);
   bind_validity(m);
-  bind_lookahead(m);
-  bind_timing(m);
+  bind_driving(m);
 }

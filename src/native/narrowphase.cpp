@@ -1,15 +1,9 @@
 #include "narrowphase.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 
 namespace strips {
-
-std::size_t Parts::new_stamp() {
-  static std::atomic<std::size_t> last{0};
-  return ++last;
-}
 
 bool Moving::at(double place, std::size_t part, Vec3& s, double& u) const {
   if (mover == nullptr || mover[part] < 0) return false;
@@ -67,11 +61,6 @@ const ShapePair& Narrowphase::pair(const Parts& parts, std::size_t body, std::si
     entry = made.get();
   }
   return *entry;
-}
-
-Queries::Queries(Narrowphase& asked, const Frames& at, const Parts& of, const Moving& forecast)
-    : narrow(asked), frames(at), parts(of), moving(forecast) {
-  narrow.turn_to(parts);
 }
 
 Found Queries::exact(std::size_t node, std::size_t body, std::size_t part, const Vec3* shift) {

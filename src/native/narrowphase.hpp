@@ -1,6 +1,7 @@
 // Bodies against the parts of a scene: capsule–box bounds, and Coal's exact distances; see Narrowphase.
 #pragma once
 
+#include <atomic>
 #include <map>
 #include <mutex>
 
@@ -11,12 +12,12 @@ namespace strips {
 // Parts of a scene: their solids, world poses (P, 3, 3), (P, 3), and the boxes about them in their frames (P, 3); see
 // CandidateParts. What knows parts by their numbers carries the stamp of those that it means.
 struct Parts {
-  std::vector<Solid> solids;
   const double *rotation, *translation, *box_center, *box_half;
-  std::size_t stamp = new_stamp();
+  std::vector<Solid> solids = {};
+  std::size_t stamp = ++stamps;  // no two are the same, and none is 0
 
   std::size_t count() const { return solids.size(); }
-  static std::size_t new_stamp();  // never 0, and no two are the same
+  static inline std::atomic<std::size_t> stamps = 0;
 };
 
 // Where the obstacles that move will be: shift (N, M, 3) and uncertainty (N, M) at nodes; mover (P), -1 for what
@@ -74,7 +75,10 @@ struct Counts {
 // Queries of a narrow phase at frames and poses that stay as they are as long as this is there.
 class Queries {
  public:
-  Queries(Narrowphase& asked, const Frames& at, const Parts& of, const Moving& forecast = {});
+  Queries(Narrowphase& asked, const Frames& at, const Parts& of, const Moving& forecast = {})
+      : narrow(asked), frames(at), parts(of), moving(forecast) {
+    narrow.turn_to(parts);
+  }
 
   Found exact(std::size_t node, std::size_t body, std::size_t part, const Vec3* shift);
 

@@ -8,14 +8,14 @@ namespace strips {
 
 namespace {
 
-constexpr char kNotPositive[] = "the matrix of the step is not positive definite";
+const Failure kNotPositive("NumericalError", "the matrix of the step is not positive definite");
 
 using Block3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 // Base blocks of the difference's derivatives with respect to the first and the second pose.
 void difference_jacobians(const double* v, Block3& first, Block3& second) {
   const double theta = v[2], half = 0.5 * theta;
-  const bool small = std::abs(theta) < kSmallTurn;
+  const bool small = std::abs(theta) < SMALL_TURN;
   const double alpha = small ? 1.0 - theta * theta / 12.0 : half / std::tan(half);
   const double beta = small ? theta / 12.0 : (1.0 - alpha) / theta;
   first << -alpha, -half, -beta * v[0] + 0.5 * v[1], half, -alpha, -beta * v[1] - 0.5 * v[0], 0.0, 0.0, -1.0;
@@ -157,7 +157,7 @@ void solve(const System& s, const double* damping, double* delta) {
       D.noalias() -= W[i - 1].transpose() * W[i - 1];
       part(i).noalias() -= W[i - 1].transpose() * part(i - 1);
     }
-    if (!D.allFinite() || L[i].compute(D).info() != Eigen::Success) throw NoAnswer(kNotPositive);
+    if (!D.allFinite() || L[i].compute(D).info() != Eigen::Success) throw kNotPositive;
     auto x = part(i);
     L[i].matrixL().solveInPlace(x);
     if (i + 2 < n) W[i] = L[i].matrixL().solve(Eigen::Map<const Matrix>(s.upper + i * nv * nv, nv, nv));
@@ -167,13 +167,13 @@ void solve(const System& s, const double* damping, double* delta) {
     if (i + 2 < n) x.noalias() -= W[i] * part(i + 1);
     L[i].matrixU().solveInPlace(x);
   }
-  if (!std::all_of(delta, delta + n * nv, [](double x) { return std::isfinite(x); })) throw NoAnswer(kNotPositive);
+  if (!std::all_of(delta, delta + n * nv, [](double x) { return std::isfinite(x); })) throw kNotPositive;
 }
 
 double project_rolling(double* coordinates, std::size_t n, int nv, int iterations, int& taken) {
   const Space plane{3, true, {}};
   const std::size_t m = n - 1;
-  const Vec3 inverse_mass(1.0, 1.0, 1.0 / kRollingYawWeight);
+  const Vec3 inverse_mass(1.0, 1.0, 1.0 / ROLLING_YAW_WEIGHT);
   std::vector<Vec3> row_a(m), row_b(m), step(n);
   std::vector<double> v(3 * m), diagonal(m), off(m), multiplier(m);
   double residual = INFINITY;
@@ -184,7 +184,7 @@ double project_rolling(double* coordinates, std::size_t n, int nv, int iteration
       const double aside = std::abs(v[3 * j + 1]);
       if (!(aside <= residual)) residual = aside;  // NaN as well
     }
-    if (residual <= kRollingTolerance || taken == iterations || n < 3 || !std::isfinite(residual)) break;
+    if (residual <= ROLLING_TOLERANCE || taken == iterations || n < 3 || !std::isfinite(residual)) break;
     for (std::size_t j = 0; j < m; ++j) {
       Block3 first, second;
       difference_jacobians(&v[3 * j], first, second);
@@ -216,7 +216,7 @@ double project_rolling(double* coordinates, std::size_t n, int nv, int iteration
       step[j + 1] += inverse_mass.cwiseProduct(row_b[j]) * multiplier[j];
     }
     for (const Vec3& s : step) largest = std::max(largest, s.cwiseAbs().maxCoeff());
-    const double scale = largest > kRollingLargestStep ? kRollingLargestStep / largest : 1.0;
+    const double scale = largest > ROLLING_LARGEST_STEP ? ROLLING_LARGEST_STEP / largest : 1.0;
     for (std::size_t j = 0; j < n; ++j) {
       double pose[3];
       integrate(plane, coordinates + j * nv, step[j].data(), scale, pose);

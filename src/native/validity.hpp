@@ -18,6 +18,7 @@ class Validity {
   // The straight motion but for its start, looked at wherever some point may have moved by `step`, its middle first.
   bool motion(const double* a, const double* b, double step);
 
+  const Tree& tree() const { return bodies_->tree; }
   std::size_t checks = 0;
 
  private:

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType
 
 import coal
-import numpy as np
 import pytest
 
 from elastic_strips import constants, native
@@ -74,15 +73,6 @@ def test_a_file_that_is_no_kernel_is_not_used(monkeypatch: pytest.MonkeyPatch, t
     for name in ("missing.so", "text.txt"):
         monkeypatch.setenv("ELASTIC_STRIPS_NATIVE", str(tmp_path / name))
         assert native._load()[0] is None
-
-
-def test_what_was_shown_is_made_anew_where_it_is_of_other_objects() -> None:
-    shown: native.Shown[list[int]] = native.Shown()
-    one, two = np.zeros(2), np.zeros(2)
-    first = shown.of(lambda: [1], one, two)
-    assert shown.of(lambda: [2], one, two) is first
-    assert shown.of(lambda: [3], two, one) == [3]
-    assert shown.of(lambda: [4], one, two) == [4]
 
 
 def test_what_is_made_inside_twin_computes_in_numpy(silvermate: RobotModel) -> None:

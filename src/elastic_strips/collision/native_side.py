@@ -1,7 +1,8 @@
 """The kernel's side of this room: all that it is handed is made here, of what NumPy has.
 
 Coal's classes of Python and those of the kernel do not know each other, so each shape is made once more. Arrays are
-views: the kernel sees where the nodes and the parts go, and writes what it measures.
+views: the kernel sees where the nodes and the parts go, and writes what it measures. A view is made anew as soon as it
+is of other objects than are there, so that nobody has to say when one was replaced.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, by_rows
-from elastic_strips.native import Shown, kernel
+from elastic_strips.native import kernel
 from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.scene.parts import Part
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from elastic_strips.native import _native
 
     from .bounds import BodySet
-    from .candidates import CandidateParts, MovingParts
+    from .candidates import CandidateParts, MovingParts, NodePrediction
 
 
 def native_bodies(bodies: BodySet, kept: list[_native.Bodies]) -> _native.Bodies | None:
@@ -55,9 +56,8 @@ class NativeNarrowphase:
         self.calls: _native.Narrowphase = module.Narrowphase(bodies)
         self._module = module
         self._solids: dict[int, tuple[Part, _native.Solid]] = {}  # of the parts that it was shown last, by their id()
-        self._parts: Shown[_native.Parts] = Shown()
-        self._moving: Shown[_native.Moving] = Shown()
-        self._distances: Shown[_native.Distances] = Shown()
+        self._parts: tuple[CandidateParts, _native.Parts] | None = None
+        self._moving: tuple[_native.Parts, NodePrediction, Indices, _native.Moving] | None = None
 
     @staticmethod
     def of(bodies: BodySet) -> NativeNarrowphase | None:
@@ -66,31 +66,29 @@ class NativeNarrowphase:
         return None if module is None or native is None else NativeNarrowphase(module, native)
 
     def parts(self, candidates: CandidateParts) -> _native.Parts:
-        """Candidates; what it knows of parts that are still there is kept."""
-        c = candidates
-
-        def make() -> _native.Parts:
-            known = self._solids
-            self._solids = {id(p): known.get(id(p)) or (p, _part(self._module, p)) for p in c.parts}
-            return _parts(self._module, c, [self._solids[id(p)][1] for p in c.parts])
-
-        return self._parts.of(make, c.parts, c.rotation, c.translation, c.box_center, c.box_half)
+        """Candidates, which move in place; what it knows of parts that are still there is kept."""
+        if self._parts is not None and self._parts[0] is candidates:
+            return self._parts[1]
+        known = self._solids
+        self._solids = {id(p): known.get(id(p)) or (p, _part(self._module, p)) for p in candidates.parts}
+        parts = _parts(self._module, candidates, [self._solids[id(p)][1] for p in candidates.parts])
+        self._parts = candidates, parts
+        return parts
 
     def scene(self, candidates: CandidateParts, moving: MovingParts) -> tuple[_native.Parts, _native.Moving | None]:
         """Candidates and how they move: None where nothing does."""
-        parts, prediction = self.parts(candidates), moving.prediction
+        parts, prediction, mover, kept = self.parts(candidates), moving.prediction, moving.mover, self._moving
         if prediction is None:
             return parts, None
+        if kept is not None and kept[0] is parts and kept[1] is prediction and kept[2] is mover:
+            return parts, kept[3]
+        made = self._module.Moving(parts, *by_rows(prediction.shift, prediction.uncertainty), mover)
+        self._moving = parts, prediction, mover, made
+        return parts, made
 
-        def make() -> _native.Moving:
-            return self._module.Moving(parts, *by_rows(prediction.shift, prediction.uncertainty), moving.mover)
-
-        return parts, self._moving.of(make, parts, prediction, moving.mover)
-
-    def distances(self, candidates: CandidateParts, *known: Array) -> _native.Distances:
+    def distances(self, candidates: CandidateParts, known: tuple[Array, ...]) -> _native.Distances:
         """What is known of candidates: bound, since, exact, direction, witness and limit of an `ObstacleProximity`."""
-        parts = self.parts(candidates)
-        return self._distances.of(lambda: self._module.Distances(parts, *known), parts, *known)
+        return self._module.Distances(self.parts(candidates), *known)
 
 
 class NativeSelfPairs:
@@ -103,7 +101,6 @@ class NativeSelfPairs:
     def __init__(self, module: ModuleType, bodies: _native.Bodies, pairs: Indices) -> None:
         self.calls: _native.SelfPairs = module.SelfPairs(bodies, np.ascontiguousarray(pairs, dtype=np.intp))
         self._module = module
-        self._distances: Shown[_native.SelfDistances] = Shown()
 
     @staticmethod
     def of(bodies: BodySet, pairs: Indices) -> NativeSelfPairs | None:
@@ -111,9 +108,9 @@ class NativeSelfPairs:
         module, native = kernel(), bodies.native()
         return None if module is None or native is None else NativeSelfPairs(module, native, pairs)
 
-    def distances(self, tolerance: float, *known: Array) -> _native.SelfDistances:
+    def distances(self, known: tuple[Array, ...], tolerance: float) -> _native.SelfDistances:
         """What is known of them: bound, since, exact, direction, first and second of a `SelfProximity`."""
-        return self._distances.of(lambda: self._module.SelfDistances(*known, tolerance), *known)
+        return self._module.SelfDistances(*known, tolerance)
 
 
 def _parts(module: ModuleType, candidates: CandidateParts, solids: Sequence[_native.Solid]) -> _native.Parts:

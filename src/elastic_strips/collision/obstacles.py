@@ -63,6 +63,8 @@ class ObstacleProximity(OneThread):
         self.moving: MovingParts = MovingParts()
         self._cover = np.zeros(0, dtype=np.intp)
         self._coordinates = np.zeros((0, 0))
+        self._arrays: _native.Distances | None = None
+        self._arrays_of: tuple[object, ...] = ()
         self._allocate(0, 0)
 
     def _allocate(self, n: int, p: int) -> None:
@@ -171,11 +173,18 @@ class ObstacleProximity(OneThread):
     @property
     def arrays(self) -> _native.Distances:
         """What is known, as the native half takes it."""
-        candidates, native = self.candidates, self.narrow.native
+        of, kept, candidates = self._arrays_of, self._arrays, self.candidates
+        if (
+            kept is not None and of[0] is candidates and of[1] is self.bound and of[2] is self._since
+            and of[3] is self.exact and of[4] is self.direction and of[5] is self.witness and of[6] is self._limit
+        ):  # fmt: skip
+            return kept
         assert candidates is not None
-        assert native is not None
+        assert self.narrow.native is not None
         known = self.bound, self._since, self.exact, self.direction, self.witness, self._limit
-        return native.distances(candidates, *known)
+        self._arrays_of = candidates, *known
+        self._arrays = kept = self.narrow.native.distances(candidates, known)
+        return kept
 
     def _mark(self, where: Mask, bound: float, since: float) -> None:
         """Set what is known of pairs of a mask that broadcasts to (N, G, P)."""

@@ -101,6 +101,8 @@ class SelfProximity(OneThread):
         self._coordinates = np.zeros((0, 0))
         self._base = np.zeros((0, 3, 4))
         self.native: NativeSelfPairs | None = NativeSelfPairs.of(bodies, pairs)
+        self._arrays: _native.SelfDistances | None = None
+        self._arrays_of: tuple[object, ...] = ()
         self._allocate(0)
         self._functors: dict[int, ShapePair] = {}  # made when the twin first asks
         self._solver = PairSolver()
@@ -115,9 +117,16 @@ class SelfProximity(OneThread):
     @property
     def arrays(self) -> _native.SelfDistances:
         """What is known, as the native half takes it."""
+        of, kept = self._arrays_of, self._arrays
+        if (
+            kept is not None and of[0] is self.bound and of[1] is self._since and of[2] is self.exact
+            and of[3] is self.direction and of[4] is self.first and of[5] is self.second
+        ):  # fmt: skip
+            return kept
         assert self.native is not None
-        known = self.bound, self._since, self.exact, self.direction, self.first, self.second
-        return self.native.distances(self.tolerance, *known)
+        self._arrays_of = known = self.bound, self._since, self.exact, self.direction, self.first, self.second
+        self._arrays = kept = self.native.distances(known, self.tolerance)
+        return kept
 
     @exclusive
     def reset(self) -> None:
