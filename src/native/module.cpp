@@ -454,7 +454,7 @@ void bind_validity(nb::module_& m) {
 // The space of rows (K, nv) of three arrays.
 Space space_of(bool planar, const Flags& circular, const Reals& a, const Reals& b, const Same<double>& c) {
   const std::size_t nv = circular.size() + (planar ? 3 : 0);
-  Sizes().is('v', nv)("r kv kv kv", circular, a, b, c);
+  Sizes().is('v', nv)("r ?kv ?kv kv", circular, a, b, c);
   return {static_cast<int>(nv), planar, circular};
 }
 

@@ -177,7 +177,7 @@ def calls(native) -> Iterator[Call]:
     yield Call("solve", system.solve, (np.ones(nv), zeros(N, nv)))
     turning = np.zeros(nv - 3, dtype=bool)
     for name in ("difference", "integrate"):
-        yield Call(name, getattr(native, name), (True, turning, zeros(N, nv), zeros(N, nv), zeros(N, nv)))
+        yield Call(name, getattr(native, name), (True, turning, zeros(N, nv), zeros(N, nv), zeros(N, nv)), any=(2, 3))
     yield Call("project_rolling", native.project_rolling, (zeros(N, nv), 3), free=((0, 0), (0, 1)))
     for shape in ((0, nv), (N, 2)):
         yield Call("project_rolling", native.project_rolling, (zeros(*shape), 3), free=((-1, -1),))
