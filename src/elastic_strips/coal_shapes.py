@@ -6,10 +6,9 @@ the convex hull that contains it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from enum import Enum
 from math import hypot
-from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
@@ -18,10 +17,6 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 from elastic_strips.errors import RobotError
 from elastic_strips.hulls import MIN_THICKNESS, convex_hull, convex_shape
-from elastic_strips.native import kernel
-
-if TYPE_CHECKING:
-    from elastic_strips.native import _native
 
 _CIRCLE = np.column_stack(
     (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
@@ -90,31 +85,6 @@ def faces(geometry: coal.CollisionGeometry) -> npt.NDArray[np.int64]:
     """Triangles (T, 3) of a mesh: numbers of its corners."""
     triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
     return np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64).reshape(-1, 3)
-
-
-def native_solid(geometry: coal.CollisionGeometry) -> _native.Solid:
-    """A convex shape as the native kernel takes it."""
-    module = kernel()
-    assert module is not None
-    kind, half = shape_of(geometry)
-    swept = float(geometry.getSweptSphereRadius())
-    if kind is ShapeKind.CONVEX:
-        triangles = [geometry.polygons(i) for i in range(geometry.num_polygons)]
-        corners = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.uint32)
-        return module.convex(vertices(geometry), corners, swept)
-    if kind is ShapeKind.BOX:
-        return module.primitive(kind.value, [2.0 * h for h in half], swept)
-    if kind in LONG_ROUND:
-        return module.primitive(kind.value, [half[0], 2.0 * half[1]], swept)
-    return module.primitive(kind.value, list(half), swept)
-
-
-def native_block(boxes: Sequence[tuple[coal.Box, Array]]) -> _native.Solid:
-    """A block of boxes, each with its centre, as the native kernel takes it."""
-    module = kernel()
-    assert module is not None
-    sides = np.array([2.0 * np.asarray(box.halfSide) for box, _ in boxes])
-    return module.block(sides, np.array([at for _, at in boxes]))
 
 
 def sphere_as_capsule(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:

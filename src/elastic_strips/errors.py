@@ -13,6 +13,7 @@
     │   ├── RecordError                the record of a run (elastic_strips.control)
     │   ├── LaserLogError              a laser log (elastic_strips.io)
     │   └── BagError                   a bag of ROS messages (elastic_strips.io)
+    ├── NumericalError (also a FloatingPointError): a computation ends without a number
     ├── ThreadError (also a RuntimeError): a workspace is used by two threads at once
     ├── MissingExtraError (also an ImportError): a package that only some uses need is not installed
     ├── PerceptionError                no scene can be made of what was sensed (elastic_strips.sim)
@@ -62,6 +63,10 @@ class GoalError(ConfigurationError):
 
 class ParameterError(InputError):
     """A parameter is outside its range."""
+
+
+class NumericalError(ElasticStripsError, FloatingPointError):
+    """A computation has no answer: a depth that Coal does not find, a step whose matrix is not positive definite."""
 
 
 class ThreadError(ElasticStripsError, RuntimeError):

@@ -15,13 +15,14 @@ from weakref import WeakKeyDictionary
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices, by_rows
-from elastic_strips.coal_shapes import native_solid
-from elastic_strips.native import kernel
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.constants import SLIDING_TURN
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.geometry import link_labels
 from elastic_strips.robot.kinematics import KinematicTree
+
+from .native_side import native_bodies
 
 if TYPE_CHECKING:
     from elastic_strips.native import _native
@@ -105,17 +106,7 @@ class BodySet:
 
     def native(self) -> _native.Bodies | None:
         """The bodies as the native kernel takes them, or None where there is none; made once."""
-        module, tree = kernel(), self.tree.native()
-        if module is None or tree is None:
-            return None
-        if not self._kept:
-            solids = [native_solid(geometry) for geometry in self.geometries]
-            bodies = module.Bodies(
-                tree, solids, np.ascontiguousarray(self.joint, dtype=np.intp),
-                *by_rows(self.rotation, self.translation, self.ends, self.radius), self.skin,
-            )  # fmt: skip
-            self._kept.append(bodies)
-        return self._kept[0]
+        return native_bodies(self, self._kept)
 
     def only(self, index: int) -> BodySet:
         """One of the bodies alone."""
@@ -222,7 +213,7 @@ class MotionBounds:
         linear, angular = columns[..., :3], columns[..., 3:]
         cross = np.cross(angular[:, None], ends[:, :, None, :]) + linear[:, None]
         reach = np.sqrt((cross**2).sum(axis=-1)).max(axis=1)  # speed of the capsule's ends per unit rate
-        turning = np.abs(angular).max(axis=2) > 1e-9 * rate
+        turning = np.abs(angular).max(axis=2) > SLIDING_TURN * rate
         reach = np.where(turning, reach + rate * bodies.radius[body][:, None], rate)
         speed = np.abs(v)[:, tree.coordinate]
         static = self.of_motion[:, body].T * speed  # (K, M)

@@ -12,21 +12,16 @@ and lessened by how far the obstacle can be from where it is expected.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import ParameterError
-from elastic_strips.native import kernel
 from elastic_strips.scene import Scene
 from elastic_strips.scene.parts import Part
 from elastic_strips.scene.scene import PartTable
 from elastic_strips.work import count_work
-
-if TYPE_CHECKING:
-    from elastic_strips.native import _native
 
 _LONGEST = 1e6  # [s]
 
@@ -55,7 +50,6 @@ class CandidateParts:
     box_center: Array
     box_half: Array
     obstacle: Indices
-    _poses: _native.Poses | None = None
     _transforms: list[coal.Transform3s] | None = None
 
     @staticmethod
@@ -80,15 +74,6 @@ class CandidateParts:
 
     def __len__(self) -> int:
         return len(self.rows)
-
-    def native(self) -> _native.Poses:
-        """The poses as the native kernel takes them; it sees where the parts go."""
-        if self._poses is None:
-            module = kernel()
-            assert module is not None
-            self._poses = module.Poses(self.rotation, self.translation, self.box_center, self.box_half)
-        assert self._poses is not None
-        return self._poses
 
     @property
     def transforms(self) -> list[coal.Transform3s]:
@@ -262,16 +247,16 @@ class MovingParts:
         prediction: the forecast at the nodes, or None.
         always: obstacle indices that the candidates hold wherever they are.
         columns: (P,) whether a column moves.
+        mover: (P,) which of the forecast's obstacles a column belongs to; −1 for what stands.
     """
 
     def __init__(self) -> None:
         self.prediction: NodePrediction | None = None
         self.always: Indices = np.zeros(0, dtype=np.intp)
         self.columns: Mask = np.zeros(0, dtype=bool)
-        self._mover: Indices = np.zeros(0, dtype=np.intp)
+        self.mover: Indices = np.zeros(0, dtype=np.intp)
         self._rotation: Array = np.zeros((0, 3, 3))
         self._translation: Array = np.zeros((0, 3))
-        self.native: _native.Moving | None = None
 
     def known(self, prediction: NodePrediction) -> bool:
         """Whether the candidates hold all the forecast's obstacles; if not, the next ones will."""
@@ -292,16 +277,9 @@ class MovingParts:
         lookup = np.full(len(candidates.scene), -1, dtype=np.intp)
         if self.prediction is not None:
             lookup[self.prediction.obstacles] = np.arange(len(self.prediction.obstacles))
-        self._mover = lookup[candidates.obstacle]
-        self.columns = self._mover >= 0
+        self.mover = lookup[candidates.obstacle]
+        self.columns = self.mover >= 0
         self._rotation, self._translation = candidates.rotation.copy(), candidates.translation.copy()
-        module = kernel()
-        self.native = None
-        if module is not None and self.prediction is not None:
-            a = self.prediction
-            self.native = module.Moving(
-                np.ascontiguousarray(a.shift, dtype=float), np.ascontiguousarray(a.uncertainty), self._mover
-            )
 
     def advance(
         self, prediction: NodePrediction | None, candidates: CandidateParts, changed: Indices
@@ -317,7 +295,7 @@ class MovingParts:
             Columns (C,), how far (N, C) [m] any point of each has moved as seen from a node, and by how much (N, C)
             its uncertainty has risen; None where nothing moved.
         """
-        before, former, mover = self.prediction, self.columns, self._mover
+        before, former, mover = self.prediction, self.columns, self.mover
         rotation, translation = self._rotation, self._translation
         if before is None and (prediction is None or not len(prediction.obstacles)):
             columns, shift, risen = changed, np.zeros((1, 1, 3)), np.zeros((1, 1))
@@ -330,7 +308,7 @@ class MovingParts:
             moved = former | self.columns
             moved[changed] = True
             columns = np.flatnonzero(moved)
-            shift, uncertainty = _of_columns(self.prediction, self._mover[columns])
+            shift, uncertainty = _of_columns(self.prediction, self.mover[columns])
             shift_before, uncertainty_before = _of_columns(before, mover[columns])
             shift, risen = shift - shift_before, uncertainty - uncertainty_before
             rotation, translation = rotation[columns], translation[columns]
@@ -349,20 +327,20 @@ class MovingParts:
         if self.prediction is None:
             return None
         # by rows, as the kernel reads it
-        return np.ascontiguousarray(np.where(self.columns, self.prediction.travel()[:, self._mover], 0.0))
+        return np.ascontiguousarray(np.where(self.columns, self.prediction.travel()[:, self.mover], 0.0))
 
     def displaced(self, node: Indices, part: Indices) -> tuple[Array, Array] | None:
         """Shift (K, 3) and uncertainty (K,) of parts at nodes; None where nothing moves."""
         if self.prediction is None:
             return None
-        mover = self._mover[part]
+        mover = self.mover[part]
         return _with_still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
 
     def between(self, place: Array, part: Indices) -> tuple[Array, Array] | None:
         """The same at places, which are node numbers with fractions."""
         if self.prediction is None:
             return None
-        mover = self._mover[part]
+        mover = self.mover[part]
         return _with_still(mover, *self.prediction.between(place, mover))
 
 

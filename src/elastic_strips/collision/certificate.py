@@ -20,12 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.constants import CAPSULE_LOOSE, EXACT_WITHIN, GJK_EXCESS
 from elastic_strips.robot import Kinematics
 from elastic_strips.summary import Summary
 
 from .bounds import BodySet
 from .candidates import CandidateParts, MovingParts
-from .narrowphase import GJK_EXCESS, Narrowphase
+from .narrowphase import Narrowphase
 from .self_distance import SelfProximity
 
 _HALF_TURN = "half turn"
@@ -100,11 +101,6 @@ class Certificate(Summary):
         return bool(self.segments.all())
 
 
-_LOOSE = 0.15
-"""A lower bound may lie below the distance by the capsule's length and about this [m]; decides only what to measure."""
-_MARGIN = 1e-4
-"""What a lower bound decides by less than this [m] is measured exactly all the same."""
-
 _Measure = Callable[[Kinematics, Indices, Array, Indices], Array]
 
 
@@ -159,7 +155,7 @@ class ObstaclePairs:
     def loose(self, pair: Indices) -> Array:
         ends = self.bodies.ends
         length = np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
-        return length[pair // len(self.candidates)] + _LOOSE
+        return length[pair // len(self.candidates)] + CAPSULE_LOOSE
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
         body, part = divmod(pair, len(self.candidates))
@@ -181,7 +177,7 @@ class SelfPairs:
         return self.proximity.distances(kin, node, pair) - GJK_EXCESS
 
     def loose(self, pair: Indices) -> Array:
-        return np.full(len(pair), _LOOSE)
+        return np.full(len(pair), CAPSULE_LOOSE)
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
         bodies, (one, two) = self.proximity.bodies, self.proximity.pairs[pair]
@@ -262,21 +258,20 @@ class Search(Protocol):
 
 
 class Bisection:
-    """Workspace: halves open intervals along one path until none is left.
+    """Halves open intervals along one path until none is left.
+
+    Args:
+        kin: kinematics of the path's nodes (N).
+        v: (N−1, nv) tangents from each to the next.
+        between: workspace for configurations between them.
 
     Attributes:
         checks: number of configurations measured between nodes of the path.
     """
 
-    def __init__(self, bodies: BodySet) -> None:
+    def __init__(self, kin: Kinematics, v: Array, between: Kinematics) -> None:
         self.checks: int = 0
-        self._space = bodies.tree.space
-        self._kin = self._between = Kinematics(bodies.tree, 64)
-        self._v = np.zeros((0, self._space.nv))
-
-    def begin(self, kin: Kinematics, v: Array) -> None:
-        """Begin another path: its nodes (N), and the tangents (N−1, nv) from each to the next."""
-        self._kin, self._v, self.checks = kin, v, 0
+        self._kin, self._v, self._between = kin, v, between
 
     def run(
         self, pairs: Pairs, todo: OpenIntervals, search: Search, depth: int, total: Array | None = None
@@ -314,7 +309,7 @@ class Bisection:
             d = self._measure(pairs.lower_bounds, where, middle, todo.pair)
             c = search.clearance
             one, two = first - todo.d_low + 2.0 * c, second - todo.d_high + 2.0 * c  # from here on, a half is proven
-            need = d < np.maximum(np.maximum(one, two), search.exact_below) + _MARGIN
+            need = d < np.maximum(np.maximum(one, two), search.exact_below) + EXACT_WITHIN
             if total is not None:  # of a long interval, only what can close a half; it is halved anyway
                 need &= single | (d + pairs.loose(todo.pair) >= np.minimum(one, two)) | (d <= c)
             ask = np.flatnonzero(need)
@@ -362,7 +357,7 @@ class Bisection:
         """Bring the configurations between nodes up to date; returns their numbers (K,)."""
         unique, inverse = np.unique(place, return_inverse=True)
         s = unique.astype(np.intp)
-        q = self._space.integrate(self._kin.coordinates[s], (unique - s)[:, None] * self._v[s])
+        q = self._kin.tree.space.integrate(self._kin.coordinates[s], (unique - s)[:, None] * self._v[s])
         self._between.update(q, jacobians=False)
         self.checks += len(unique)
         return inverse

@@ -59,8 +59,7 @@ class MotionCertifier(OneThread):
         self._self = SelfProximity(bodies, pairs, bounds, influence=0.0)
         self._moving = MovingParts()
         self._kin = Kinematics(bodies.tree, 64)
-        self._bisection = Bisection(bodies)
-        self._v = np.zeros((0, bodies.tree.space.nv))
+        self._between = Kinematics(bodies.tree, 64)
         self.checks: int = 0
 
     @property
@@ -100,22 +99,19 @@ class MotionCertifier(OneThread):
         (v,) = by_rows(v)
         count_work(batches=1)
         self._kin.update(coordinates, jacobians=False)
-        self._bisection.begin(self._kin, v)
-        self._v, self.checks = v, 0
+        self.checks = 0
         travel = self.bounds.travel(v)
         self._look(scene, prediction, clearance, travel)
         turns = np.flatnonzero(self.bodies.tree.space.half_turn(v))
         broken = half_turn(self.bodies, int(turns[0])) if len(turns) else None
         if broken is None:
-            broken = self._prove_obstacles(travel, clearance)
+            broken = self._prove_obstacles(v, travel, clearance)
         if broken is None:
             broken = self._prove_self(v, self_clearance)
         states = np.full(len(v), SegmentState.CERTIFIED if broken is None else SegmentState.UNKNOWN, dtype=np.int8)
         if broken is not None and broken.certain:
             states[broken.segment] = SegmentState.COLLIDING
-        return Certificate(
-            clearance, states == SegmentState.CERTIFIED, states, broken, self.checks + self._bisection.checks
-        )
+        return Certificate(clearance, states == SegmentState.CERTIFIED, states, broken, self.checks)
 
     def _look(self, scene: Scene, prediction: NodePrediction, clearance: float, travel: Array) -> None:
         """Candidates: all that comes within the clearance of the motion, and all that moves."""
@@ -131,34 +127,34 @@ class MotionCertifier(OneThread):
             self._narrow.retain(candidates.parts)
         self._moving.begin(prediction, candidates)
 
-    def _prove_obstacles(self, travel: Array, clearance: float) -> BrokenSegment | None:
+    def _prove_obstacles(self, v: Array, travel: Array, clearance: float) -> BrokenSegment | None:
         candidates, count = self.candidates, len(self.bodies)
         assert candidates is not None
         approach = self._moving.travel()
         pairs = ObstaclePairs(self.bodies, self._narrow, candidates, self._moving)
         if self._narrow.native is not None:
-            found = self._narrow.native.prove(
-                self._kin.T, self._kin.coordinates[: self._kin.n], self._v, self._narrow.poses(candidates),
-                self._moving.native,
-                travel, approach, clearance, _depth(len(travel)),
+            native = self._narrow.native
+            found = native.calls.prove(
+                self._kin.T, self._kin.coordinates[: self._kin.n], v,
+                *native.scene(candidates, self._moving), travel, approach, clearance, _depth(len(travel)),
             )  # fmt: skip
             return self._proof(pairs, found, len(travel))
         total = np.zeros((len(travel) + 1, count, len(candidates)))
         np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=total[1:])
         if approach is not None:
             total[1:] += np.cumsum(approach, axis=0)[:, None, :]
-        return self._prove(pairs, total.reshape(len(total), count * len(candidates)), clearance)
+        return self._prove(pairs, v, total.reshape(len(total), count * len(candidates)), clearance)
 
     def _prove_self(self, v: Array, clearance: float) -> BrokenSegment | None:
         travel, pairs = self._self.travel(v), SelfPairs(self._self)
         if self._self.native is not None:
-            found = self._self.native.prove(
+            found = self._self.native.calls.prove(
                 self._kin.T, self._kin.coordinates[: self._kin.n], v, travel, clearance, _depth(len(v))
             )
             return self._proof(pairs, found, len(v))
         total = np.zeros((len(v) + 1, len(self._self.pairs)))
         np.cumsum(travel, axis=0, out=total[1:])
-        return self._prove(pairs, total, clearance)
+        return self._prove(pairs, v, total, clearance)
 
     def _proof(self, pairs: Pairs, found: _native.Proof, segments: int) -> BrokenSegment | None:
         """What the native kernel found."""
@@ -171,7 +167,7 @@ class MotionCertifier(OneThread):
         place, pair, distance, certain = broken
         return pairs.broken(min(int(place), segments - 1), pair, distance, certain)
 
-    def _prove(self, pairs: Pairs, total: Array, clearance: float) -> BrokenSegment | None:
+    def _prove(self, pairs: Pairs, v: Array, total: Array, clearance: float) -> BrokenSegment | None:
         """One interval for each pair, from the first sample to the last, is halved until all is proven."""
         last, pair = len(total) - 1, np.arange(total.shape[1])
         if len(pair) == 0:
@@ -183,7 +179,9 @@ class MotionCertifier(OneThread):
         todo = OpenIntervals(pair, low, high, d_low, d_high, unknown, unknown, total[-1])
         search = _MotionSearch(pairs, clearance, last)
         todo = todo.take(todo.open(clearance))
-        left = self._bisection.run(pairs, todo, search, _depth(last), total)
+        bisection = Bisection(self._kin, v, self._between)
+        left = bisection.run(pairs, todo, search, _depth(last), total)
+        self.checks += bisection.checks
         if search.broken is None and len(left):
             d = np.minimum(left.d_low, left.d_high)
             k = int(np.argmin(d))

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask, by_rows
+from elastic_strips.constants import EXACT_WITHIN
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.space import nonzero
@@ -62,7 +63,6 @@ class Certifier(OneThread):
         self.obstacles: ObstacleProximity = obstacles
         self.self_pairs: SelfProximity = self_pairs
         self.max_depth = max_depth
-        self._bisection = Bisection(bodies)
         self._between = Kinematics(bodies.tree, 64)
 
     @exclusive
@@ -103,42 +103,37 @@ class Certifier(OneThread):
             return _certificate(clearance, states, worst, looked + native)
         self._colliding_nodes(kin, searches[0])
         todos = self._open_obstacles(kin, v, travel, clearance, states), self._open_self(kin, v, self_clearance, states)
-        self._bisection.begin(kin, v)
+        bisection = Bisection(kin, v, self._between)
         for search, todo in zip(searches, todos, strict=True):
             if todo is None or len(todo) == 0:
                 continue
             search.found(todo.low, todo.pair, np.minimum(todo.d_low, todo.d_high))
             todo = todo.take(states[todo.segment] == 0)
-            left = self._bisection.run(search.pairs, todo, search, self.max_depth)
+            left = bisection.run(search.pairs, todo, search, self.max_depth)
             if len(left):
                 search.report(left.low, left.pair, np.minimum(left.d_low, left.d_high), certain=False)
-        return _certificate(clearance, states, worst, looked + self._bisection.checks)
+        return _certificate(clearance, states, worst, looked + bisection.checks)
 
     def _certify_native(
         self, kin: Kinematics, v: Array, searches: tuple[_StripSearch, _StripSearch], states: npt.NDArray[np.int8]
     ) -> int | None:
         """The rest of :meth:`certify` by the native kernel; returns its checks, or None where there is none."""
         obstacles, own, depth = self.obstacles, self.self_pairs, self.max_depth
-        candidates, narrow, arrays, self_arrays = (
-            obstacles.candidates,
-            obstacles.narrow.native,
-            obstacles.arrays,
-            own.arrays,
-        )
-        if candidates is None or narrow is None or own.native is None or arrays is None or self_arrays is None:
+        candidates, narrow = obstacles.candidates, obstacles.narrow
+        if candidates is None or narrow.native is None or own.native is None:
             return None
         coordinates, checks = kin.coordinates[: kin.n], 0
         if len(candidates):
-            broken, count, work = narrow.certify(
-                kin.T, kin.J, coordinates, v, obstacles.narrow.poses(candidates), obstacles.moving.native,
-                self.bounds.of_motion, obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
+            broken, count, work = narrow.native.calls.certify(
+                kin.T, kin.J, coordinates, v, *narrow.native.scene(candidates, obstacles.moving), self.bounds.of_motion,
+                obstacles.moving.travel(), obstacles.arrays, searches[0].clearance, depth, states,
             )  # fmt: skip
             obstacles.account(*work)
             searches[0].note(broken)
             checks += count
         if len(own.pairs):
-            broken, count, work = own.native.certify(
-                kin.T, coordinates, v, own.radius, self_arrays, searches[1].clearance, depth, states
+            broken, count, work = own.native.calls.certify(
+                kin.T, coordinates, v, own.radius, own.arrays, searches[1].clearance, depth, states
             )
             own.account(*work)
             searches[1].note(broken)
@@ -151,7 +146,7 @@ class Certifier(OneThread):
         if bound.shape[2] == 0:
             return
         node, body, part = nonzero(bound <= clearance)
-        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + 1e-4))
+        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + EXACT_WITHIN))
         nearest = bound.reshape(len(bound), -1).min(axis=1)
         bad = np.flatnonzero(nearest <= clearance)
         if len(bad) == 0:
@@ -190,7 +185,8 @@ class Certifier(OneThread):
         # what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
         for end in (0, 1):
             other = bound[segment + 1 - end, body, part]
-            self.obstacles.refine_at(kin, segment + end, body, part, tight + 2.0 * clearance - other + 1e-4)
+            reach = tight + 2.0 * clearance - other + EXACT_WITHIN
+            self.obstacles.refine_at(kin, segment + end, body, part, reach)
         d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
         todo = OpenIntervals.of_segments(body * bound.shape[2] + part, segment, d_low, d_high, tight)
         return todo.take(todo.open(clearance))
@@ -208,7 +204,7 @@ class Certifier(OneThread):
         travel = travel[segment, pair]
         for end in (0, 1):
             other = bound[segment + 1 - end, pair]
-            proximity.refine_at(kin, segment + end, pair, travel + 2.0 * clearance - other + 1e-4)
+            proximity.refine_at(kin, segment + end, pair, travel + 2.0 * clearance - other + EXACT_WITHIN)
         todo = OpenIntervals.of_segments(pair, segment, bound[segment, pair], bound[segment + 1, pair], travel)
         return todo.take(todo.open(clearance))
 
@@ -309,8 +305,7 @@ def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: Obstac
         tight = bounds.tight_travel(kin, segment, body, v[segment])
         d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
         todo = OpenIntervals.of_segments(body * len(candidates) + part, segment, d_low, d_high, tight)
-        bisection = Bisection(bodies)
-        bisection.begin(kin, v)
+        bisection = Bisection(kin, v, Kinematics(bodies.tree, 64))
         pairs = ObstaclePairs(bodies, proximity.narrow, candidates, proximity.moving)
         bisection.run(pairs, todo.take(todo.open(search.clearance)), search, _UNLIMITED)
     return search.clearance

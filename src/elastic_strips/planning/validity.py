@@ -13,7 +13,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, by_rows
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.collision.candidates import CandidateParts
-from elastic_strips.collision.narrowphase import native_part
+from elastic_strips.collision.native_side import native_parts
 from elastic_strips.native import kernel
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
@@ -59,10 +59,8 @@ class ValidityChecker(OneThread):
             if low is not None and high is not None:
                 least[0, :2], most[0, :2] = low - _LONGEST_REACH, high + _LONGEST_REACH
             candidates = CandidateParts.build(scene, least, most, 0.0)
-            solids = [native_part(part) for part in candidates.parts]
-            self.native = module.Validity(
-                bodies, solids, robot.pairs_within(0.0), candidates.native(), self.bounds.of_motion, margin
-            )
+            parts = native_parts(candidates)
+            self.native = module.Validity(bodies, parts, robot.pairs_within(0.0), self.bounds.of_motion, margin)
             return
         table = scene.table
         rows = np.arange(len(table.parts))

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask, by_rows
+from elastic_strips.constants import SMALL_TURN
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.native import kernel
 from elastic_strips.summary import Summary
@@ -65,7 +66,6 @@ def is_follower(joint: pin.JointModel) -> bool:
     return joint.shortname() == "JointModelMimic"
 
 
-_SMALL = 1e-4
 _HALF_TURN = np.pi - 1e-5
 
 
@@ -94,7 +94,7 @@ def wrap_angle(angle: Array) -> Array:
 
 def _half_cot(theta: Array) -> Array:
     """(θ/2)·cot(θ/2), with its series near zero."""
-    small = np.abs(theta) < _SMALL
+    small = np.abs(theta) < SMALL_TURN
     half = np.where(small, 1.0, 0.5 * theta)
     return np.where(small, 1.0 - theta * theta / 12.0, half / np.tan(half))
 
@@ -228,7 +228,7 @@ class ConfigurationSpace(Summary):
         out = np.add(a, v)
         if self.planar:
             theta = v[..., 2]
-            small = np.abs(theta) < _SMALL
+            small = np.abs(theta) < SMALL_TURN
             safe = np.where(small, 1.0, theta)
             s = np.where(small, 1.0 - theta * theta / 6.0, np.sin(safe) / safe)
             k = np.where(small, 0.5 * theta, (1.0 - np.cos(safe)) / safe)
@@ -263,7 +263,7 @@ class ConfigurationSpace(Summary):
         """
         theta = v[..., 2]
         alpha, half = _half_cot(theta), 0.5 * theta
-        small = np.abs(theta) < _SMALL
+        small = np.abs(theta) < SMALL_TURN
         beta = np.where(small, theta / 12.0, (1.0 - alpha) / np.where(small, 1.0, theta))
         vx, vy = v[..., 0], v[..., 1]
         first = np.zeros((*theta.shape, 3, 3))

@@ -163,20 +163,20 @@ def add_obstacle_repulsion(
 ) -> None:
     """:func:`add_repulsion` of all that is within a proximity's influence distance."""
     influence = obstacles.influence
-    if system.native is None or obstacles.narrow.native is None or obstacles.arrays is None:
+    if system.native is None or obstacles.narrow.native is None or obstacles.candidates is None:
         contacts, joint = obstacles.contacts(), obstacles.bodies.joint
         add_repulsion(system, kin, contacts, joint, k_r=k_r, influence=influence, k_near=k_near, near=near)
         return
     system.energies["repulsion"] = system.native.add_repulsion(
-        obstacles.narrow.native, kin.J, obstacles.arrays, influence, k_r, near, k_near
+        obstacles.narrow.native.calls, kin.J, obstacles.arrays, influence, k_r, near, k_near
     )
 
 
 def add_self_repulsion(system: System, kin: Kinematics, proximity: SelfProximity, *, k_s: float) -> None:
     """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊², d_s the pair's repulsion distance."""
-    if system.native is not None and proximity.native is not None and proximity.arrays is not None:
+    if system.native is not None and proximity.native is not None:
         system.energies["self_collision"] = system.native.add_self_repulsion(
-            proximity.native, kin.T, kin.J, proximity.arrays, proximity.repulsion, k_s
+            proximity.native.calls, kin.T, kin.J, proximity.arrays, proximity.repulsion, k_s
         )
         return
     contacts = proximity.contacts()
