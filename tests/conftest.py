@@ -1,25 +1,88 @@
-"""What all tests share: one of each robot per session, and the oracles on the import path."""
+"""What all tests share: one of each robot per session, their marks, and that no test leaves anything set."""
 
 from __future__ import annotations
 
+import logging
 import os
+import random
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
+from elastic_strips.native import kernel
 from elastic_strips.robot import RobotModel, load_robot
 
 sys.path.insert(0, str(Path(__file__).parent / "oracle"))
 sys.path.append(str(Path(__file__).parents[1]))  # the workshop, which is no part of the package
+
+import marks
 
 os.environ.pop("FORCE_COLOR", None)  # what is printed is compared as plain text
 
 # The same examples everywhere, and no limit on the time of one: what is green here is green on a busy machine, too.
 settings.register_profile("elastic_strips", deadline=None, derandomize=True)
 settings.load_profile("elastic_strips")
+
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--shuffle", type=int, metavar="SEED", help="files, and the tests in each, in an order of this seed")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    for item in items:
+        marks.mark(item)
+    seed = config.getoption("shuffle")
+    if seed is not None:  # by files, so that what the tests of one share is still made once
+        order, files = random.Random(seed), {}
+        for item in items:
+            files.setdefault(item.path, []).append(item)
+        rows = list(files.values())
+        order.shuffle(rows)
+        for row in rows:
+            order.shuffle(row)
+        items[:] = [item for row in rows for item in row]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    with marks.guarded(item):
+        return (yield)
+
+
+def _settings() -> dict[str, object]:
+    """What belongs to the process, and so to all tests that run in it."""
+    names = (None, "elastic_strips")
+    return {
+        "logging.disable": logging.root.manager.disable,
+        "levels of logs": [logging.getLogger(name).level for name in names],
+        "handlers of logs": [
+            [h for h in logging.getLogger(name).handlers if not type(h).__module__.startswith("_pytest.")]
+            for name in names
+        ],
+        "propagation of logs": logging.getLogger("elastic_strips").propagate,
+        "environment": {k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"},
+        "folder": os.getcwd(),
+        "print options of NumPy": np.get_printoptions(),
+        "floating-point errors of NumPy": np.geterr(),
+        "native kernel": kernel(),
+        "import path": list(sys.path),
+    }
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left_set() -> Iterator[None]:
+    """Whatever a test leaves set is an error of that test: else another one fails for it, in some orders of the tests."""
+    before = _settings()
+    yield
+    after = _settings()
+    changed = [f"{name}: {before[name]} → {after[name]}" for name in before if before[name] != after[name]]
+    assert not changed, "this test leaves " + "; ".join(changed)
+
 
 GANTRY = """<robot name="gantry">
   <link name="rail"><collision><origin xyz="0 0 0.05"/><geometry><box size="0.6 0.3 0.1"/></geometry></collision></link>

@@ -1,0 +1,98 @@
+"""Marks that tests get by what they do: found in what their code refers to, and watched while they run."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import util
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+
+import pytest
+
+TESTS = Path(__file__).parents[1]
+_BY_FIXTURE = {"browser": "browser", "chromium": "browser", "wheel": "wheel"}
+_PROGRAMS = {"subprocess", "multiprocessing", "MachineProcess", "ExecutorProcess", "make_realtime", "run_jobs"}
+"""Who refers to one of these starts processes."""
+_MAY_START = ("process", "browser", "wheel", "notebook")
+
+
+def mark(item: pytest.Item) -> None:
+    """Mark a test by its fixtures, its folder and what its code refers to."""
+    assert isinstance(item, pytest.Function)
+    for fixture, name in _BY_FIXTURE.items():
+        if fixture in item.fixturenames:
+            item.add_marker(name)
+    definitions = item._fixtureinfo.name2fixturedefs  # pytest has no public way to a fixture's function
+    functions = [item.function, *(d.func for many in definitions.values() for d in many)]
+    if _PROGRAMS & _referred(functions):
+        item.add_marker("process")
+
+
+def _referred(functions: list[object]) -> set[str]:
+    """The names of the modules, classes and functions that these refer to, through functions and classes of the tests."""
+    found: set[str] = set()
+    seen: set[int] = set()
+    todo = list(functions)
+    while todo:
+        one = inspect.unwrap(todo.pop())  # pyright: ignore[reportArgumentType]
+        if id(one) in seen:
+            continue
+        seen.add(id(one))
+        if isinstance(one, type):
+            todo += [member for member in vars(one).values() if isinstance(member, FunctionType)]
+        if not isinstance(one, FunctionType):
+            continue
+        for name in _names(one.__code__):
+            value = one.__globals__.get(name)
+            if isinstance(value, ModuleType):
+                found.add(value.__name__.partition(".")[0])
+            elif isinstance(value, (FunctionType, type)):
+                found.add(value.__name__)
+                file = getattr(sys.modules.get(value.__module__), "__file__", None)
+                if file is not None and TESTS in Path(file).parents:
+                    todo.append(value)
+    return found
+
+
+def _names(code: CodeType) -> set[str]:
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return set(code.co_names).union(*map(_names, inner))
+
+
+_running: pytest.Item | None = None
+
+
+@contextmanager
+def guarded(item: pytest.Item) -> Iterator[None]:
+    """While a test runs that is not said to start processes, none can be started."""
+    global _running
+    _running = item
+    try:
+        yield
+    finally:
+        _running = None
+
+
+def _watch(event: str, arguments: tuple[object, ...]) -> None:
+    if _running is None or event not in ("subprocess.Popen", "os.fork", "os.posix_spawn"):
+        return
+    program = Path(str(arguments[0])).name if arguments else "python"
+    if program.startswith(("python", "chrom", "google-chrome", "bash")):  # what other libraries ask is theirs
+        _refuse(program)
+
+
+def _refuse(program: str) -> None:
+    if _running is not None and not any(map(_running.get_closest_marker, _MAY_START)):
+        raise RuntimeError(f"{_running.nodeid} starts {program}: it needs the mark 'process'")
+
+
+def _spawned(path: object, *arguments: object) -> object:
+    _refuse(str(path))
+    return _spawn(path, *arguments)  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+
+_spawn, util.spawnv_passfds = util.spawnv_passfds, _spawned  # multiprocessing does not ask by an event
+sys.addaudithook(_watch)
