@@ -28,9 +28,10 @@ settings.register_profile("elastic_strips", deadline=None, derandomize=True)
 settings.load_profile("elastic_strips")
 
 
-
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--shuffle", type=int, metavar="SEED", help="files, and the tests in each, in an order of this seed")
+    parser.addoption(
+        "--shuffle", type=int, metavar="SEED", help="files, and the tests in each, in an order of this seed"
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -76,7 +77,7 @@ def _settings() -> dict[str, object]:
 
 @pytest.fixture(autouse=True)
 def nothing_is_left_set() -> Iterator[None]:
-    """Whatever a test leaves set is an error of that test: else another one fails for it, in some orders of the tests."""
+    """Whatever a test leaves set is an error of that test: else another fails for it, in some orders of the tests."""
     before = _settings()
     yield
     after = _settings()

@@ -34,8 +34,8 @@ def each(
         else:
             row = (value,) if len(keys) == 1 else tuple(value)  # pyright: ignore[reportArgumentType]
         assert len(row) == len(keys), f"{row} is no case of {keys}"
-        named = [f"{key}={_short(ids(one) if callable(ids) else one)}" for key, one in zip(keys, row)]
-        cases.append((label or ", ".join(named), dict(zip(keys, row))))
+        named = [f"{key}={_short(ids(one) if callable(ids) else one)}" for key, one in zip(keys, row, strict=True)]
+        cases.append((label or ", ".join(named), dict(zip(keys, row, strict=True))))
     assert cases, "no case"
     return lambda test: _looped(test, keys, lambda _: cases)
 

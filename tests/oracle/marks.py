@@ -32,7 +32,7 @@ def mark(item: pytest.Item) -> None:
 
 
 def _referred(functions: list[object]) -> set[str]:
-    """The names of the modules, classes and functions that these refer to, through functions and classes of the tests."""
+    """Names of modules, classes and functions that these refer to, through functions and classes of the tests."""
     found: set[str] = set()
     seen: set[int] = set()
     todo = list(functions)

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from brute_force import link_distances, self_distances
+from cases import each
 
 from elastic_strips.collision import Verdict, certify
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
@@ -99,7 +100,7 @@ def test_a_strip_and_an_array_are_alike(silvermate):
     assert certify(silvermate, scene, strip).least == certify(silvermate, scene, strip.q).least
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each("seed", range(4))
 def test_lines_of_a_base_are_not_its_arcs(seed):
     """x, y and yaw that go linearly: sampled so, by brute force; arcs of the same configurations go elsewhere."""
     robot = load_robot("silvermate", base="omni")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.control import DriveParams, ObstacleAssumptions
 from elastic_strips.control.prediction import ArrivalTimes, as_expected, predict
@@ -103,7 +104,7 @@ def test_appearing_obstacles_are_seen_when_they_exist():
     assert sense.sense(1.15).names == ("ball",)
 
 
-@pytest.mark.parametrize(
+@each(
     "text, message",
     [
         ("scene_frozn@2", "did you mean 'scene_frozen'"),
@@ -119,7 +120,7 @@ def test_faults_are_parsed(text, message):
         Fault.parse(text)
 
 
-@pytest.mark.parametrize(
+@each(
     "values, message",
     [
         ({"control_dt": 0.0}, "control_dt=0.0 must be a finite number > 0"),

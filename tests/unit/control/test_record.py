@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from cases import each, each_robot
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.interfaces import RunState
@@ -28,7 +29,8 @@ def fill(recorder, robot, count, rng):
     return written
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9, 300])
+@each("count", [1, 7, 8, 9, 300])
+@each_robot
 def test_rows_survive_growing(robot, rng, count):
     recorder = Recorder(robot, Scene())
     written = fill(recorder, robot, count, rng)

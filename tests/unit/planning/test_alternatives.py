@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import plan_report
@@ -114,7 +115,7 @@ def test_no_strip_at_all_is_said(silvermate, caplog) -> None:
     assert any("0 certified strips" in r.message for r in caplog.records)
 
 
-@pytest.mark.parametrize(
+@each(
     "options, message",
     [
         ({"count": 0}, "count=0 must be a whole number ≥ 1"),

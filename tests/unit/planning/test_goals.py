@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, find_goals, plan_report
@@ -141,7 +142,7 @@ def test_grasps_from_all_about():
     )
 
 
-@pytest.mark.parametrize(
+@each(
     ("wrong", "match"),
     [
         ({"rotations": np.eye(4)}, "rotations"),

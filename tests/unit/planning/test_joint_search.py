@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from brute_force import link_distances, self_distances
+from cases import each
 
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.native import twin
@@ -35,8 +36,8 @@ def _ends(robot: RobotModel) -> tuple[np.ndarray, np.ndarray]:
     return robot.home(panda_joint1=-1.0), robot.home(panda_joint1=1.0)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("native", [True, False])
+@each("seed", [0, 1])
+@each("native", [True, False])
 def test_a_way_round_a_wall_is_found_and_certified(panda, seed, native):
     start, goal = _ends(panda)
     if native:

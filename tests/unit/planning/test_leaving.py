@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import plan, plan_report
@@ -199,7 +200,7 @@ def test_the_document_has_both_parts(case):
     assert np.shape(document["coordinates"]) == (len(report.departure.strip), robot.nv)
 
 
-@pytest.mark.parametrize("value", [-0.001, 0.2, float("nan"), "deep", True])
+@each("value", [-0.001, 0.2, float("nan"), "deep", True])
 def test_a_depth_out_of_its_range_is_refused(value):
     robot = load_robot("silvermate")
     with pytest.raises(ParameterError, match="start_depth"):

@@ -8,6 +8,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from brute_force import link_distances, make_obstacle, self_distances
+from cases import each
 
 from elastic_strips.collision.bounds import BodySet
 from elastic_strips.errors import ConfigurationError, ParameterError
@@ -26,7 +27,7 @@ DOOR = Scene(
 )
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_an_empty_scene_needs_no_planner(name, request):
     robot = request.getfixturevalue(name)
     start, goal = robot.home(x=-1.0), robot.home(x=2.0, y=1.0, yaw=1.0)
@@ -173,7 +174,7 @@ def test_large_clearances_are_checked_at_the_ends(silvermate):
                 check_endpoints(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
 
 
-@pytest.mark.parametrize(
+@each(
     "options, message",
     [
         ({"seed": -1}, "seed=-1 must be a whole number"),
@@ -206,8 +207,8 @@ def test_wrong_configurations_are_named(silvermate):
         ompl_path(silvermate, Scene([]), silvermate.home(), bad, seed=0, margin=0.02, timeout=1.0, fineness=0.0)
 
 
-@pytest.mark.parametrize("native", [False, True], ids=["twin", "native"])
-@pytest.mark.parametrize("many", [False, True], ids=["few parts", "many parts"])
+@each("native", [False, True], ids=["twin", "native"])
+@each("many", [False, True], ids=["few parts", "many parts"])
 def test_validity_equals_brute_force(silvermate, rng, many, native):
     """Without the native kernel there are two ways of asking: links paired with parts in Pinocchio, and one Coal tree
     for many parts."""

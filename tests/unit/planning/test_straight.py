@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.planning import plan_straight
@@ -34,7 +35,7 @@ def hand(robot: RobotModel, q: np.ndarray, frame: str = HAND) -> pin.SE3:
     return data.oMf[robot.model.getFrameId(frame)].copy()
 
 
-@pytest.mark.parametrize("by", [(0.0, 0.0, -0.15), (0.1, 0.05, 0.1), (0.0, -0.3, 0.0)])
+@each("by", [(0.0, 0.0, -0.15), (0.1, 0.05, 0.1), (0.0, -0.3, 0.0)])
 def test_the_hand_goes_straight_and_is_not_turned(panda, start, by):
     report = plan_straight(panda, Scene(), start, HAND, by)
     assert report.certified, report.reason

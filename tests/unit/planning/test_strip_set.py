@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import StripSet, StripSetParams, StripSetReport
@@ -203,7 +204,7 @@ def test_wrong_input_is_named(silvermate) -> None:
         StripSet(silvermate, silvermate.home(x=3.0)).plan(HALL, silvermate.home())
 
 
-@pytest.mark.parametrize(
+@each(
     "options, message",
     [
         ({"count": 0}, "count=0"),

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each
 from shared_data import shared_data
 
 from elastic_strips import get_scenario, run_scenario
@@ -39,7 +40,7 @@ def _top(robot, q) -> float:
     return 9.5 - lowest
 
 
-@pytest.mark.parametrize("name", [name for name in robot_names() if is_ours(find_robot(name).urdf)])
+@each("name", [name for name in robot_names() if is_ours(find_robot(name).urdf)])
 def test_the_project_s_own_robots_have_nothing_to_warn_of(name, caplog):
     """Neither at load nor on the card: each link that is drawn has its shape, and home is free."""
     with caplog.at_level(logging.WARNING, logger="elastic_strips"):
@@ -92,8 +93,8 @@ def test_a_fixed_base_without_joints_has_nothing_to_plan():
     assert np.all(report.strip.length == 0.0)
 
 
-@pytest.mark.parametrize("preset", ["default", "paper"])
-@pytest.mark.parametrize("name", ["jackal-box", "bridge-arm"])
+@each("preset", ["default", "paper"])
+@each("name", ["jackal-box", "bridge-arm"])
 def test_they_run_the_paper_case(name, preset):
     problem = get_scenario("case-7")
     result = run_scenario(problem, robot=problem.load_robot(name, preset), preset=preset)

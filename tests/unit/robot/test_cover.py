@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
@@ -75,7 +76,7 @@ def test_what_is_drawn_can_be_taken_instead(bare: Path, caplog: pytest.LogCaptur
         assert found.broken.link.startswith("forearm")
 
 
-@pytest.mark.parametrize("shape", ['<box size="0 0 0"/>', '<sphere radius="0.0"/>', '<capsule radius="0" length="0"/>'])
+@each("shape", ['<box size="0 0 0"/>', '<sphere radius="0.0"/>', '<capsule radius="0" length="0"/>'])
 def test_a_shape_of_size_0_is_none(tmp_path: Path, shape: str) -> None:
     """What its warning advises has to help."""
     forearm = link("forearm", f"<geometry>{shape}</geometry>", BOX("0.6 0.06 0.06"), "0.3 0 0")
@@ -86,7 +87,7 @@ def test_a_shape_of_size_0_is_none(tmp_path: Path, shape: str) -> None:
     assert not es.certify(robot, POST, [robot.home(), robot.home()]).certified
 
 
-@pytest.mark.parametrize("given", [["fore_arm"], ["empty"], "forearm", ["base", ""], None, 5])
+@each("given", [["fore_arm"], ["empty"], "forearm", ["base", ""], None, 5])
 def test_links_that_have_nothing_to_take_are_refused(tmp_path: Path, given: list[str] | str) -> None:
     path = write(tmp_path, BASE, FOREARM, UPPER, link("empty"), joint("empty", "base", kind="fixed"))
     with pytest.raises(RobotError, match="visual_as_collision"):
@@ -99,7 +100,7 @@ def test_own_shapes_give_way_to_what_is_drawn(tmp_path: Path) -> None:
     np.testing.assert_allclose(2.0 * np.asarray(piece.geometry.halfSide), [1.0, 1.0, 0.1])
 
 
-@pytest.mark.parametrize(
+@each(
     "size, at, told",
     [
         ("0.1 0.1 0.1", "0 0 0.15", False),  # within the base

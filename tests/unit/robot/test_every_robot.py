@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot, recorded_robot, robot_names
@@ -132,8 +133,8 @@ def test_a_visual_mesh_that_is_damaged_is_noticed_when_it_is_drawn(tmp_path, war
     assert "collision geometry is drawn" in warnings()[0]
 
 
-@pytest.mark.parametrize("base", ["fixed", "diff_drive"])
-@pytest.mark.parametrize("locked", [{}, {"elbow": 0.4}, {"wrist": -0.3}])
+@each("base", ["fixed", "diff_drive"])
+@each("locked", [{}, {"elbow": 0.4}, {"wrist": -0.3}])
 def test_links_may_be_called_like_joints(tmp_path, base, locked):
     """Moving and fixed ones: all pieces sit where they do under names of their own."""
     plain = load_robot(write(tmp_path, chain()), base=base, locked=locked)
@@ -165,7 +166,7 @@ def test_the_reduced_geometry_is_that_of_pinocchio(tiago):
         np.testing.assert_allclose(one.placement.homogeneous, two.placement.homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize("apexes", [[], [[0.0, 0.0, 0.4]], [[0.0, 0.0, 0.4], [0.0, 0.0, -0.3]]])
+@each("apexes", [[], [[0.0, 0.0, 0.4]], [[0.0, 0.0, 0.4], [0.0, 0.0, -0.3]]])
 def test_a_hull_with_a_corner_of_many_neighbours_becomes_a_shape(apexes, rng):
     """A wheel with 600 corners a side, and cones: Coal takes them, all is inside, and distances are right."""
     turn = np.linspace(0.0, 2.0 * np.pi, 600, endpoint=False)
@@ -236,7 +237,7 @@ def test_named_states(tmp_path):
         robot.state("far")
 
 
-@pytest.mark.parametrize(
+@each(
     "states, home",
     [
         ((state("half_sitting", elbow=0.1), state("default", elbow=0.2)), 0.2),
@@ -276,7 +277,7 @@ GROUPS = (
 )
 
 
-@pytest.mark.parametrize(
+@each(
     "group, planned",
     [
         ("chain", ("elbow", "wrist")),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.robot import RobotModel, load_robot
@@ -27,9 +28,7 @@ def random_q(robot: RobotModel, rng: np.random.Generator) -> np.ndarray:
     return space.from_coordinates(rng.uniform(np.maximum(space.lower, -3.0), np.minimum(space.upper, 3.0)))
 
 
-@pytest.mark.parametrize(
-    "name, frame", [("panda", "panda_hand_tcp"), ("silvermate", "hand_frame"), ("ur5_robot", "tool0")]
-)
+@each("name, frame", [("panda", "panda_hand_tcp"), ("silvermate", "hand_frame"), ("ur5_robot", "tool0")])
 def test_poses_that_can_be_reached_are_reached(name, frame, rng):
     """Whatever configuration a pose was made of: another may be found, with the frame where it was."""
     robot = load_robot(name)

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, distance, random_coordinates
+from cases import each
 from lxml import etree
 from random_robots import random_robot
 
@@ -128,7 +129,7 @@ def test_links_are_where_another_reader_has_them(column, column_urdf, rng):
             np.testing.assert_allclose(mine, second.get_transform(link), atol=1e-12, err_msg=link)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@each("seed", range(12))
 def test_random_robots_are_where_pinocchio_has_them(tmp_path, seed):
     rng = np.random.default_rng(seed)
     base = ("fixed", "omni")[seed % 2]
@@ -265,7 +266,7 @@ def test_a_leader_is_planned_where_it_is_named(tmp_path):
         load_robot(path, base="fixed", joints=["finger"])
 
 
-@pytest.mark.parametrize(
+@each(
     "locked, wanted",
     [
         ({"finger": 0.3}, {"thumb": 0.1, "tip": 0.15}),
@@ -281,7 +282,7 @@ def test_what_a_locked_joint_mimics_is_held_where_that_puts_it(tmp_path, locked,
     assert not set(robot.joint_names) & set(robot.locked)
 
 
-@pytest.mark.parametrize(
+@each(
     "options, names",
     [
         ({"joints": ["lift"], "locked": {"second": 0.1}}, "'second'.*'lift'"),
@@ -304,7 +305,7 @@ def test_two_followers_that_want_their_leader_in_two_places_are_refused(tmp_path
     assert load_robot(path, base="fixed", locked={"finger": 0.3, "other": 0.1}).locked["thumb"] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
+@each(
     "kind, more, multiplier",
     [("continuous", AROUND, 0.5), ("revolute", TURNS, 1.0), ("prismatic", SLIDES, 1.0)],
 )
@@ -319,7 +320,7 @@ def test_a_continuous_leader_whose_followers_do_not_go_around_is_refused(tmp_pat
     assert "'turret'" in caplog.text
 
 
-@pytest.mark.parametrize("numbers", ['multiplier="1e200"', 'multiplier="1e-200"', 'offset="1e20"'])
+@each("numbers", ['multiplier="1e200"', 'multiplier="1e-200"', 'offset="1e20"'])
 def test_absurd_multipliers_are_refused(tmp_path, numbers):
     path = write(tmp_path, joint("lift", "base", "a"), joint("far", "a", "b", mimic=f'joint="lift" {numbers}'))
     with pytest.raises(RobotError, match="'far'"):
@@ -382,7 +383,7 @@ def test_robots_that_follow_otherwise_are_not_the_same(tmp_path):
     assert not robots[0].same_as(robots[1])
 
 
-@pytest.mark.parametrize(
+@each(
     "header, second, words",
     [
         ("lift,second", (0.07, 0.12), ""),

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import random_configurations
+from cases import each, each_robot
 
 from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import ConfigurationError, InputError, RobotError
@@ -32,6 +33,7 @@ def test_named_robots(silvermate, tiago):
     assert (tiago.nq, tiago.nv) == (12, 11)
 
 
+@each_robot
 def test_every_link_of_the_robots_moves_as_convex_shape(robot):
     assert len(robot.geometries) == robot.collision_model.ngeoms
     for piece, obj in zip(robot.geometries, robot.collision_model.geometryObjects, strict=True):
@@ -86,7 +88,7 @@ def test_home_is_the_srdfs_posture(silvermate):
     np.testing.assert_allclose(silvermate.home()[4:], [0.05, 0.15, -0.6, 2.0, 0.5, 0.15, -0.6])
 
 
-@pytest.mark.parametrize(
+@each(
     "override, message",
     [
         (
@@ -121,7 +123,7 @@ def test_home_of_a_fixed_base_stays(gantry):
     np.testing.assert_allclose(q, [0.1, 0.1, np.cos(4.0), np.sin(4.0), 0.0])
 
 
-@pytest.mark.parametrize(
+@each(
     "change, message",
     [
         (lambda q: q[:-1], r"shape \(10,\); 'silvermate' wants \(…, 11\): x, y, cos yaw, sin yaw, joints"),
@@ -173,7 +175,7 @@ def test_locked_joints_are_gone_and_hold_their_value(gantry_urdf, gantry):
         np.testing.assert_allclose(one, full.oMf[gantry.model.getFrameId(name)].homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize(
+@each(
     "locked, message",
     [
         ({"spinn": 0.0}, r"locked: unknown joint 'spinn'; did you mean 'spin'"),
@@ -213,7 +215,7 @@ def test_control_points_of_ones_own(gantry_urdf, rng):
     np.testing.assert_allclose(pen, data.oMf[robot.model.getFrameId("tip")].act(np.array(given["pen"][1])), atol=1e-12)
 
 
-@pytest.mark.parametrize(
+@each(
     "points, message",
     [
         ({"a": "tipp"}, r"control point 'a': unknown frame 'tipp'; did you mean 'tip'"),

@@ -6,12 +6,14 @@ import pickle
 
 import numpy as np
 import pytest
+from cases import each_robot
 
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.sim.plant import KinematicPlant
 from elastic_strips.trajectory import MotionLimits
 
 
+@each_robot
 def test_a_pickled_robot_is_the_same(robot: RobotModel):
     copy = pickle.loads(pickle.dumps(robot))
     assert copy.same_as(robot)

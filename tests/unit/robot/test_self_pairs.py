@@ -15,6 +15,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 from brute_force import configuration, random_coordinates, self_distances
+from cases import each, each_robot
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
@@ -73,7 +74,7 @@ def certified(robot: RobotModel, *rows: np.ndarray) -> bool:
     return es.certify(robot, es.Scene([]), list(rows)).certified
 
 
-@pytest.mark.parametrize("base", ["omni", "diff_drive", "fixed"])
+@each("base", ["omni", "diff_drive", "fixed"])
 def test_what_is_fixed_to_a_joints_parent_is_looked_at(tmp_path, base):
     robot = load_robot(mast(tmp_path), base=base)
     found = es.certify(robot, es.Scene([]), [robot.home(), robot.home(pan=INTO)])
@@ -221,7 +222,7 @@ def turned_either_way(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 BODY = trimesh.creation.box((0.3, 0.3, 0.3))
 
 
-@pytest.mark.parametrize("housing", [BODY, drawn_from_both_sides(BODY), turned_either_way(BODY)])
+@each("housing", [BODY, drawn_from_both_sides(BODY), turned_either_way(BODY)])
 def test_what_is_held_within_a_mesh_collides(tmp_path, housing):
     """However the triangles of the mesh are turned, and if it is the second body of the other that is inside."""
     bodies = [trimesh.creation.icosphere(1, 0.03).apply_translation((0.0, y, 0.0)) for y in (-0.8, 0.0)]
@@ -283,7 +284,7 @@ def test_an_srdf_leaves_pairs_out_and_its_reason_is_kept(tmp_path):
     assert certified(robot, robot.home(), robot.home(pan=INTO))
 
 
-@pytest.mark.parametrize("text, left", [
+@each("text, left", [
     ('<disable_default_collisions link="arm"/>', True),
     ('<disable_default_collisions link="mast"/>', True),
     ('<disable_default_collisions link="arm"/><enable_collisions link1="arm" link2="mast"/>', False),
@@ -305,7 +306,7 @@ def test_a_pair_that_an_srdf_asks_for_is_looked_at_though_a_joint_joins_it(tmp_p
     assert not certified(asked, asked.home(), asked.home(lean=1.2))
 
 
-@pytest.mark.parametrize("name", ["r", "", "another_one"])
+@each("name", ["r", "", "another_one"])
 def test_an_srdf_of_another_robot_is_said(tmp_path, caplog, name):
     """Links of the same names may be other links."""
     path = srdf(tmp_path, '<disable_collisions link1="arm" link2="mast"/>')
@@ -370,6 +371,7 @@ def test_what_touches_in_a_free_posture_is_a_listed_pair(name, held, rng):
 # --- the pairs themselves -----------------------------------------------------------------------------------------
 
 
+@each_robot
 def test_pairs_are_of_different_moving_bodies(robot):
     pairs = [tuple(int(x) for x in p) for p in robot.self_pairs]
     assert len(set(pairs)) == len(pairs) > 0
@@ -378,6 +380,7 @@ def test_pairs_are_of_different_moving_bodies(robot):
         assert robot.geometries[i].joint != robot.geometries[k].joint
 
 
+@each_robot
 def test_every_pair_is_either_looked_at_or_listed(robot):
     """No pair of links is neither: pieces of one joint apart, which never move to each other."""
     looked_at = {
@@ -393,6 +396,7 @@ def test_every_pair_is_either_looked_at_or_listed(robot):
                 assert frozenset(pair) in looked_at | listed, pair
 
 
+@each_robot
 def test_home_is_free_of_self_collision(robot):
     assert self_distances(robot, robot.home_q).min() > 0.001
 
@@ -507,7 +511,7 @@ def two_links(limit: float) -> RobotModel:
     return RobotModel.from_pinocchio(model, geometry, base="omni", disabled_pairs=[])
 
 
-@pytest.mark.parametrize("limit, never", [(0.5, True), (1.0, True), (2.9, False)])
+@each("limit, never", [(0.5, True), (1.0, True), (2.9, False)])
 def test_a_least_distance_is_a_proof(limit, never, rng):
     robot = two_links(limit)
     rows = random_coordinates(robot, rng, 4000)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import load_robot
@@ -56,7 +57,7 @@ def test_the_good_file_is_good(tmp_path):
     assert [g.links for g in loaded.geometries] == [("base",), ("arm",)]
 
 
-@pytest.mark.parametrize(
+@each(
     "content, words",
     [
         (b"", "empty"),
@@ -218,7 +219,7 @@ def test_what_is_not_an_arm_is_locked_by_default(tmp_path):
     assert loaded.locked == {"left_wheel_joint": 0.0, "thumb": 0.0, "finger": 0.1}
 
 
-@pytest.mark.parametrize(
+@each(
     "locked, wanted",
     [
         ({}, {}),
@@ -291,7 +292,7 @@ WHEELS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("more, wheels", WHEELS.values(), ids=WHEELS)
+@each("more, wheels", WHEELS.values(), ids=WHEELS)
 def test_wheels_are_known_by_how_they_hang(tmp_path, more, wheels):
     path = write(tmp_path, robot(BASE, link(), joint(), more))
     loaded = load_robot(path, base="omni")
@@ -352,7 +353,7 @@ def test_a_mesh_in_millimetres_is_warned_about(tmp_path, caplog):
     assert "of link 'arm' is 600 x 30 x 30 m large" in caplog.text
 
 
-@pytest.mark.parametrize(
+@each(
     "content, attributes, suffix",
     [
         (b"", "", "stl"),
@@ -416,7 +417,7 @@ HARMLESS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("content, said", HARMLESS.values(), ids=HARMLESS)
+@each("content, said", HARMLESS.values(), ids=HARMLESS)
 def test_what_urdfdom_refuses_without_need_is_mended(tmp_path, caplog, capfd, content, said):
     """And urdfdom has nothing to say on standard error, where no log sees it."""
     assert load_robot(write(tmp_path, content)).joint_names == ("hinge",)
@@ -452,7 +453,7 @@ SILENT = {
 }
 
 
-@pytest.mark.parametrize("element", SILENT.values(), ids=SILENT)
+@each("element", SILENT.values(), ids=SILENT)
 def test_no_collision_shape_is_lost_in_silence(tmp_path, element):
     """What urdfdom cannot parse it leaves out: such a link would pass through everything, certified."""
     path = write(tmp_path, robot(BASE, element, joint()))
@@ -488,7 +489,7 @@ def test_srdf_pairs_and_home(tmp_path):
     assert loaded.srdf_path == str(semantics)
 
 
-@pytest.mark.parametrize(
+@each(
     "element, words",
     [
         ('<disable_collisions link1="base"/>', "<disable_collisions> has no attribute 'link2'"),
@@ -507,9 +508,7 @@ def test_faulty_srdf_files_are_refused(tmp_path, element, words):
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "content, words", [(b"", "empty"), (b"<a/>", "root element is <a>"), (b"<robot", "not well-formed")]
-)
+@each("content, words", [(b"", "empty"), (b"<a/>", "root element is <a>"), (b"<robot", "not well-formed")])
 def test_srdf_files_that_are_none(tmp_path, content, words):
     path = write(tmp_path, GOOD)
     with pytest.raises(RobotError, match=words):

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
@@ -93,7 +94,7 @@ def test_what_xacro_says_goes_to_the_log(tmp_path, caplog, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
+@each(
     ("before", "after", "says"),
     [
         ("arm.xacro", "gone.xacro", "gone.xacro"),
@@ -207,7 +208,7 @@ def test_what_the_child_may_take_is_bounded():
     assert resource.getrlimit(resource.RLIMIT_CPU)[0] != seconds, "this process is not bounded"
 
 
-@pytest.mark.parametrize("kind", ["writable by all", "writable by a group", "a link", "a file"])
+@each("kind", ["writable by all", "writable by a group", "a link", "a file"])
 def test_a_folder_that_others_may_write_is_not_used(tmp_path, monkeypatch, kind):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     usual = tmp_path / f"elastic-strips-{getpass.getuser()}"
@@ -235,7 +236,7 @@ def test_the_folder_is_used_again_where_it_is_ones_own(tmp_path, monkeypatch):
     assert made.parent == tmp_path / f"elastic-strips-{getpass.getuser()}"
 
 
-@pytest.mark.parametrize(
+@each(
     ("mappings", "named"), [({}, "length"), ({"length": "0.7"}, None), ({"length": "0.7", "lenght": "0.9"}, "lenght")]
 )
 def test_arguments_that_nobody_gave_or_asked_for_are_said(tmp_path, caplog, mappings, named):

@@ -6,6 +6,7 @@ from concurrent.futures import TimeoutError
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Box, Scene, World
@@ -39,9 +40,7 @@ def cpu(monkeypatch) -> Clock:
     return clock
 
 
-@pytest.mark.parametrize(
-    "given, label", [("free", "free"), ("work", "work"), ("1", 1.0), (" 0.5 ", 0.5), (10, 10.0), (4.0, 4.0)]
-)
+@each("given, label", [("free", "free"), ("work", "work"), ("1", 1.0), (" 0.5 ", 0.5), (10, 10.0), (4.0, 4.0)])
 def test_it_is_parsed(given, label):
     parsed = Computing.parse(given)
     assert parsed.label == label
@@ -49,7 +48,7 @@ def test_it_is_parsed(given, label):
     assert Computing.parse(parsed.label) == parsed, "results keep the label"
 
 
-@pytest.mark.parametrize("wrong", ["fre", "", "0", "-1", "nan", "inf", "1x", 0, -2.0, float("inf"), True, None, [1]])
+@each("wrong", ["fre", "", "0", "-1", "nan", "inf", "1x", 0, -2.0, float("inf"), True, None, [1]])
 def test_what_means_nothing_is_refused(wrong):
     with pytest.raises(ParameterError, match=r"compute=.*'free', 'work', or a finite factor > 0"):
         Computing.parse(wrong)

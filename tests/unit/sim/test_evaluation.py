@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, distance, link_poses, make_scene, random_coordinates, scene_pieces
+from cases import each
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.record import Recorder, RecordError
@@ -84,7 +85,7 @@ def test_the_clearance_is_that_of_brute_force(name, case, rng, request):
     assert evaluation.queries < 81 * len(robot.geometries) * len(scene_pieces(world.scene)) / 10
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry"])
+@each("name", ["silvermate", "tiago", "gantry"])
 def test_no_point_travels_farther_than_its_bound(name, rng, request):
     robot = request.getfixturevalue(name)
     coordinates = [random_coordinates(robot, rng, 1)[0]]
@@ -123,7 +124,7 @@ def boom(tmp_path_factory):
     return load_robot(path, base="fixed")
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry", "boom"])
+@each("name", ["silvermate", "tiago", "gantry", "boom"])
 def test_no_velocity_moves_a_link_more_than_its_lever(name, rng, request):
     robot = request.getfixturevalue(name)
     for coordinates in random_coordinates(robot, rng, 30):

@@ -14,6 +14,7 @@ from types import ModuleType
 
 import odd_jobs
 import pytest
+from cases import each
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.sim import jobs
@@ -153,8 +154,8 @@ def _failure(text: str) -> tuple[object, ...]:
         return type(error), error, error.__traceback__
 
 
-@pytest.mark.parametrize("result", [9, {"run": 0}, dict.fromkeys("abcdef"), "abc", ()])
-@pytest.mark.parametrize("status", ["lost", "pending"])
+@each("result", [9, {"run": 0}, dict.fromkeys("abcdef"), "abc", ()])
+@each("status", ["lost", "pending"])
 def test_a_result_that_was_lost_with_its_worker_is_no_error_of_the_job(result: object, status: str) -> None:
     assert jobs._is_lost(_handed_over(result, status))
 
@@ -172,7 +173,7 @@ def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:
         list(run_jobs(odd_jobs.deadly_scheduler, [(n, scheduler.pid) for n in range(6)], scheduler=address))
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "tcp://:-1"])
+@each("address", ["tcp://127.0.0.1:9", "nonsense://x", "tcp://:-1"])
 def test_an_address_without_a_scheduler_is_wrong_input(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jobs, "_CONNECT", 0.5)
     with pytest.raises(ParameterError, match="no Dask scheduler answers there"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 from following import follow_trajectory
 from motions import smooth_motion
 
@@ -96,7 +97,7 @@ def test_it_drives_straight_as_far_as_its_wheels_turn(machine):
     assert travel == pytest.approx([0.4 * 2.75 - 0.4 * 0.04] * 2, rel=0.03)
 
 
-@pytest.mark.parametrize("rim", [0.2, -0.2])
+@each("rim", [0.2, -0.2])
 def test_it_turns_in_place_as_its_wheels_turn(machine, rim):
     machine.reset(machine.robot.space.to_coordinates(machine.robot.home_q))
     travel = drive(machine, 8.0, -rim, rim)
@@ -254,7 +255,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("shape", list(SHAPES))
+@each("shape", list(SHAPES))
 def test_every_shape_is_touched_where_the_planner_has_it(silvermate, shape):
     scene = Scene([SHAPES[shape].named("thing")])
     plant = MujocoPlant(silvermate, limits_of(silvermate), scene, EXACT)

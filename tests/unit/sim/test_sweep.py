@@ -11,6 +11,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from cases import each
 
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.sim.scenarios import get_scenario, run_scenario
@@ -73,7 +74,7 @@ def test_seeds_may_be_a_range(tmp_path: Path) -> None:
     assert sweep.seeds == (5, 6, 7)
 
 
-@pytest.mark.parametrize(
+@each(
     ("wrong", "says"),
     [
         ("kind: plane\nscenarios: [case-1]", (":1:", "kind", "did you mean 'plan'")),
@@ -219,7 +220,7 @@ def table(path: Path) -> list[dict[str, object]]:
         return list(csv.DictReader(stream))
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".jsonl"])
+@each("suffix", [".csv", ".parquet", ".jsonl"])
 def test_rows_are_kept_and_the_rest_is_to_do(suffix: str, tmp_path: Path) -> None:
     sweep, path = written(tmp_path), tmp_path / f"t{suffix}"
     filled(sweep, path, 5)
@@ -243,7 +244,7 @@ def test_rows_are_kept_and_the_rest_is_to_do(suffix: str, tmp_path: Path) -> Non
         assert parquet.read_schema(path).metadata[b"digest"].decode() == sweep.digest
 
 
-@pytest.mark.parametrize("kept", [1, 30, 10_000])
+@each("kept", [1, 30, 10_000])
 def test_a_torn_last_line_is_run_again(kept: int, tmp_path: Path) -> None:
     """Whatever is left of the line that was being written when the process ended."""
     sweep, path = written(tmp_path), tmp_path / "t.csv"
@@ -440,7 +441,7 @@ def test_what_is_drawn_is_what_varies(tmp_path: Path) -> None:
             plot_columns(sweep, wrong)
 
 
-@pytest.mark.parametrize("plot", [Plot(), Plot(x="scenario"), Plot(y="certified", hue="preset")])
+@each("plot", [Plot(), Plot(x="scenario"), Plot(y="certified", hue="preset")])
 def test_a_picture_is_drawn(plot: Plot, tmp_path: Path) -> None:
     sweep = written(tmp_path)
     rows = [made(run, certified=run.index % 3 > 0, preset="default") for run in sweep.runs()]

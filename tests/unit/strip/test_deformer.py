@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances, self_distances
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
@@ -32,7 +33,7 @@ def again(strip: Strip) -> Strip:
     return Strip.from_coordinates(strip.robot, strip.coordinates)
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_settling_beside_obstacles(name, request):
     robot = request.getfixturevalue(name)
     strip = line(robot)
@@ -282,13 +283,13 @@ def test_the_budget_makes_more_iterations(silvermate):
     assert tiny.iterations == 1
 
 
-@pytest.mark.parametrize("budget", [0, -1.0, float("nan"), "fast", True])
+@each("budget", [0, -1.0, float("nan"), "fast", True])
 def test_budgets_are_positive_numbers(silvermate, budget):
     with pytest.raises(ParameterError, match="budget="):
         Deformer(silvermate).step(line(silvermate), ASIDE, budget=budget)
 
 
-@pytest.mark.parametrize("options", [{"until": "never"}, {"max_ticks": 0}, {"max_ticks": -3}])
+@each("options", [{"until": "never"}, {"max_ticks": 0}, {"max_ticks": -3}])
 def test_settle_refuses(silvermate, options):
     with pytest.raises(ParameterError, match=next(iter(options))):
         Deformer(silvermate).settle(line(silvermate), ASIDE, **options)
@@ -374,8 +375,8 @@ def test_an_assessment_moves_nothing(silvermate):
     assert report.certificate.segments.tolist() == Deformer(silvermate).certify(strip, ASIDE).segments.tolist()
 
 
-@pytest.mark.parametrize("base", ["diff_drive", "omni"])
-@pytest.mark.parametrize("deformer", [Deformer, PaperDeformer])
+@each("base", ["diff_drive", "omni"])
+@each("deformer", [Deformer, PaperDeformer])
 def test_a_robot_that_is_a_base_and_nothing_else(tmp_path, base, deformer):
     """No joints and no self pairs: every array about them is empty."""
     path = tmp_path / "cart.urdf"

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from cases import each
 from refusals import taken
 
 from elastic_strips.catalogue import PRESETS
@@ -34,7 +35,7 @@ def test_some_must_be_positive():
                 kind(**{name: 0})
 
 
-@pytest.mark.parametrize(
+@each(
     "given, message",
     [
         ({"clearance": 0.3}, r"clearance=0.3 must be below influence=0.3"),

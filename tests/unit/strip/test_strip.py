@@ -9,11 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, random_configurations
+from cases import each_robot
 
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.strip import Strip
 
 
+@each_robot
 def test_nodes_are_copied_and_read_only(robot, rng):
     q = random_configurations(robot, rng, 4)
     strip = Strip(robot, q)
@@ -51,6 +53,7 @@ def test_faulty_nodes_are_named(silvermate):
         Strip(silvermate, q)
 
 
+@each_robot
 def test_coordinate_and_configurations_agree(robot, rng):
     q = random_configurations(robot, rng, 6)
     strip = Strip(robot, q)
@@ -62,6 +65,7 @@ def test_coordinate_and_configurations_agree(robot, rng):
     assert not same.coordinates.flags.writeable
 
 
+@each_robot
 def test_velocities_are_pinocchios_differences(robot, rng):
     q = random_configurations(robot, rng, 6)
     expected = [pin.difference(robot.model, q[j], q[j + 1]) for j in range(5)]
@@ -89,6 +93,7 @@ def test_an_arc_has_no_slip_and_its_own_length(silvermate):
     assert strip.lateral_slip.max() < 1e-12
 
 
+@each_robot
 def test_samples_lie_on_pin_interpolate(robot, rng):
     q = random_configurations(robot, rng, 3)
     strip = Strip(robot, q)

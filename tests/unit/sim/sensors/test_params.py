@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each
 from refusals import taken
 
 from elastic_strips.errors import ParameterError
@@ -16,7 +17,7 @@ from elastic_strips.sim.sensors import InfraredParams, LaserParams, SensorConfig
 ALL = (LaserParams, SonarParams, InfraredParams)
 
 
-@pytest.mark.parametrize("make", ALL)
+@each("make", ALL)
 def test_values_out_of_bounds(make):
     wrong = [
         ("range_min", -0.1),

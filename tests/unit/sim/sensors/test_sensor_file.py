@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import load_robot
@@ -61,7 +62,7 @@ def test_what_a_file_leaves_out_is_the_default(tmp_path):
     assert config == SensorConfig(sensors=(LaserParams(name="front", rays=7), InfraredParams(name="ir")))
 
 
-@pytest.mark.parametrize(
+@each(
     "text, message",
     [
         (
