@@ -80,8 +80,16 @@ def _watch(event: str, arguments: tuple[object, ...]) -> None:
     if _running is None or event not in ("subprocess.Popen", "os.fork", "os.posix_spawn"):
         return
     program = Path(str(arguments[0])).name if arguments else "python"
-    if program.startswith(("python", "chrom", "google-chrome", "bash")):  # what other libraries ask is theirs
+    if program.startswith(("python", "chrom", "google-chrome", "bash")) and not _importing():
         _refuse(program)
+
+
+def _importing() -> bool:
+    """Whether a module is read just now: what some start then is started by whoever is first."""
+    frame = sys._getframe()
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
 
 
 def _refuse(program: str) -> None:

@@ -235,6 +235,7 @@ def test_a_file_is_decoded_as_it_declares(tmp_path: Path, encoding: str, declare
     assert agrees(robot)
 
 
+@pytest.mark.process
 def test_xacro_files_are_decoded_as_they_declare(tmp_path: Path) -> None:
     pytest.importorskip("xacro")
     text = '<?xml version="1.0" encoding="ISO-8859-1"?>' + one('<sphere radius="${0.1}"/>', name="Kübel").replace(

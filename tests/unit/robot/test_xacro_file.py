@@ -18,6 +18,7 @@ from elastic_strips.robot.xacro_file import expand_xacro
 from elastic_strips.trajectory import MotionLimits
 
 pytest.importorskip("xacro")
+pytestmark = pytest.mark.process
 
 ARM = """<?xml version="1.0"?>
 <robot xmlns:xacro="http://www.ros.org/wiki/xacro">

@@ -35,6 +35,7 @@ def until(holds: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("processes", [1, 2])
 def test_results_come_as_they_are_ready(processes: int) -> None:
     assert sorted(parallel_map(odd_jobs.square, range(12), processes)) == SQUARES

@@ -406,6 +406,7 @@ def test_what_ended_a_sweep_is_not_hidden_by_what_came_of_it(
         assert len(store.rows) == 1
 
 
+@pytest.mark.process
 def test_a_sweep_in_two_halves_is_the_sweep(tmp_path: Path) -> None:
     """Apart from what the clock has a part in."""
     sweep = written(tmp_path, "kind: plan\nscenarios: [case-1]\nseeds: [0, 1]\ngrid: {influence: [0.2, 0.3]}\n")
