@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.control.record import Recorder
@@ -106,7 +107,7 @@ def drive(path: Path, kind: str, *, steps: int = 60, cloud: float = 2.05) -> Pat
     return path if kind == ".bag" else next(path.glob(f"*{kind}")) if kind != "folder" else path
 
 
-@pytest.mark.parametrize("kind", [".mcap", ".db3", ".bag", "folder"])
+@each("kind", [".mcap", ".db3", ".bag", "folder"])
 def test_scans_come_with_the_pose_at_their_stamp(tmp_path, kind):
     bag = BagReader(drive(tmp_path / ("b.bag" if kind == ".bag" else "b"), kind))
     scans = list(bag.scans())
@@ -146,7 +147,7 @@ SMALL = ("xyz", (0, 4, 8), 7)
 TIGHT = {"fields": SMALL, "step": 12, "width": 2, "height": 2, "row": 24}
 
 
-@pytest.mark.parametrize(
+@each(
     "given",
     [
         {**TIGHT, "data": FOUR.astype("<f4").tobytes()},
@@ -228,7 +229,7 @@ def test_a_frame_that_gets_another_parent_is_not_between_the_two(tmp_path):
     assert pose[0] == 5.0
 
 
-@pytest.mark.parametrize(
+@each(
     ("head", "ranges"),
     [
         ({"step": 0.2}, [1.5, np.nan, np.inf, np.nan, np.inf, np.nan]),
@@ -248,7 +249,7 @@ def test_ranges_mean_what_rep_117_says(tmp_path, head, ranges):
     assert scan.angles[0] == pytest.approx(-0.5 if head.get("start", -0.5) else 0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("head", [{"start": math.nan}, {"step": 0.0}, {"step": 1.3}, {"low": math.nan}, {"low": 8.0}])
+@each("head", [{"start": math.nan}, {"step": 0.0}, {"step": 1.3}, {"low": math.nan}, {"low": 8.0}])
 def test_a_scan_that_is_none_is_counted(tmp_path, head):
     bag = filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", [1.0] * 6, **head))
     assert not list(bag.scans())

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import InputError
 from elastic_strips.io import LaserLogError, read_laser_log
@@ -88,8 +89,8 @@ def test_carmen_flaser(tmp_path):
     assert read_laser_log(write(tmp_path, odd))[0][0].angles[-1] == pytest.approx(0.5 * math.pi)
 
 
-@pytest.mark.parametrize("tail", ["0 ", "2 7 8 ", ""])
-@pytest.mark.parametrize("axis", ["", "0.4 "])
+@each("tail", ["0 ", "2 7 8 ", ""])
+@each("axis", ["", "0.4 "])
 def test_carmen_robotlaser_and_rawlaser(tmp_path, tail, axis):
     """With and without remissions and turn axis: writers differ."""
     head = "LASER1 0 -1.5 3.0 0.5 20.0 0.01 0 3 1.0 25.0 2.0 "
@@ -144,7 +145,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("text, message", BAD)
+@each("text, message", BAD)
 def test_a_wrong_log_names_file_and_line(tmp_path, text, message):
     with pytest.raises(LaserLogError, match=message):
         read_laser_log(write(tmp_path, text))

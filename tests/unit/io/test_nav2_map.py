@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 from shared_data import shared_data
 
 from elastic_strips.errors import ScenarioError
@@ -61,8 +62,8 @@ def cells(scene: Scene, yaw=0.0) -> set[tuple[int, int]]:
     return found
 
 
-@pytest.mark.parametrize("kind", [b"P5", b"P2"])
-@pytest.mark.parametrize("comment", [b"", b"# one\n# two # three\n"])
+@each("kind", [b"P5", b"P2"])
+@each("comment", [b"", b"# one\n# two # three\n"])
 def test_occupied_cells_are_boxes_where_the_map_says(tmp_path, kind, comment):
     """The image's last row is the lowest, the origin is the lower left corner, boxes stand on the floor."""
     scene = load_nav2_map(write(tmp_path, kind=kind, comment=comment))
@@ -99,7 +100,7 @@ def test_walls_are_between_two_heights(tmp_path):
         load_nav2_map(write(tmp_path), low=1.0, height=1.0)
 
 
-@pytest.mark.parametrize("turns", [1, -2, 40])
+@each("turns", [1, -2, 40])
 def test_a_yaw_of_more_than_a_turn_is_taken_and_said(tmp_path, caplog, turns):
     yaw = 0.7 + 2.0 * math.pi * turns
     with caplog.at_level(logging.WARNING):
@@ -114,8 +115,8 @@ HEADERS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("head", HEADERS)
-@pytest.mark.parametrize("after", [b"", b"\n"])
+@each("head", HEADERS)
+@each("after", [b"", b"\n"])
 def test_headers_with_other_ends_of_lines_do_not_shift_the_pixels(tmp_path, head, after):
     if after and head in (b"P5 3 4 255\r\n", b"P5\n3 4\n255 # made\n"):
         pytest.skip("it cannot be told what the bytes are")
@@ -162,7 +163,7 @@ BAD_YAML = [
 ]
 
 
-@pytest.mark.parametrize("text, message", BAD_YAML)
+@each("text, message", BAD_YAML)
 def test_a_wrong_map_names_file_line_and_key(tmp_path, text, message):
     with pytest.raises(ScenarioError, match=message):
         load_nav2_map(write(tmp_path, text=text))
@@ -182,7 +183,7 @@ BAD_IMAGES = [
 ]
 
 
-@pytest.mark.parametrize("image, message", BAD_IMAGES)
+@each("image, message", BAD_IMAGES)
 def test_a_wrong_image_is_refused(tmp_path, image, message):
     path = write(tmp_path)
     (tmp_path / "map.pgm").write_bytes(image)
@@ -204,7 +205,7 @@ def write_png(folder, pixels, text=YAML):
     return folder / "map.yaml"
 
 
-@pytest.mark.parametrize(
+@each(
     "pixels",
     [PIXELS, np.dstack([PIXELS] * 3), np.dstack([*[PIXELS] * 3, np.full_like(PIXELS, 255)])[:, :, [0, 1, 2]],
      PIXELS.astype(np.uint16) * 257],

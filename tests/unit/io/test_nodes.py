@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from cases import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +16,7 @@ def parse(text, path="x.yaml"):
     return parse_yaml(text, Source(Path(path), SceneError))
 
 
-@pytest.mark.parametrize(
+@each(
     "text, value",
     [
         ("1", 1),
@@ -59,7 +60,7 @@ def test_nodes_know_their_line_and_key():
         second.fail("wrong")
 
 
-@pytest.mark.parametrize(
+@each(
     "text, message",
     [
         ("a: 1\nb: 2\na: 3\n", r"x\.yaml:3: key 'a' is given twice \(first in line 1\)"),

@@ -9,6 +9,7 @@ import struct
 import coal
 import numpy as np
 import pytest
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.errors import ParameterError, SceneError
@@ -92,7 +93,7 @@ def test_cells_are_where_coal_has_them(tmp_path):
     assert covered(read_octomap(file)) == theirs
 
 
-@pytest.mark.parametrize(
+@each(
     ("binary", "kind"),
     [(True, "ColorOcTree"), (True, "OcTreeStamped"), (True, "1"), (False, "OcTreeStamped"), (False, "1")],
 )

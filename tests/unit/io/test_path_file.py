@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.io import load_path, write_path
@@ -200,7 +201,7 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
+@each("name", WRONG)
 def test_what_is_wrong_is_named(panda, tmp_path, name):
     text, message = WRONG[name]
     (tmp_path / name).write_text(text)

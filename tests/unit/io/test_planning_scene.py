@@ -7,6 +7,7 @@ import logging
 
 import numpy as np
 import pytest
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
@@ -122,7 +123,7 @@ def test_what_is_held_is_not_in_the_world_as_well(tmp_path):
     assert [thing.name for thing in message.attached] == ["bar"]
 
 
-@pytest.mark.parametrize("operation", [1, "\x01", 3])
+@each("operation", [1, "\x01", 3])
 def test_what_is_let_go_of_is_not_held(tmp_path, operation):
     thing = {**held()["object"], "operation": operation}
     with pytest.raises(SceneError, match="bar"):
@@ -230,7 +231,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("thing", "key"), BAD)
+@each(("thing", "key"), BAD)
 def test_what_does_not_fit_is_refused_with_its_key(tmp_path, thing, key):
     with pytest.raises(SceneError, match=rf"scene\.json: .*{key}"):
         read_scene(write(tmp_path, thing))
@@ -260,7 +261,7 @@ def test_an_octomap_of_a_message_is_whole_or_refused(tmp_path):
         read_scene(path)
 
 
-@pytest.mark.parametrize(("frame", "known"), [("camera_link", False), ("odom", True), ("robot1/map", True)])
+@each(("frame", "known"), [("camera_link", False), ("odom", True), ("robot1/map", True)])
 def test_a_frame_that_is_nowhere_is_refused_of_a_robot(tmp_path, panda, frame, known):
     path = write(tmp_path, box("a", frame, pose(1.0)))
     if known:

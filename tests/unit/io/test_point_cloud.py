@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 import pytest
+from cases import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -92,7 +93,7 @@ def write(folder, name, data):
     return folder / name
 
 
-@pytest.mark.parametrize("name, data", FILES)
+@each("name, data", FILES)
 def test_every_format_gives_the_points(tmp_path, name, data):
     cloud = read_point_cloud(write(tmp_path, name, data))
     np.testing.assert_array_equal(cloud.points, POINTS)
@@ -151,7 +152,7 @@ def test_trimesh_reads_the_same_points(tmp_path):
         np.testing.assert_allclose(cloud.points, points, atol=1e-6)
 
 
-@pytest.mark.parametrize("make", [ply, pcd, xyz, lambda p: ply(p, "binary_little_endian"), lambda p: pcd(p, "binary")])
+@each("make", [ply, pcd, xyz, lambda p: ply(p, "binary_little_endian"), lambda p: pcd(p, "binary")])
 def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path, make):
     points = np.vstack([POINTS, [[np.nan, 0, 0], [0, np.inf, 0]]])
     name = "c." + ("ply" if make(POINTS).startswith(b"ply") else "pcd" if b"FIELDS" in make(POINTS) else "xyz")
@@ -203,7 +204,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("name, data, message", BAD)
+@each("name, data, message", BAD)
 def test_a_wrong_file_is_refused_with_its_place(tmp_path, name, data, message):
     with pytest.raises(SceneError, match=message):
         read_point_cloud(write(tmp_path, name, data))
@@ -250,7 +251,7 @@ def test_scenes_leave_out_floor_ceiling_and_noise(tmp_path):
         cloud_scene(POINTS, low=100.0)
 
 
-@pytest.mark.parametrize("name, data", FILES[:8:3])
+@each("name, data", FILES[:8:3])
 def test_scene_files_refer_to_clouds(tmp_path, name, data):
     write(tmp_path, name, data)
     text = f"version: 1\nobstacles:\n- {{shape: points, name: scan, radius: 0.02, file: {name}}}\n"

@@ -13,6 +13,7 @@ import zipfile
 import numpy as np
 import pytest
 from brute_force import make_scene, scene_pieces
+from cases import each
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.record import Record, Recorder, RecordError
@@ -271,7 +272,7 @@ def test_another_version_is_refused(file, tmp_path):
         read_record(with_metadata(file, tmp_path / "x.npz", version=2))
 
 
-@pytest.mark.parametrize("share", [0.001, 0.3, 0.9, 0.999])
+@each("share", [0.001, 0.3, 0.9, 0.999])
 def test_a_file_that_is_cut_off_is_refused(file, share):
     data = file.read_bytes()
     file.write_bytes(data[: max(int(share * len(data)), 2)])

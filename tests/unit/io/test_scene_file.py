@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from cases import each
 
 from elastic_strips.errors import SceneError
 from elastic_strips.io import read_scene, read_world, write_scene, write_world
@@ -179,7 +180,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("text, line, message", BAD)
+@each("text, line, message", BAD)
 def test_a_wrong_file_names_file_line_and_key(tmp_path, text, line, message):
     with pytest.raises(SceneError, match=message) as caught:
         read(tmp_path, text)
@@ -270,7 +271,7 @@ def test_meshes_and_clouds_from_files_are_relative_to_the_scene_file(tmp_path, m
     same(read_scene(sub / "out.yaml"), scene)
 
 
-@pytest.mark.parametrize("content", [b"", b"garbage", b"\x93NUMPY\x01\x00garbage"])
+@each("content", [b"", b"garbage", b"\x93NUMPY\x01\x00garbage"])
 def test_broken_clouds_are_refused(tmp_path, content):
     (tmp_path / "cloud.npy").write_bytes(content)
     (tmp_path / "cloud.csv").write_bytes(content)

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.collision import prove
@@ -77,8 +78,8 @@ obstacles:
     assert top(together) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("last", ["[0, 0, 1, 0]", "[0, 0, -1, 0]", "[0, 0.6, 0, 0.8]"])
-@pytest.mark.parametrize("yaw", [math.pi / 2, -2.0, 3.1])
+@each("last", ["[0, 0, 1, 0]", "[0, 0, -1, 0]", "[0, 0.6, 0, 0.8]"])
+@each("yaw", [math.pi / 2, -2.0, 3.1])
 def test_keyframes_are_turned_with_their_frame(folder, last, yaw):
     """Also where they turn by half a turn, which way round only their signs say."""
     frames = f"{{times: [0, 2], positions: [[1, 0, 0], [3, 0, 0]], quats: [[0, 0, 0, 1], {last}]}}"
@@ -108,7 +109,7 @@ def test_no_scene_has_files_without_end(folder):
         read_scene(folder / "n0.yaml")
 
 
-@pytest.mark.parametrize(
+@each(
     ("entry", "what"),
     [
         ("{file: t.scene, low: 1}", "low"),
@@ -153,7 +154,7 @@ def test_walls_are_as_high_as_the_robot_reaches(folder, tiago):
     assert highest_reach(tiago) > 1.2
 
 
-@pytest.mark.parametrize("name", ["tiago", "silvermate", "panda", "jackal-box"])
+@each("name", ["tiago", "silvermate", "panda", "jackal-box"])
 def test_no_configuration_is_higher_than_the_reach(name):
     robot = es.load_robot(name)
     rng = np.random.default_rng(3)
@@ -236,7 +237,7 @@ def inside(scene: es.Scene, points) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("count", [1, 2, 4])
+@each("count", [1, 2, 4])
 def test_what_no_map_shows_is_filled_near_and_far(count):
     """Points anywhere are in one of the obstacles exactly where they are on no map; robots stay within 10 km."""
     rng = np.random.default_rng(count)
@@ -263,8 +264,8 @@ def edge_of(area: MapArea, xy: np.ndarray) -> np.ndarray:
     return np.abs(np.column_stack((local, local - area.size))).min(axis=1) < 0.02
 
 
-@pytest.mark.parametrize("at", [(30.0, 0.0), (4.5, 0.0), (-9000.0, 4000.0)])
-@pytest.mark.parametrize("kept", [["m.yaml"], ["m.yaml", "far.yaml"]])
+@each("at", [(30.0, 0.0), (4.5, 0.0), (-9000.0, 4000.0)])
+@each("kept", [["m.yaml"], ["m.yaml", "far.yaml"]])
 def test_a_path_that_is_nowhere_on_a_map_is_not_certified(folder, at, kept):
     """Of the scene alone, too; between two maps that do not touch; and there is no proof of it."""
     (folder / "far.yaml").write_text("sources: [{file: m.yaml, at: [20, 0, 0]}]\n")
@@ -379,11 +380,11 @@ def tiago() -> RobotModel:
     return es.load_robot("tiago")
 
 
-@pytest.mark.parametrize(
+@each(
     ("sizes", "said"),
     [([[400, 400, 20], [1200, 800, 700]], True), ([[0.4, 0.4, 0.02], [200, 200, 0.1]], False), ([[3, 2, 1.5]], False)],
 )
-@pytest.mark.parametrize("kind", ["yaml", "scene"])
+@each("kind", ["yaml", "scene"])
 def test_obstacles_in_millimetres_are_said(tmp_path, caplog, sizes, said, kind):
     file = tmp_path / f"a.{kind}"
     if kind == "yaml":
@@ -397,7 +398,7 @@ def test_obstacles_in_millimetres_are_said(tmp_path, caplog, sizes, said, kind):
     assert ("millimetres" in caplog.text) == said
 
 
-@pytest.mark.parametrize(
+@each(
     "text",
     [
         "obstacles: [{{shape: box, size: [1, 1, 1], rpy: [0, 0, {}]}}]",

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.errors import InputError, MissingExtraError
@@ -27,7 +28,7 @@ def trajectory(request):
     return retime(es.Strip.from_coordinates(robot, rows))
 
 
-@pytest.mark.parametrize(("suffix", "loss"), [(".csv", 0.0), (".npz", 0.0), (".json", 1e-9)])
+@each(("suffix", "loss"), [(".csv", 0.0), (".npz", 0.0), (".json", 1e-9)])
 def test_a_trajectory_comes_back(tmp_path, trajectory, suffix, loss):
     back = load_path(write_trajectory(tmp_path / f"t{suffix}", trajectory), trajectory.robot)
     assert np.abs(back.q - trajectory.q).max() <= loss  # of a quaternion's sine and cosine

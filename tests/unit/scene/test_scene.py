@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import Box, Cone, ConvexHull, Keyframes, Points, Scene, Sphere, Twist, Voxels
@@ -84,7 +85,7 @@ def test_bad_scenes_are_refused():
         Scene([]).with_obstacle("box")
 
 
-@pytest.mark.parametrize("name", ["tabel", 5, None, []])
+@each("name", ["tabel", 5, None, []])
 def test_unknown_name_offers_the_nearest(name):
     scene = Scene([Box((1, 1, 1), name="table")])
     with pytest.raises(SceneError, match="Valid: table"):

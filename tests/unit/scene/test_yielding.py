@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import Box, Keyframes, PedestrianMotion, Scene, Sphere, Twist, World
@@ -96,7 +97,7 @@ def test_copies_of_a_world_go_their_own_ways():
     assert still.copied() is still
 
 
-@pytest.mark.parametrize(
+@each(
     "make, message",
     [
         (lambda: PedestrianMotion(Twist()), "needs Keyframes"),  # type: ignore[arg-type]

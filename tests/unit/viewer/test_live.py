@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.planning import plan
@@ -95,7 +96,7 @@ def test_a_search_that_fails_does_not_end_it(robot, monkeypatch):
         assert live.alive
 
 
-@pytest.mark.parametrize("name", ["bridge-arm", "panda", "silvermate"])
+@each("name", ["bridge-arm", "panda", "silvermate"])
 def test_the_goals_hand_moves_by_the_joints_alone(name):
     robot = load_robot(name)
     goal = robot.home(x=1.0) if robot.space.planar else robot.home() + 0.6 * np.eye(robot.nq)[0]
@@ -167,7 +168,7 @@ def test_wrong_input_names_what_is_wrong(robot, scene, strip):
         live.move_goal(1.0, 0.0)
 
 
-@pytest.mark.parametrize(
+@each(
     "line",
     [
         b"", b"{", b"[]", b"null", b'"x"', b'{"type": 3}', b'{"type": "drag", "shift": [1, 2]}', b"\xff\xfe",
