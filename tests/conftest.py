@@ -55,6 +55,29 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         return (yield)
 
 
+_took: dict[str, float] = {}  # [s] of a processor, with the processes that it waited for
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    began = sum(os.times()[:4])
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(("cpu", sum(os.times()[:4]) - began))
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.when == "call":
+        name = marks.name_of(report.nodeid)
+        _took[name] = _took.get(name, 0.0) + float(dict(report.user_properties)["cpu"])
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if session.config.getoption("write_slow") and not hasattr(session.config, "workerinput"):
+        marks.measured(_took)
+
+
 def _settings() -> dict[str, object]:
     """What belongs to the process, and so to all tests that run in it."""
     names = (None, "elastic_strips")

@@ -82,7 +82,6 @@ def test_their_extra_brings_what_they_import() -> None:
 
 
 @pytest.mark.notebook
-@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_notebook_runs_and_makes_a_page(path: Path) -> None:
     notebook = site_notebooks.executed(path)  # where the site has not done it, and changes of nothing that it rests on

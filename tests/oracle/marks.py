@@ -1,4 +1,4 @@
-"""Marks that tests get by what they do: found in what their code refers to, and watched while they run."""
+"""Marks that tests get by what they do: found in what their code refers to, measured, and watched while they run."""
 
 from __future__ import annotations
 
@@ -13,15 +13,36 @@ from types import CodeType, FunctionType, ModuleType
 import pytest
 
 TESTS = Path(__file__).parents[1]
-_BY_FIXTURE = {"browser": "browser", "chromium": "browser", "wheel": "wheel"}
+_BY_FIXTURE = {"browser": "browser", "chromium": "browser", "wheel": "wheel", "served": "process"}
 _PROGRAMS = {"subprocess", "multiprocessing", "MachineProcess", "ExecutorProcess", "make_realtime", "run_jobs"}
 """Who refers to one of these starts processes."""
 _MAY_START = ("process", "browser", "wheel", "notebook")
+_SLOW = TESTS / "slow.txt"
+_LONG = 0.4  # [s] all cases of a test together
 
 
-def mark(item: pytest.Item) -> None:
-    """Mark a test by its fixtures, its folder and what its code refers to."""
+def slow() -> set[str]:
+    """The tests that were measured to be slow, as ``unit/room/test_file.py::test_name``."""
+    return set(_SLOW.read_text(encoding="utf-8").split())
+
+
+def measured(seconds: dict[str, float]) -> None:
+    """Write down which of these tests are slow; what is known of others stays."""
+    known = {name for name in slow() if name not in seconds}
+    known |= {name for name, took in seconds.items() if took > _LONG}
+    _SLOW.write_text("".join(f"{name}\n" for name in sorted(known)), encoding="utf-8")
+
+
+def name_of(nodeid: str) -> str:
+    """Of a test in the list of slow ones: without its cases."""
+    return nodeid.split("[")[0].removeprefix("tests/")
+
+
+def mark(item: pytest.Item, listed: set[str]) -> None:
+    """Mark a test by its fixtures, by what its code refers to, and as slow where it is listed."""
     assert isinstance(item, pytest.Function)
+    if name_of(item.nodeid) in listed:
+        item.add_marker("slow")
     for fixture, name in _BY_FIXTURE.items():
         if fixture in item.fixturenames:
             item.add_marker(name)

@@ -156,7 +156,6 @@ def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 @pytest.mark.skipif(find_browser() is None, reason="no chromium")
 def test_bench_page(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("workshop.bench.page._SETTLED", 0.5)

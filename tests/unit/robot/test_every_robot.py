@@ -388,7 +388,6 @@ SLOW = {
 """More than a second to load, or the like of another; ``python -m workshop robots`` loads them all."""
 
 
-@pytest.mark.slow
 def test_the_robots_of_example_robot_data_load():
     """All but those without links or collision geometry; Centauro has a hull with a corner of too many neighbours."""
     for name in sorted(set(robot_names()) - SLOW):

@@ -60,7 +60,6 @@ def check(state, picture):
     assert (red > 40).sum() > 200  # obstacles
 
 
-@pytest.mark.slow
 def test_a_live_page(robot, scene, make_report, tmp_path):
     with Viewer() as viewer:
         viewer.show(robot, scene, make_report())
@@ -73,7 +72,6 @@ def test_a_live_page(robot, scene, make_report, tmp_path):
     assert not state["playing"]
 
 
-@pytest.mark.slow
 def test_a_saved_page_that_plays(robot, scene, make_report, tmp_path):
     with Viewer(server=False) as viewer:
         viewer.animate(robot, scene, make_report(), 5.0)

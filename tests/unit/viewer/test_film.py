@@ -28,7 +28,6 @@ def viewer(scene):
 
 @chromium
 @pytest.mark.browser
-@pytest.mark.slow
 def test_a_picture_of_a_moment(viewer, tmp_path):
     pictures = [imageio.imread(viewer.save_png(tmp_path / f"{t}.png", size=(480, 300), time=t)) for t in (0.0, 0.9)]
     assert pictures[0].shape[:2] == (300, 480)
@@ -37,7 +36,6 @@ def test_a_picture_of_a_moment(viewer, tmp_path):
 
 @chromium
 @pytest.mark.browser
-@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["gif", "mp4"])
 def test_a_film_has_its_pictures_and_its_speed(viewer, tmp_path, ending):
     if ending == "mp4":
@@ -63,7 +61,6 @@ def test_wrong_files_and_speeds_are_said_before_anything_is_drawn(viewer, tmp_pa
 
 @chromium
 @pytest.mark.browser
-@pytest.mark.slow
 def test_nothing_plays(scene, make_report, robot, tmp_path):
     with Viewer(server=False) as viewer, pytest.raises(InputError, match="nothing plays"):
         viewer.show(robot, scene, make_report()).save_film(tmp_path / "film.gif")

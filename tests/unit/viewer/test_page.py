@@ -34,7 +34,6 @@ GOAL = """() => {
 
 pytestmark = [
     pytest.mark.browser,
-    pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium"),
 ]
 

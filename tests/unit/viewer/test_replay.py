@@ -298,7 +298,6 @@ STATE = """new Promise((done) => {
 
 
 @pytest.mark.browser
-@pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), reason="no chromium")
 def test_a_browser_plays_it(silvermate, record, tmp_path):
     from PIL import Image

@@ -72,29 +72,29 @@ def received(url, count=1):
 
 
 @pytest.fixture
-def viewer():
+def served():
     with Viewer() as viewer:
         assert viewer.alive
         yield viewer
 
 
 @linux
-def test_listens_on_the_loopback_only(viewer, robot, scene, make_report):
-    viewer.show(robot, scene, make_report())
-    assert listening(viewer._server.pid) == ["0100007F"]
+def test_listens_on_the_loopback_only(served, robot, scene, make_report):
+    served.show(robot, scene, make_report())
+    assert listening(served.server_pid) == ["0100007F"]
     assert "0100007F" not in listening(os.getpid())  # nothing in our own process
-    assert viewer.url.startswith("http://127.0.0.1:")
+    assert served.url.startswith("http://127.0.0.1:")
 
 
-def test_serves_the_page_and_refuses_foreign_names(viewer):
-    with urllib.request.urlopen(viewer.url, timeout=60) as answer:
+def test_serves_the_page_and_refuses_foreign_names(served):
+    with urllib.request.urlopen(served.url, timeout=60) as answer:
         assert "MeshCat.Viewer" in answer.read().decode()
-    request = urllib.request.Request(viewer.url, headers={"Host": "evil.example"})
+    request = urllib.request.Request(served.url, headers={"Host": "evil.example"})
     with pytest.raises(urllib.error.HTTPError, match="403"):
         urllib.request.urlopen(request, timeout=60)
 
 
-def test_no_page_of_others_may_frame_it_but_a_notebooks(viewer):
+def test_no_page_of_others_may_frame_it_but_a_notebooks(served):
     """By its plain address nobody may; by the one with the program's own number, whatever is of this machine."""
 
     def ancestors(address):
@@ -102,18 +102,18 @@ def test_no_page_of_others_may_frame_it_but_a_notebooks(viewer):
             policy = dict(part.split(" ", 1) for part in answer.headers["Content-Security-Policy"].split("; "))
             return policy["frame-ancestors"].split(), answer.headers["X-Frame-Options"]
 
-    assert ancestors(viewer.url) == (["'none'"], "DENY")
-    allowed, older = ancestors(viewer.own_url)
+    assert ancestors(served.url) == (["'none'"], "DENY")
+    allowed, older = ancestors(served.own_url)
     assert older is None, "it would forbid a notebook on another port"
     assert {"'self'", "http://localhost:*", "http://127.0.0.1:*"} <= set(allowed)
     assert not {"*", "http:", "https:", "http://*", "https://*"} & set(allowed)
 
 
-def test_a_late_browser_gets_the_whole_picture(viewer, robot, scene, make_report):
-    viewer.show(robot, scene, make_report())
-    viewer._flush()
-    assert eventually(lambda: len(received(viewer.url)[0]) == len(viewer._log))
-    (batch,) = received(viewer.url)
+def test_a_late_browser_gets_the_whole_picture(served, robot, scene, make_report):
+    served.show(robot, scene, make_report())
+    served._flush()
+    assert eventually(lambda: len(received(served.url)[0]) == len(served._log))
+    (batch,) = received(served.url)
     paths = {command.get("path") for command in batch if command["type"] == "set_object"}
     assert {"/forces", "/hulls", "/strip/threads", "/strip/base", "/markers/start"} <= paths
     assert len(paths) < 150
@@ -123,19 +123,19 @@ def test_a_late_browser_gets_the_whole_picture(viewer, robot, scene, make_report
     assert card["chip"][0] == "deforming"
 
 
-def test_update_leaves_the_drawing_to_the_viewers_thread(viewer, robot, scene, make_report):
+def test_update_leaves_the_drawing_to_the_viewers_thread(served, robot, scene, make_report):
     reports = [make_report(shift=0.01 * k) for k in range(50)]
     scenes = [scene.at(0.02 * k) for k in range(50)]
-    viewer.show(robot, scene, reports[0])
-    viewer._flush()
-    draws, draw = [], viewer._drawing.draw
-    viewer._drawing.draw = lambda job: (draws.append(threading.get_ident()), draw(job))[1]
+    served.show(robot, scene, reports[0])
+    served._flush()
+    draws, draw = [], served._drawing.draw
+    served._drawing.draw = lambda job: (draws.append(threading.get_ident()), draw(job))[1]
     k, end = 0, time.perf_counter() + 1.0
     while time.perf_counter() < end or (not draws and k < 30_000):  # a busy machine draws late
-        viewer.update(reports[k % 50], scenes[k % 50])
+        served.update(reports[k % 50], scenes[k % 50])
         time.sleep(0.002)
         k += 1
-    assert viewer.alive
+    assert served.alive
     assert threading.get_ident() not in draws
     assert 1 <= len(draws) < k  # the newest won
 
@@ -247,36 +247,36 @@ def test_a_robot_that_cannot_move_is_drawn(tmp_path):
         assert viewer.alive
 
 
-def test_a_killed_server_is_reported_once_and_disturbs_nobody(viewer, robot, scene, make_report, caplog, tmp_path):
-    viewer.show(robot, scene, make_report())
-    viewer._flush()
+def test_a_killed_server_is_reported_once_and_disturbs_nobody(served, robot, scene, make_report, caplog, tmp_path):
+    served.show(robot, scene, make_report())
+    served._flush()
     with caplog.at_level(logging.WARNING):
-        os.kill(viewer._server.pid, signal.SIGKILL)
-        assert eventually(lambda: not viewer.alive)
+        os.kill(served.server_pid, signal.SIGKILL)
+        assert eventually(lambda: not served.alive)
         for k in range(200):
-            viewer.update(make_report(shift=0.01 * k))
+            served.update(make_report(shift=0.01 * k))
             time.sleep(0.001)
-        viewer.show(robot, scene, make_report())
-        viewer.update(make_report(clearance=0.777))
+        served.show(robot, scene, make_report())
+        served.update(make_report(clearance=0.777))
         assert eventually(lambda: len(caplog.records) > 0)
-        viewer.save_html(tmp_path / "last.html")
+        served.save_html(tmp_path / "last.html")
     assert len([r for r in caplog.records if r.name.startswith("elastic_strips.viewer")]) == 1
-    assert b"0.777 m" in dict(viewer._log.items())["\0hud"]  # the page has the newest picture nevertheless
+    assert b"0.777 m" in dict(served._log.items())["\0hud"]  # the page has the newest picture nevertheless
 
 
-def test_a_stopped_server_does_not_block(viewer, robot, scene, make_report):
-    os.kill(viewer._server.pid, signal.SIGSTOP)
+def test_a_stopped_server_does_not_block(served, robot, scene, make_report):
+    os.kill(served.server_pid, signal.SIGSTOP)
     shown = threading.Event()
 
     def show() -> None:
         for k in range(100):
-            viewer.show(robot, scene, make_report(shift=0.01 * k))
-            viewer.update(make_report())
+            served.show(robot, scene, make_report(shift=0.01 * k))
+            served.update(make_report())
         shown.set()
 
     threading.Thread(target=show, daemon=True).start()
     assert shown.wait(60.0), "it waits for a server that does not read"
-    os.kill(viewer._server.pid, signal.SIGKILL)
+    os.kill(served.server_pid, signal.SIGKILL)
 
 
 def test_an_error_in_drawing_is_logged_once(robot, scene, make_report, caplog):
@@ -290,6 +290,7 @@ def test_an_error_in_drawing_is_logged_once(robot, scene, make_report, caplog):
         assert "<html" in viewer.html()
 
 
+@pytest.mark.process
 def test_a_taken_port_is_no_error(robot, scene, make_report, caplog):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -303,9 +304,9 @@ def test_a_taken_port_is_no_error(robot, scene, make_report, caplog):
     assert b"0.777 m" in dict(viewer._log.items())["\0hud"]
 
 
-def test_two_viewers_take_two_ports(viewer):
+def test_two_viewers_take_two_ports(served):
     with Viewer() as other:
-        assert other.url != viewer.url
+        assert other.url != served.url
 
 
 def test_the_server_ends_with_its_parent():
@@ -313,7 +314,7 @@ def test_the_server_ends_with_its_parent():
         import os, sys
         from elastic_strips.viewer import Viewer
         viewer = Viewer()
-        print(viewer._server.pid, flush=True)
+        print(viewer.server_pid, flush=True)
         os.kill(os.getpid(), 9)
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
@@ -333,6 +334,7 @@ def test_the_server_ends_with_its_parent():
     assert eventually(gone)
 
 
+@pytest.mark.process
 def test_close_ends_the_server_and_can_be_repeated(robot, scene, make_report):
     viewer = Viewer()
     viewer.show(robot, scene, make_report())
