@@ -32,11 +32,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--shuffle", type=int, metavar="SEED", help="files, and the tests in each, in an order of this seed"
     )
+    parser.addoption("--write-slow", action="store_true", help="measure which tests are slow, for tests/slow.txt")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    listed = marks.slow()
     for item in items:
-        marks.mark(item)
+        marks.mark(item, listed)
     seed = config.getoption("shuffle")
     if seed is not None:  # by files, so that what the tests of one share is still made once
         order, files = random.Random(seed), {}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from cases import each
 from PIL import Image
 
 from elastic_strips.cli import main
@@ -64,16 +65,14 @@ def _refused(folder: Path, capsys: pytest.CaptureFixture[str], *arguments: objec
 CERTIFY = ("certify", "path.csv", "--robot", "cart.urdf", "--scene", "scene.yaml")
 
 
-@pytest.mark.parametrize("option", ["--json", "--repair", "--proof"])
-@pytest.mark.parametrize("name", ["path.csv", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
+@each("option", ["--json", "--repair", "--proof"])
+@each("name", ["path.csv", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
 def test_of_certify(folder, capsys, option, name):
     _refused(folder, capsys, *CERTIFY, option, name)
 
 
-@pytest.mark.parametrize(
-    "way", ["./x", "up and down", "absolute", "a link", "a link to a link", "a hard link", "a folder"]
-)
-@pytest.mark.parametrize("name", ["scene.yaml", "hull.stl"])
+@each("way", ["./x", "up and down", "absolute", "a link", "a link to a link", "a hard link", "a folder"])
+@each("name", ["scene.yaml", "hull.stl"])
 def test_other_names_of_the_same_file(folder, capsys, way, name):
     other = {
         "./x": f"./{name}", "up and down": f"../{folder.name}/{name}", "absolute": folder / name, "a link": "one",
@@ -102,15 +101,15 @@ def test_the_image_of_a_map(folder, capsys, name):
     _refused(folder, capsys, *arguments, "--json", name)
 
 
-@pytest.mark.parametrize("name", ["cart.xacro", "part.xacro", "hull.stl"])
+@each("name", ["cart.xacro", "part.xacro", "hull.stl"])
 def test_what_a_xacro_file_includes(folder, capsys, name):
     pytest.importorskip("xacro")
     arguments = ("certify", "path.csv", "--robot", "cart.xacro", "--scene", "scene.yaml")
     _refused(folder, capsys, *arguments, "--json", name)
 
 
-@pytest.mark.parametrize("name", ["scenario.yaml", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
-@pytest.mark.parametrize("option", ["--json", "--html", "--trajectory"])
+@each("name", ["scenario.yaml", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
+@each("option", ["--json", "--html", "--trajectory"])
 def test_of_run(folder, capsys, name, option):
     if option == "--trajectory":  # it has endings of its own
         Path("out.json").symlink_to(name)
@@ -118,7 +117,7 @@ def test_of_run(folder, capsys, name, option):
     _refused(folder, capsys, "run", "scenario.yaml", option, name)
 
 
-@pytest.mark.parametrize("option", ["--json", "--record", "--html"])
+@each("option", ["--json", "--record", "--html"])
 def test_of_drive(folder, capsys, option):
     name = "scene.yaml"
     if option == "--record":

@@ -13,6 +13,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from cases import each
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "elastic_strips"
@@ -93,7 +94,7 @@ def test_nothing_is_loaded_from_elsewhere(pages: dict[Path, Page]) -> None:
     assert [(path.name, at) for path, page in pages.items() for at in page.loaded if re.match(r"\w*:?//", at)] == []
 
 
-@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", "urdf/README.md"])
+@each("document", ["README.md", "CONTRIBUTING.md", "urdf/README.md"])
 def test_anchors_that_pages_outside_of_the_site_name_are_there(
     document: str, site: Path, pages: dict[Path, Page]
 ) -> None:
@@ -102,7 +103,7 @@ def test_anchors_that_pages_outside_of_the_site_name_are_there(
         assert anchor in pages[site / f"{name}.html"].ids, f"{document}: {name}.md#{anchor}"
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@each("room", ROOMS)
 def test_every_public_name_has_its_entry(room: str, site: Path, pages: dict[Path, Page]) -> None:
     names = getattr(importlib.import_module(room), "__all__", [])
     if names:

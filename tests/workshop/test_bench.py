@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cases import each
 from command_line import interrupted
 
 from elastic_strips import __version__
@@ -58,7 +59,7 @@ def test_a_document_on_standard_output_is_all_there_is(capsys: pytest.CaptureFix
     assert "clearance" in printed.err
 
 
-@pytest.mark.parametrize(
+@each(
     ("words", "says"),
     [
         (("barn",), ("barn/barn_worlds.json", "github.com/Daffan")),
@@ -83,7 +84,7 @@ def test_a_robot_that_nobody_has_is_no_figure_of_a_benchmark(capsys: pytest.Capt
     assert printed.out == ""
 
 
-@pytest.mark.parametrize(
+@each(
     ("line", "says"),
     [
         ("study table", "'table'"), ("study paper case-1", "case-1"), ("study paper --quick --out", "--out"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from brute_force import link_distances
-from cases import each
+from cases import each, refused
 
 from elastic_strips.collision import PathCertificate, Verdict, certify, prove
 from elastic_strips.collision.proof import path_digest
@@ -202,7 +202,7 @@ def test_an_owner_computes_the_digest_from_the_file_alone(arm, tmp_path):
     assert proof.digests["path"] == path_digest(arm, load_path(file, arm))
     assert proof.digests["path"] != proof_checker.path_digest(values, "shortest")
     assert proof.digests["path"] != proof_checker.path_digest(values + 1e-9, "values")
-    with pytest.raises(ParameterError, match="values"):
+    with refused(ParameterError, "values"):
         path_digest(arm, arm.space.from_coordinates(values), "values")
 
 

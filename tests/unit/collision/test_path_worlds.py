@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from brute_force import link_distances
-from cases import each
+from cases import each, refused
 
 from elastic_strips.collision import Verdict, certify
 from elastic_strips.errors import ParameterError
@@ -166,9 +166,9 @@ def test_an_untimed_path_in_a_world_that_changes_is_refused(robot):
         World(Scene([_crate(motion=UNKNOWN)])),
     ]
     for world in worlds:
-        with pytest.raises(ParameterError, match="crate"):
+        with refused(ParameterError, "crate"):
             certify(robot, world, q)
-        with pytest.raises(ParameterError, match="crate"):
+        with refused(ParameterError, "crate"):
             certify(robot, world, q, times=[0.0, 0.0])
     assert certify(robot, World(Scene([_crate(4.0)])), q).certified
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.control import log_stream
 from elastic_strips.control.log_stream import LogStream, read_log
@@ -110,5 +111,5 @@ def test_a_value_that_cannot_be_shown_costs_one_row(tmp_path: Path):
 
 
 def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path):
-    with pytest.raises(RecordError, match="missing"):
+    with refused(RecordError, "missing"):
         LogStream(tmp_path / "missing" / "log")

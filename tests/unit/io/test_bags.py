@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.control.record import Recorder
@@ -281,7 +281,7 @@ def test_schemas_of_others_are_named(tmp_path, monkeypatch):
 
     write = storage_mcap.write_schema
     monkeypatch.setattr(storage_mcap, "write_schema", lambda b, s: write(b, s._replace(encoding="protobuf")))
-    with pytest.raises(BagError, match=r"b\.mcap: the bag cannot be read: rosbags does not know 'protobuf'"):
+    with refused(BagError, "b.mcap:", "'protobuf'"):
         filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", [1.0, 2.0]))
 
 
@@ -380,7 +380,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
             list(BagReader(tmp_path / name).scans())
     with pytest.raises(BagError, match="No such file"):
         BagReader(tmp_path / "gone.mcap")
-    with pytest.raises(BagError, match=r"metadata\.yaml"):
+    with refused(BagError, "metadata.yaml"):
         BagReader(tmp_path)
 
 
@@ -474,8 +474,8 @@ def test_a_bag_refuses_what_it_cannot_hold(tmp_path, silvermate, driven):
 
     with pytest.raises(InputError, match="begins at -1 s"):
         write_bag(tmp_path / "t.mcap", replace(driven, time=driven.time - 1.0))
-    with pytest.raises(InputError, match="period=0"):
+    with refused(InputError, "period=0"):
         write_bag(tmp_path / "t.mcap", driven, period=0.0)
-    with pytest.raises(InputError, match="motion must be a Trajectory"):
+    with refused(InputError, "motion"):
         write_bag(tmp_path / "t.mcap", driven.strip())
     assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.control import Recorder
@@ -117,6 +117,6 @@ def test_a_bag_that_finds_the_disk_full(tmp_path, monkeypatch, trajectory, when)
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(rosbag2.Writer, when, full)
-    with pytest.raises(InputError, match=r"b\.mcap"):
+    with refused(InputError, "b.mcap"):
         write_bag(tmp_path / "b.mcap", trajectory)
     assert list(tmp_path.iterdir()) == []

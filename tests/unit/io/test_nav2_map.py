@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 from shared_data import shared_data
 
 from elastic_strips.errors import ScenarioError
@@ -89,7 +89,7 @@ def test_the_outside_of_a_map_is_not_free(tmp_path):
         edges = Scene([o for o in scene if o.name != "map"])
         assert not any(covered(edges, (1.0 + c * x - s * y, -2.0 + s * x + c * y, 0.3)) for x, y in inside)
         assert load_nav2_map(path, outside="free").names == ("map",)
-    with pytest.raises(ScenarioError, match="outside='open'"):
+    with refused(ScenarioError, "outside='open'"):
         load_nav2_map(path, outside="open")
 
 
@@ -269,21 +269,21 @@ def test_a_damaged_png_is_refused(tmp_path):
     sound = (tmp_path / "map.png").read_bytes()
     for data in (sound[:-30], sound[:30], sound.replace(b"IDAT", b"IDAX"), b"\x89PNG" + bytes(50)):
         (tmp_path / "map.png").write_bytes(data)
-        with pytest.raises(ScenarioError, match=r"map\.png: the image is damaged"):
+        with refused(ScenarioError, "map.png:"):
             load_nav2_map(path)
     image.new("L", (5000, 5000)).save(tmp_path / "map.png")
-    with pytest.raises(ScenarioError, match="5000 × 5000 pixels; at most 16000000 are read"):
+    with refused(ScenarioError, "5000", "16000000"):
         load_nav2_map(path)
 
 
 def test_wrong_arguments_and_missing_files(tmp_path):
-    with pytest.raises(ScenarioError, match=r"unknown='wall' is unknown. Valid: free, occupied"):
+    with refused(ScenarioError, "unknown='wall'"):
         load_nav2_map(write(tmp_path), unknown="wall")
     with pytest.raises(ScenarioError, match="Voxels size"):
         load_nav2_map(write(tmp_path), height=0.0)
-    with pytest.raises(ScenarioError, match="lethal=0"):
+    with refused(ScenarioError, "lethal=0"):
         load_nav2_map(write(tmp_path), lethal=0)
-    with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the YAML file"):
+    with refused(ScenarioError, "gone.yaml:"):
         load_nav2_map(tmp_path / "gone.yaml")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.collision import Verdict, certify, prove
 from elastic_strips.collision.proof import path_digest
@@ -176,7 +176,7 @@ def test_what_is_called_after_something_else_is_not_the_base(cart, tmp_path, pre
 
 def test_two_columns_of_one_coordinate(cart, tmp_path):
     header = "x,y,yaw,odom_x,shoulder"
-    with pytest.raises(ConfigurationError, match="odom_x"):
+    with refused(ConfigurationError, "odom_x"):
         load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1.2,0"), cart)
     assert load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1,0"), cart).doubts == ()
     found = load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1.2,0"), cart, ignore=["odom_x"])
@@ -285,7 +285,7 @@ def test_a_column_that_nobody_knows(cart, tmp_path, names):
 
 
 def test_what_is_ignored_has_to_be_there(cart, tmp_path):
-    with pytest.raises(ConfigurationError, match="mats"):
+    with refused(ConfigurationError, "mats"):
         load_path(table(tmp_path, "x,y,yaw,mast", "0,0,0,1", "1,0,0,2"), cart, ignore=["mats"])
 
 
@@ -352,7 +352,7 @@ def test_documents_of_a_file_follow_each_other(panda, tmp_path):
 
 
 def test_trajectories_that_do_not_join_are_refused(panda, tmp_path):
-    with pytest.raises(ConfigurationError, match="panda_joint1"):
+    with refused(ConfigurationError, "panda_joint1"):
         load_path(message(tmp_path, [_robot_trajectory(0.0, 0.5), _robot_trajectory(0.9, 2.0)]), panda)
     read = load_path(message(tmp_path, [_robot_trajectory(0.0, 0.5), _robot_trajectory(0.5002, 2.0)]), panda)
     assert read.q[2, 0] == 0.5002  # the step between them is a part of the path
@@ -544,10 +544,10 @@ def test_times_in_other_units(panda, tmp_path, name, unit):
 @each("times", [(0, 2, 1), (3, 2, 1), (0, float("nan"), 1), (0, 1, 1e18)])
 def test_times_that_fall_name_the_row(panda, tmp_path, times):
     rows = [",".join(map(str, (t, *arm(0.1 * k)))) for k, t in enumerate(times)]
-    with pytest.raises(ConfigurationError, match=r"p\.csv"):
+    with refused(ConfigurationError, "p.csv"):
         load_path(table(tmp_path, ",".join(("time", *ARM)), *rows), panda)
     if times == (0, 2, 1):
-        with pytest.raises(ConfigurationError, match=r"p\.csv:4:"):
+        with refused(ConfigurationError, "p.csv:4:"):
             load_path(table(tmp_path, ",".join(("time", *ARM)), *rows), panda)
 
 
@@ -556,7 +556,7 @@ def test_times_that_fall_name_the_row(panda, tmp_path, times):
 
 @each("row", ["1e35,0,0,0", "0,-1e6,0,0", "0,10001,0,0", "0,0,1e17,0"])
 def test_far_coordinates_are_refused(cart, tmp_path, row):
-    with pytest.raises(ConfigurationError, match=r"p\.csv:3:"):
+    with refused(ConfigurationError, "p.csv:3:"):
         load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", row), cart)
 
 
@@ -575,7 +575,7 @@ def test_what_files_round_is_taken_to_the_limit(cart, tmp_path):
     read = load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "0,0,0,2.00005"), cart)
     assert cart.space.to_coordinates(read.q)[1, 3] == 2.0
     assert any("shoulder" in note for note in read.notes)
-    with pytest.raises(ConfigurationError, match=r"p\.csv:3: .*shoulder"):
+    with refused(ConfigurationError, "p.csv:3:", "shoulder"):
         load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "0,0,0,2.001"), cart)
 
 
@@ -631,14 +631,14 @@ def test_tables_as_people_write_them(cart, tmp_path, text):
 )  # fmt: skip
 def test_tables_that_are_none_are_refused(cart, tmp_path, text):
     (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(ConfigurationError, match=r"p\.csv"):
+    with refused(ConfigurationError, "p.csv"):
         load_path(tmp_path / "p.csv", cart)
 
 
 def test_a_key_that_is_given_twice_is_refused(panda, tmp_path):
     one, two = (json.dumps(trajectory(ARM, [arm(a), arm(a + 0.1)])) for a in (0.0, 1.0))
     (tmp_path / "p.json").write_text(f'{{"joint_trajectory": {one}, "joint_trajectory": {two}}}')
-    with pytest.raises(ConfigurationError, match="joint_trajectory"):
+    with refused(ConfigurationError, "joint_trajectory"):
         load_path(tmp_path / "p.json", panda)
 
 
@@ -661,7 +661,7 @@ def test_an_archive_of_a_later_format_is_refused(cart, tmp_path):
     data = bytearray((tmp_path / "a.npz").read_bytes())
     data[data.index(b"PK\1\2") + 6] = 215  # the version that is needed to unpack it
     (tmp_path / "a.npz").write_bytes(data)
-    with pytest.raises(ConfigurationError, match=r"a\.npz"):
+    with refused(ConfigurationError, "a.npz"):
         load_path(tmp_path / "a.npz", cart)
 
 
@@ -723,7 +723,7 @@ def test_quaternions_in_columns_are_headings(cart, cart_file, tmp_path):
     order = table(tmp_path, "base.orientation.w,base.orientation.z,x,y", f"{part},{part},0,1", f"{part},{part},2,1")
     np.testing.assert_allclose(cart.space.to_coordinates(load_path(order, cart).q)[:, 2], np.pi / 2, atol=1e-9)
     for bad in ("0,0,0,0,0,0,0", "0,0,0,1,0,0,0", "0,0,0,0,0,1,1", "0,0,0.3,0,0,0,1", "0,0,0,0.1,0,0,0.99499"):
-        with pytest.raises(ConfigurationError, match=r"p\.csv:3:"):
+        with refused(ConfigurationError, "p.csv:3:"):
             load_path(table(tmp_path, names, "0,0,0,0,0,0,1", bad), cart)
     still = load_robot(cart_file, base="fixed", joints=["shoulder"])
     turned = table(tmp_path, "qz,qw,shoulder", f"{part},{part},0", f"{part},{part},1")

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -159,7 +159,7 @@ def test_points_that_are_not_finite_are_dropped_and_counted(tmp_path, make):
     cloud = read_point_cloud(write(tmp_path, name, make(points)))
     np.testing.assert_array_equal(cloud.points, POINTS)
     assert cloud.dropped == 2
-    with pytest.raises(SceneError, match=r"holds no points \(2 are given, none of them finite\)"):
+    with refused(SceneError, "points"):
         read_point_cloud(write(tmp_path, name, make(points[3:])))
 
 
@@ -211,9 +211,9 @@ def test_a_wrong_file_is_refused_with_its_place(tmp_path, name, data, message):
 
 
 def test_missing_files_and_wrong_scales(tmp_path):
-    with pytest.raises(SceneError, match=r"gone\.ply: cannot read the point cloud: No such file"):
+    with refused(SceneError, "gone.ply:"):
         read_point_cloud(tmp_path / "gone.ply")
-    with pytest.raises(SceneError, match="scale=0"):
+    with refused(SceneError, "scale=0"):
         read_point_cloud(write(tmp_path, "c.xyz", xyz(POINTS)), scale=0)
 
 

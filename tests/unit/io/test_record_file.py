@@ -13,7 +13,7 @@ import zipfile
 import numpy as np
 import pytest
 from brute_force import make_scene, scene_pieces
-from cases import each
+from cases import each, refused
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.record import Record, Recorder, RecordError
@@ -164,7 +164,7 @@ def test_the_robot_comes_back(record, file, silvermate, gantry, gantry_urdf, tmp
     assert fixed.control.drive.shape == (1, 0)
     assert record_robot(fixed).joint_names == gantry.joint_names
     assert record_robot(dataclasses.replace(fixed, urdf="/moved"), str(gantry_urdf)).nv == gantry.nv
-    with pytest.raises(InputError, match="/moved"):
+    with refused(InputError, "/moved"):
         record_robot(dataclasses.replace(fixed, urdf="/moved"))
     with pytest.raises(InputError, match="names no URDF"):
         record_robot(dataclasses.replace(fixed, urdf=None))
@@ -247,7 +247,7 @@ def test_where_nothing_can_be_written(record, tmp_path):
 
 def test_what_is_no_record_is_refused(tmp_path):
     target = tmp_path / "x.npz"
-    with pytest.raises(RecordError, match=r"x\.npz: cannot read the record: No such file"):
+    with refused(RecordError, "x.npz:"):
         read_record(target)
     with pytest.raises(RecordError, match="is a folder, not a record"):
         read_record(tmp_path)
@@ -256,7 +256,7 @@ def test_what_is_no_record_is_refused(tmp_path):
         with pytest.raises(RecordError, match=r"no \.npz file at all"):
             read_record(target)
     np.savez(target, time=np.zeros(3))
-    with pytest.raises(RecordError, match="no array 'metadata'"):
+    with refused(RecordError, "'metadata'"):
         read_record(target)
     for metadata in (np.array("{"), np.array("[]"), np.zeros(3), np.array('{"format": "other"}')):
         np.savez(target, metadata=metadata)
@@ -268,7 +268,7 @@ def test_what_is_no_record_is_refused(tmp_path):
 
 
 def test_another_version_is_refused(file, tmp_path):
-    with pytest.raises(RecordError, match="version 2; this program reads 1"):
+    with refused(RecordError, "version"):
         read_record(with_metadata(file, tmp_path / "x.npz", version=2))
 
 
@@ -276,7 +276,7 @@ def test_another_version_is_refused(file, tmp_path):
 def test_a_file_that_is_cut_off_is_refused(file, share):
     data = file.read_bytes()
     file.write_bytes(data[: max(int(share * len(data)), 2)])
-    with pytest.raises(RecordError, match=r"run\.npz: is damaged or cut off"):
+    with refused(RecordError, "run.npz:"):
         read_record(file)
 
 
@@ -286,7 +286,7 @@ def test_a_file_with_a_flipped_byte_is_refused(file):
     data = bytearray(file.read_bytes())
     data[info.header_offset + 100 + info.compress_size // 2] ^= 0xFF
     file.write_bytes(bytes(data))
-    with pytest.raises(RecordError, match=r"run\.npz: "):
+    with refused(RecordError, "run.npz:"):
         read_record(file)
 
 
@@ -301,7 +301,7 @@ def test_every_array_is_needed_and_must_fit(file, tmp_path):
             read_record(changed(file, target, **{name: None}))
         with pytest.raises(RecordError, match=r"(has|have) shape"):
             read_record(changed(file, target, **{name: arrays[name][None]}))
-        with pytest.raises(RecordError, match="holds complex128"):
+        with refused(RecordError, "complex128"):
             read_record(changed(file, target, **{name: arrays[name].astype(complex)}))
         if name != "planning_nodes":
             with pytest.raises(RecordError, match=r"shape|nodes"):
@@ -401,12 +401,12 @@ def test_a_small_file_of_large_arrays_is_refused_before_memory_is_taken(file, tm
     assert tracemalloc.get_traced_memory()[1] < 100_000_000
     bomb = changed(file, target, control_chart=np.zeros((4_000_000, 10)))
     tracemalloc.reset_peak()
-    with pytest.raises(RecordError, match="more than 250000000 bytes together"):
+    with refused(RecordError, "250000000"):
         read_record(bomb)
     assert tracemalloc.get_traced_memory()[1] < 100_000_000
     tracemalloc.stop()
     monkeypatch.setattr(record_file, "MAX_ARRAY_BYTES", 100_000)
-    with pytest.raises(RecordError, match="more than 100000 bytes together"):
+    with refused(RecordError, "100000"):
         read_record(file)
 
 
@@ -444,13 +444,13 @@ def test_members_that_lie_are_refused(file, tmp_path, monkeypatch):
         with pytest.raises(RecordError, match=rf"x\.npz: cannot read: the array 'control_chart' .*{match}"):
             read_record(target)
     rewritten("control_chart", bytes, zipfile.ZIP_LZMA)
-    with pytest.raises(RecordError, match="otherwise than by 'deflate'"):
+    with refused(RecordError, "'deflate'"):
         read_record(target)
     with zipfile.ZipFile(target, "w") as archive:
         for k in range(3000):
             archive.writestr(f"{k}.npy", b"")
-    with pytest.raises(RecordError, match="list of its arrays has more than 100000 bytes"):
+    with refused(RecordError, "100000"):
         read_record(target)
     monkeypatch.setattr(record_file, "MAX_TEXT", 100)
-    with pytest.raises(RecordError, match="at most 100 are read"):
+    with refused(RecordError, "100"):
         read_record(file)

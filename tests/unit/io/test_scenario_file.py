@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ScenarioError, SceneError
 from elastic_strips.io import PoseSpec, read_scenario, read_world
@@ -116,10 +116,10 @@ def test_a_wrong_file_names_file_line_and_key(tmp_path, text, line, message):
 
 
 def test_trouble_in_the_scene_file_is_a_scenario_error_that_names_that_file(tmp_path):
-    with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the YAML file: No such file"):
+    with refused(ScenarioError, "gone.yaml:"):
         read(tmp_path, SHORT.replace("{obstacles: []}", "gone.yaml"))
     (tmp_path / "room.yaml").write_text("obstacles:\n- shape: sphere\n  radius: -1\n")
-    with pytest.raises(ScenarioError, match=r"room\.yaml:3: obstacles\[0\]\.radius"):
+    with refused(ScenarioError, "room.yaml:3:", "obstacles", "[0]"):
         read(tmp_path, SHORT.replace("{obstacles: []}", "room.yaml"))
 
 

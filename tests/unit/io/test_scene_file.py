@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import SceneError
 from elastic_strips.io import read_scene, read_world, write_scene, write_world
@@ -297,7 +297,7 @@ def test_writing_is_all_or_nothing(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", fail)
-        with pytest.raises(SceneError, match=r"out\.yaml: cannot write: No space left"):
+        with refused(SceneError, "out.yaml:"):
             write_scene(Scene([Sphere(2)]), path)
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == ["out.yaml"]
@@ -322,6 +322,6 @@ def test_unwritable_places_and_motions_are_refused(tmp_path):
         def speed_bound(self, radius, *, start=None, end=None):
             return 0.0
 
-    with pytest.raises(SceneError, match="Wobble"):
+    with refused(SceneError, "Wobble"):
         write_scene(Scene([Sphere(1, motion=Wobble())]), tmp_path / "out.yaml")
     assert os.listdir(tmp_path) == []

@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from cases import each
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.collision import prove
@@ -96,7 +96,7 @@ def test_keyframes_are_turned_with_their_frame(folder, last, yaw):
 def test_scene_files_that_name_each_other_are_refused(folder):
     (folder / "a.yaml").write_text("sources: [b.yaml]\n")
     (folder / "b.yaml").write_text("sources: [a.yaml]\n")
-    with pytest.raises(SceneError, match=r"a\.yaml → b\.yaml → a\.yaml"):
+    with refused(SceneError, "a.yaml", "b.yaml"):
         read_scene(folder / "a.yaml")
 
 
@@ -105,7 +105,7 @@ def test_no_scene_has_files_without_end(folder):
     for k in range(6):
         (folder / f"n{k}.yaml").write_text("sources:\n" + f"- n{k + 1}.yaml\n" * 9)
     (folder / "n6.yaml").write_text("obstacles: []\n")
-    with pytest.raises(SceneError, match="more than 100 files"):
+    with refused(SceneError, "100"):
         read_scene(folder / "n0.yaml")
 
 
@@ -131,7 +131,7 @@ def test_no_scene_has_files_without_end(folder):
 )
 def test_what_does_not_fit_a_source_is_refused_with_its_line(folder, entry, what):
     (folder / "s.yaml").write_text(f"sources:\n- t.scene\n- {entry}\n")
-    with pytest.raises(SceneError, match=r"s\.yaml:3: ") as caught:
+    with refused(SceneError, "s.yaml:3:") as caught:
         read_scene(folder / "s.yaml")
     assert what in str(caught.value)
 
@@ -140,7 +140,7 @@ def test_options_of_several_files_have_to_be_of_one_of_them(folder):
     for options in ({"at": (1, 2, 3)}, {"occupied": 0.5}):
         with pytest.raises(SceneError, match=next(iter(options))):
             read_scene([folder / "m.yaml", folder / "t.scene"], options=options)
-    with pytest.raises(SceneError, match="hihg"):
+    with refused(SceneError, "hihg"):
         read_scene(folder / "m.yaml", options={"hihg": 1.0})
 
 
@@ -181,7 +181,7 @@ def test_a_robot_that_reaches_over_the_walls_is_refused_unless_they_are_said(fol
     text = "robot: tall.urdf\nbase: omni\nscene: SCENE\nstart: {x: -1}\ngoal: {x: 0}\n"
     (folder / "s.yaml").write_text(text.replace("SCENE", "m.yaml"))
     problem = get_scenario(folder / "s.yaml")
-    with pytest.raises(ScenarioError, match=r"tall.*high"):
+    with refused(ScenarioError, "tall", "high"):
         problem.load_robot()
     (folder / "s.yaml").write_text(text.replace("SCENE", "{file: m.yaml, high: 5}"))
     problem = get_scenario(folder / "s.yaml")
@@ -328,7 +328,7 @@ def test_the_robots_own_points_are_taken_out(tiago, caplog):
     assert "1 of 3 points" in caplog.text
     wide = without_robot(np.vstack((ground, away)), tiago, q, 5.0)
     assert len(wide.points) == 0
-    with pytest.raises(SceneError, match="margin"):
+    with refused(SceneError, "margin"):
         without_robot(away, tiago, q, -1.0)
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ray_caster import box_segments, scan
@@ -78,7 +79,7 @@ def test_readings_out_of_order_and_scenes_of_the_past_are_refused():
     with pytest.raises(ParameterError, match="before the first reading"):
         estimator.scene()
     estimator.update(scan((0, 0, 0), 1.0, segments=ROOM), (0, 0, 0))
-    with pytest.raises(ParameterError, match=r"at 0.9 s comes after the one at 1 s"):
+    with refused(ParameterError, "0.9"):
         estimator.update(scan((0, 0, 0), 0.9, segments=ROOM), (0, 0, 0))
     estimator.update(ring(0.95), (0, 0, 0))  # another sensor may be a little behind
     assert estimator.scene().time == 1.0
@@ -91,7 +92,7 @@ def test_readings_out_of_order_and_scenes_of_the_past_are_refused():
         estimator.update(scan((0, 0, 0), 1.1), "here")
     with pytest.raises(ParameterError, match="must be finite"):
         estimator.update(ring(math.nan), (0, 0, 0))
-    with pytest.raises(ParameterError, match=r"comes after the one at 1\.5 s"):
+    with refused(ParameterError, "1.5"):
         estimator.update(ring(1.4), (0, 0, 0))
     assert estimator.scene().time == 1.0
 

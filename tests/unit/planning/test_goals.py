@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, find_goals, plan_report
@@ -102,13 +102,13 @@ def test_plans_go_to_goals(silvermate, panda):
 
 def test_wrong_goals_are_refused(silvermate, panda):
     start = silvermate.home(x=-1.0)
-    with pytest.raises(ConfigurationError, match="the base of 'panda' is fixed"):
+    with refused(ConfigurationError, "'panda'"):
         find_goals(panda, Scene(), panda.home(), BasePose(1.0, 0.0))
-    with pytest.raises(ConfigurationError, match="the base of 'panda' is fixed"):
+    with refused(ConfigurationError, "'panda'"):
         find_goals(panda, Scene(), panda.home(), {"x": 1.0})
-    with pytest.raises(ConfigurationError, match="plans no joint 'arm_one'"):
+    with refused(ConfigurationError, "'arm_one'"):
         find_goals(silvermate, SCENE, start, {"arm_one": 1.0})
-    with pytest.raises(ParameterError, match="empty"):
+    with refused(ParameterError, "empty"):
         find_goals(silvermate, SCENE, start, [])
     with pytest.raises(ParameterError, match="it must be a configuration"):
         find_goals(silvermate, SCENE, start, None)  # type: ignore[arg-type]

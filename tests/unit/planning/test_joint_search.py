@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from brute_force import link_distances, self_distances
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.native import twin
@@ -128,5 +128,5 @@ def test_tight_ends_ask_for_less_clearance(panda):
     assert "proven with 2 mm, for at the goal" in report.reason
     assert "'ball'" in report.reason
     assert report.report.certificate.clearance == pytest.approx(0.002, abs=1e-4)
-    with pytest.raises(ConfigurationError, match=r"goal is too close: .* is 4\.0 mm from 'ball'"):
+    with refused(ConfigurationError, "goal", "4.0", "'ball'"):
         plan_report(panda, scene, start, goal, params=DeformParams())

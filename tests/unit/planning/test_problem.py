@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, InputError, ParameterError, RobotError, SceneError
 from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
@@ -105,7 +105,7 @@ def test_wrong_bounds_are_named(silvermate, bounds, error, message):
 
 
 def test_a_fixed_base_has_no_bounds(gantry):
-    with pytest.raises(ParameterError, match="the base of 'gantry' is fixed"):
+    with refused(ParameterError, "'gantry'"):
         plan(gantry, Scene([]), gantry.home(), gantry.home(bend=1.0), bounds=((0, 0), (1, 1)))
 
 
@@ -245,7 +245,7 @@ def test_the_clearance_to_prove_may_be_given(silvermate):
     start, goal = silvermate.home(), silvermate.home(x=-3.0)
     for gap, clearance in ((3e-3, 1e-3), (1e-4, 0.0)):
         scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 + gap, 0.0, 0.1), name="kerb")])
-        with pytest.raises(ConfigurationError, match=r"DeformParams\(clearance=…\) asks for less, down to 0"):
+        with refused(ConfigurationError, "DeformParams", "(clearance=…)"):
             plan(silvermate, scene, start, goal, params=DeformParams())
         if gap > 5e-4:  # who states none gets half of what there is
             eased = plan_report(silvermate, scene, start, goal, timeout=60.0)
@@ -269,7 +269,7 @@ def test_what_touches_is_refused_at_any_clearance(silvermate, deep):
     scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 - deep, 0.0, 0.1), name="kerb")])
     params = DeformParams(clearance=0.0, self_clearance=0.0)
     start, goal = silvermate.home(), silvermate.home(x=-3.0)
-    with pytest.raises(ConfigurationError, match="kerb"):
+    with refused(ConfigurationError, "kerb"):
         plan(silvermate, scene, start, goal, params=params)
     strip = Strip(silvermate, [start, silvermate.home(x=-1.0), goal])
     certificate = Deformer(silvermate, params).certify(strip, scene)
@@ -325,9 +325,9 @@ def test_wrong_kinds_of_arguments_are_named(silvermate, call, error, message):
     for planner in (plan, plan_report, several):
         with pytest.raises(error, match=message):
             call(silvermate, planner)
-    with pytest.raises(InputError, match="deformer is a str"):
+    with refused(InputError, "deformer"):
         plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(1.0), deformer="x")
-    with pytest.raises(InputError, match="path='x'"):
+    with refused(InputError, "path='x'"):
         plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(1.0), path="x")
 
 

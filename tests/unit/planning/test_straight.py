@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.planning import plan_straight
@@ -102,11 +102,11 @@ def test_the_axes_of_the_hand(panda, start):
 
 
 def test_wrong_input_is_refused(panda, start):
-    with pytest.raises(ParameterError, match="axes"):
+    with refused(ParameterError, "axes"):
         plan_straight(panda, Scene(), start, HAND, (0.0, 0.0, 0.1), axes="base")
     with pytest.raises(RobotError, match="no frame"):
         plan_straight(panda, Scene(), start, "hand", (0.0, 0.0, 0.1))
-    with pytest.raises(ParameterError, match="by"):
+    with refused(ParameterError, "by"):
         plan_straight(panda, Scene(), start, HAND, (0.0, 0.1))
-    with pytest.raises(ConfigurationError, match="start"):
+    with refused(ConfigurationError, "start"):
         plan_straight(panda, Scene(), start[:3], HAND, (0.0, 0.0, 0.1))

@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import StripSet, StripSetParams, StripSetReport
@@ -194,13 +194,13 @@ def test_wrong_input_is_named(silvermate) -> None:
     family = StripSet(silvermate, silvermate.home(x=6.0))
     with pytest.raises(ConfigurationError, match="there are no strips yet; give the start, or call plan"):
         family.step(HALL)
-    with pytest.raises(ConfigurationError, match="start has shape"):
+    with refused(ConfigurationError, "start"):
         family.step(HALL, [0.0, 1.0])
-    with pytest.raises(ConfigurationError, match="goal has shape"):
+    with refused(ConfigurationError, "goal"):
         StripSet(silvermate, [0.0])
-    with pytest.raises(ParameterError, match="seed=-1"):
+    with refused(ParameterError, "seed=-1"):
         StripSet(silvermate, silvermate.home(), seed=-1)
-    with pytest.raises(ConfigurationError, match="goal is in collision"):
+    with refused(ConfigurationError, "goal"):
         StripSet(silvermate, silvermate.home(x=3.0)).plan(HALL, silvermate.home())
 
 

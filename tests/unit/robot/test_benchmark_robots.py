@@ -8,7 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from cases import each
+from cases import each, refused
 from shared_data import shared_data
 
 from elastic_strips import get_scenario, run_scenario
@@ -81,7 +81,7 @@ def test_a_robot_without_joints_plans_deforms_and_is_drawn(base, tmp_path):
     assert deformer.step(settled.strip, moved, detail=True).certified
     page = Viewer(server=False).show(robot, scene, settled).save_html(tmp_path / "strip.html")
     assert page.stat().st_size > 100_000
-    with pytest.raises(ConfigurationError, match=r"'base_link' is .* mm deep in 'cylinder-0'"):
+    with refused(ConfigurationError, "'base_link'", "'cylinder-0'"):
         check_endpoints(robot, scene, robot.home(x=1.5), goal, deformer.params)
 
 

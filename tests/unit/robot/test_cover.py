@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from cases import each
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
@@ -90,7 +90,7 @@ def test_a_shape_of_size_0_is_none(tmp_path: Path, shape: str) -> None:
 @each("given", [["fore_arm"], ["empty"], "forearm", ["base", ""], None, 5])
 def test_links_that_have_nothing_to_take_are_refused(tmp_path: Path, given: list[str] | str) -> None:
     path = write(tmp_path, BASE, FOREARM, UPPER, link("empty"), joint("empty", "base", kind="fixed"))
-    with pytest.raises(RobotError, match="visual_as_collision"):
+    with refused(RobotError, "visual_as_collision"):
         load_robot(path, visual_as_collision=given)
 
 
@@ -134,7 +134,7 @@ def test_a_drawing_that_cannot_be_read_counts_as_a_hole(tmp_path: Path) -> None:
     lost = link("hood", "", '<geometry><mesh filename="gone.stl"/></geometry>') + joint("hood", "base", kind="fixed")
     path = write(tmp_path, BASE, lost)
     assert load_robot(path, base="omni").bare_links == ("hood",)
-    with pytest.raises(RobotError, match=r"gone\.stl"):
+    with refused(RobotError, "gone.stl"):
         load_robot(path, base="omni", visual_as_collision="missing")
 
 

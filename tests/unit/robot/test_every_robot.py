@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from cases import each
+from cases import each, refused
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot, recorded_robot, robot_names
@@ -105,7 +105,7 @@ def test_trifles_are_mended_and_said_once_with_names(tmp_path, base, warnings):
 
 def test_a_moment_of_inertia_below_0_is_still_refused(tmp_path):
     inertia = '<inertial><mass value="1"/><inertia ixx="-1e-3" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-    with pytest.raises(RobotError, match="ixx"):
+    with refused(RobotError, "ixx"):
         load_robot(write(tmp_path, chain(link("c", more=inertia), joint("cj", "hand", "c"))))
 
 
@@ -231,9 +231,9 @@ def test_named_states(tmp_path):
         {"shoulder": -1.5, "elbow": 0.5, "wrist": 0.0, "dial": math.pi / 2, "turn": 2 * math.pi - 1.5}
     )
     np.testing.assert_allclose(robot.space.to_coordinates(robot.state("up", 1.0, 2.0, 0.5))[:3], [1.0, 2.0, 0.5])
-    with pytest.raises(ConfigurationError, match=r"no state 'upp'; did you mean 'up'"):
+    with refused(ConfigurationError, "state", "'upp'", "'up'"):
         robot.state("upp")
-    with pytest.raises(ConfigurationError, match=r"'wrist' = 3 is outside"):
+    with refused(ConfigurationError, "'wrist'"):
         robot.state("far")
 
 
@@ -347,9 +347,9 @@ def test_robots_of_example_robot_data_by_name():
     assert find_robot("panda").srdf.name == "panda.srdf"
     assert find_robot("anymal_c_simple").urdf.name == "anymal.urdf"
     assert find_robot("xarm").name == "xarm7"  # alone in its folder
-    with pytest.raises(RobotError, match=r"'anymal' is ambiguous.*anymal_b_simple, anymal_c_simple"):
+    with refused(RobotError, "'anymal'", "anymal_b_simple", "anymal_c_simple"):
         load_robot("anymal")
-    with pytest.raises(RobotError, match=r"unknown robot 'panada'; did you mean 'panda'\?.*list --robots"):
+    with refused(RobotError, "'panada'", "'panda'"):
         load_robot("panada")
 
 

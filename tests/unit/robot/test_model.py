@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import random_configurations
-from cases import each, each_robot
+from cases import each, each_robot, refused
 
 from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import ConfigurationError, InputError, RobotError
@@ -44,12 +44,12 @@ def test_every_link_of_the_robots_moves_as_convex_shape(robot):
 
 
 def test_unknown_name_says_which_are_known():
-    with pytest.raises(RobotError, match=r"unknown robot 'silvermat'; did you mean 'silvermate'\?.*tiago"):
+    with refused(RobotError, "'silvermat'", "'silvermate'", "tiago"):
         load_robot("silvermat")
 
 
 def test_unknown_base_says_which_are_known():
-    with pytest.raises(RobotError, match=r"'diffdrive'.*did you mean 'diff_drive'.*fixed.*omni"):
+    with refused(RobotError, "'diffdrive'", "'diff_drive'", "fixed", "omni"):
         load_robot("silvermate", base="diffdrive")
 
 
@@ -80,7 +80,7 @@ def test_joints_with_the_names_of_the_base_pose():
     geometry.addGeometryObject(pin.GeometryObject("tip", 2, pin.SE3.Identity(), coal.Sphere(0.1)))
     robot = RobotModel.from_pinocchio(model, geometry, base="fixed")
     np.testing.assert_array_equal(robot.home(joints={"x": 0.25, "yaw": -0.5}), [0.25, -0.5])
-    with pytest.raises(ConfigurationError, match="joints=3 must be a mapping"):
+    with refused(ConfigurationError, "joints=3"):
         robot.home(joints=3)
 
 
@@ -117,7 +117,7 @@ def test_home_refuses_what_is_no_number(silvermate, override):
 
 
 def test_home_of_a_fixed_base_stays(gantry):
-    with pytest.raises(ConfigurationError, match=r"base of 'gantry' is fixed; x=1.0"):
+    with refused(ConfigurationError, "base", "'gantry'", "x=1.0"):
         gantry.home(x=1.0)
     q = gantry.home(spin=4.0, slide=0.1)
     np.testing.assert_allclose(q, [0.1, 0.1, np.cos(4.0), np.sin(4.0), 0.0])
@@ -147,7 +147,7 @@ def test_check_q_refuses(silvermate, change, message):
 def test_check_q_of_a_continuous_joint(gantry):
     q = gantry.home()
     q[2:4] = 0.6, 0.7
-    with pytest.raises(ConfigurationError, match=r"pair \(cos, sin\) at 2, 3"):
+    with refused(ConfigurationError, "(cos, sin)"):
         gantry.check_q(q)
 
 
@@ -158,7 +158,7 @@ def test_check_q_copies_and_can_ignore_limits(silvermate):
     np.testing.assert_array_equal(out, q)
     assert out is not q
     stack = np.stack((silvermate.home(), q))
-    with pytest.raises(ConfigurationError, match=r"strip: joint 'arm_1_joint' = 9"):
+    with refused(ConfigurationError, "strip", "'arm_1_joint'"):
         silvermate.check_q(stack, what="strip")
 
 
@@ -277,14 +277,14 @@ def test_from_pinocchio_takes_geometry_without_frames():
 
 def test_from_pinocchio_refuses():
     model, geometry = chain(planar=False)
-    with pytest.raises(RobotError, match=r"base='omni', but the model has no planar root"):
+    with refused(RobotError, "base='omni'", "model"):
         RobotModel.from_pinocchio(model, geometry, base="omni")
     model, geometry = chain(planar=True)
-    with pytest.raises(RobotError, match=r"base='fixed', but the model has a planar root"):
+    with refused(RobotError, "base='fixed'", "model"):
         RobotModel.from_pinocchio(model, geometry, base="fixed")
-    with pytest.raises(RobotError, match=r"home: unknown joint 'tum'"):
+    with refused(RobotError, "home", "'tum'"):
         RobotModel.from_pinocchio(model, geometry, home={"tum": 0.0})
-    with pytest.raises(RobotError, match=r"'made' has no collision geometry"):
+    with refused(RobotError, "'made'"):
         RobotModel.from_pinocchio(model, pin.GeometryModel())
     model.jointPlacements[1] = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.1]))
     with pytest.raises(RobotError, match=r"planar root joint must sit at the origin"):
@@ -319,7 +319,7 @@ def test_a_frames_pose(silvermate, rng):
         pin.framesForwardKinematics(silvermate.model, data, q)
         expected = data.oMf[silvermate.model.getFrameId("hand_frame")].homogeneous
         np.testing.assert_allclose(silvermate.frame_pose(q, "hand_frame"), expected, atol=1e-12)
-    with pytest.raises(RobotError, match=r"no frame 'hand_fram'.*hand_frame"):
+    with refused(RobotError, "'hand_fram'", "hand_frame"):
         silvermate.frame_pose(silvermate.home(), "hand_fram")
     with pytest.raises(ConfigurationError):
         silvermate.frame_pose(silvermate.home()[:3], "hand_frame")

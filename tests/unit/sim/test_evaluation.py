@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, distance, link_poses, make_scene, random_coordinates, scene_pieces
-from cases import each
+from cases import each, refused
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.record import Recorder, RecordError
@@ -428,11 +428,11 @@ def test_wrong_input_is_refused(silvermate, tiago):
             evaluate(broken, silvermate, world)
     with pytest.raises(ParameterError, match="no world"):
         evaluate((time, coordinates, v), silvermate)
-    with pytest.raises(ParameterError, match="accuracy=0"):
+    with refused(ParameterError, "accuracy=0"):
         evaluate((time, coordinates, v), silvermate, world, accuracy=0)
-    with pytest.raises(ParameterError, match="goal has shape"):
+    with refused(ParameterError, "goal"):
         evaluate((time, coordinates, v), silvermate, world, goal=[1, 2])
-    with pytest.raises(ParameterError, match=r"Tolerance\.yaw=-1 must be"):
+    with refused(ParameterError, "Tolerance", "yaw=-1"):
         Tolerance(yaw=-1)
-    with pytest.raises(RecordError, match="the record is of 'silvermate'"):
+    with refused(RecordError, "'silvermate'"):
         evaluate(straight_run(silvermate, world), tiago)

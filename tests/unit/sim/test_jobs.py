@@ -14,7 +14,7 @@ from types import ModuleType
 
 import odd_jobs
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.sim import jobs
@@ -46,7 +46,7 @@ def test_a_job_that_raises_is_handed_over_and_raises_where_it_is_asked_for() -> 
     wrong = [f for f in found if f.error is not None]
     assert [(f.index, str(f.error)) for f in wrong] == [(3, "three")]
     assert sorted(f.result() for f in found if f.error is None) == [0, 1, 4, 16]
-    with pytest.raises(ValueError, match="three"):
+    with refused(ValueError, "three"):
         list(parallel_map(odd_jobs.stumbles, range(5), 2))
 
 
@@ -177,5 +177,5 @@ def test_a_scheduler_that_ends_is_said(tmp_path: Path) -> None:
 @each("address", ["tcp://127.0.0.1:9", "nonsense://x", "tcp://:-1"])
 def test_an_address_without_a_scheduler_is_wrong_input(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jobs, "_CONNECT", 0.5)
-    with pytest.raises(ParameterError, match="no Dask scheduler answers there"):
+    with refused(ParameterError, "scheduler"):
         list(run_jobs(odd_jobs.square, [1], scheduler=address))

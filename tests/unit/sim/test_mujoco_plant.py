@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 from following import follow_trajectory
 from motions import smooth_motion
 
@@ -379,19 +379,19 @@ def test_a_seed_decides_everything(silvermate):
 
 
 def test_wrong_commands_and_periods_are_refused(plant):
-    with pytest.raises(ParameterError, match="command"):
+    with refused(ParameterError, "command"):
         plant.step(Command(np.zeros(3), np.zeros(7)), 0.01)
-    with pytest.raises(ParameterError, match="command"):
+    with refused(ParameterError, "command"):
         plant.step(Command(np.array([0.0, np.nan]), np.zeros(7)), 0.01)
-    with pytest.raises(ParameterError, match="time step"):
+    with refused(ParameterError, "step"):
         plant.step(Command(np.zeros(2), np.zeros(7)), 0.0031)
 
 
 def test_other_bases_are_refused(rover, silvermate):
     limits = MotionLimits.for_robot(rover, joint_speed=1.0)
-    with pytest.raises(ParameterError, match="KinematicPlant"):
+    with refused(ParameterError, "KinematicPlant"):
         MujocoPlant(rover, limits)
-    with pytest.raises(ParameterError, match="timestep"):
+    with refused(ParameterError, "timestep"):
         MujocoPlant(silvermate, limits_of(silvermate), timestep=0.05)
     narrow = MotionLimits.for_robot(silvermate, track=0.2)
     with pytest.raises(ParameterError, match="half a track"):

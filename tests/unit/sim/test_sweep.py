@@ -11,7 +11,7 @@ import warnings
 from pathlib import Path
 
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.sim.scenarios import get_scenario, run_scenario
@@ -171,7 +171,7 @@ def test_a_drive_takes_parameters_of_every_part() -> None:
     assert params.evasion is not None
     assert (params.evasion.horizon, params.assumptions.acceleration, params.margin) == (2.0, 0.1, 0.01)
     assert params.deform.max_nodes == drive_params(scenario).deform.max_nodes
-    with pytest.raises(ParameterError, match="evade: false"):
+    with refused(ParameterError, "evade"):
         changed(drive_params(scenario, evade=False), {"evasion.horizon": 2.0})
 
 
@@ -314,7 +314,7 @@ def test_a_scenario_file_that_was_changed_makes_another_sweep(tmp_path: Path) ->
         store.add(execute(sweep.runs()[0]))
         assert store.rows[0]["certified"] is True
     (tmp_path / "room.yaml").write_text(scene.replace("x: 1", "x: 2"))
-    with pytest.raises(SweepError, match=r"files.room.yaml was"):
+    with refused(SweepError, "files.room.yaml"):
         SweepStore(written(tmp_path, text), tmp_path / "t.csv")
 
 
@@ -324,14 +324,14 @@ def test_a_file_of_sensors_that_was_changed_makes_another_sweep(tmp_path: Path) 
     with SweepStore(written(tmp_path, text), tmp_path / "t.csv") as store:
         store.add(empty(store.sweep.runs()[0]))
     (tmp_path / "eyes.yaml").write_text(sensor_file().read_text() + "\n")
-    with pytest.raises(SweepError, match=r"files.eyes.yaml was"):
+    with refused(SweepError, "files.eyes.yaml"):
         SweepStore(written(tmp_path, text), tmp_path / "t.csv")
 
 
 def test_what_is_no_table_of_a_sweep_is_never_written_over(tmp_path: Path) -> None:
     sweep, path = written(tmp_path), tmp_path / "t.csv"
     path.write_text("mine\n")
-    with pytest.raises(SweepError, match="overwritten"):
+    with refused(SweepError, "overwritten"):
         SweepStore(sweep, path)
     assert path.read_text() == "mine\n"
     for name in ("t.xls", "t"):
@@ -451,7 +451,7 @@ def test_a_picture_is_drawn(plot: Plot, tmp_path: Path) -> None:
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(SweepError, match="nothing to draw"):
         plot_sweep(sweep, rows[2:3], tmp_path / "q.png", plot=plot)
-    with pytest.raises(SweepError, match=r"q\.xyz"):
+    with refused(SweepError, "q.xyz"):
         plot_sweep(sweep, rows, tmp_path / "q.xyz", plot=plot)
     assert not os.path.exists(tmp_path / "q.png")
 

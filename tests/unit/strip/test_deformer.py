@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances, self_distances
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import straight_line
@@ -285,7 +285,7 @@ def test_the_budget_makes_more_iterations(silvermate):
 
 @each("budget", [0, -1.0, float("nan"), "fast", True])
 def test_budgets_are_positive_numbers(silvermate, budget):
-    with pytest.raises(ParameterError, match="budget="):
+    with refused(ParameterError, "budget="):
         Deformer(silvermate).step(line(silvermate), ASIDE, budget=budget)
 
 
@@ -296,7 +296,7 @@ def test_settle_refuses(silvermate, options):
 
 
 def test_strips_of_other_robots_are_refused(silvermate, tiago):
-    with pytest.raises(ConfigurationError, match=r"'tiago'.*'silvermate'"):
+    with refused(ConfigurationError, "'tiago'", "'silvermate'"):
         Deformer(silvermate).step(line(tiago), ASIDE)
     with pytest.raises(ConfigurationError):
         Deformer(silvermate).certify(line(tiago), ASIDE)
@@ -337,7 +337,7 @@ def test_a_report_cannot_be_changed(silvermate):
     report = Deformer(silvermate).step(line(silvermate), ASIDE)
     with pytest.raises(AttributeError):
         report.status = DeformStatus.SETTLED
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError, "read-only"):
         report.strip.q[0] = 0.0
 
 
@@ -423,7 +423,7 @@ def test_a_strip_of_another_shape_is_refused(tmp_path):
     strip = Strip(wide, [wide.home(), wide.home(y=1.0)])
     deformer = Deformer(narrow)
     for call in (deformer.step, deformer.settle, deformer.certify, deformer.assess):
-        with pytest.raises(ConfigurationError, match="shapes"):
+        with refused(ConfigurationError, "shapes"):
             call(strip, Scene([]))
     again = load_robot(tmp_path / "pair_0.2.urdf", base="omni")
     assert deformer.certify(Strip(again, [again.home(), again.home(y=1.0)]), Scene([])).certified

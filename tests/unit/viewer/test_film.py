@@ -7,6 +7,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.robot import load_robot
@@ -49,13 +50,13 @@ def test_a_film_has_its_pictures_and_its_speed(viewer, tmp_path, ending):
 
 
 def test_wrong_files_and_speeds_are_said_before_anything_is_drawn(viewer, tmp_path):
-    with pytest.raises(InputError, match=r"ends in \.gif, \.mp4, \.webm"):
+    with refused(InputError, "mp4"):
         viewer.save_film(tmp_path / "film.avi")
-    with pytest.raises(ParameterError, match="fps"):
+    with refused(ParameterError, "fps"):
         viewer.save_film(tmp_path / "film.gif", fps=0.0)
     with pytest.raises(InputError, match=r"ends in \.png"):
         viewer.save_png(tmp_path / "picture.gif")
-    with pytest.raises(InputError, match="nowhere"):
+    with refused(InputError, "nowhere"):
         viewer.save_png(tmp_path / "nowhere" / "x.png")
 
 

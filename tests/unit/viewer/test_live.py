@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.planning import plan
@@ -154,17 +154,17 @@ def test_what_moves_by_itself_stays_where_it_is_put(robot, scene, strip):
 
 def test_wrong_input_names_what_is_wrong(robot, scene, strip):
     with LiveStrip(robot, scene, strip) as live:
-        with pytest.raises(SceneError, match="shelf"):
+        with refused(SceneError, "shelf"):
             live.move("shelv", (0, 0, 0))
         with pytest.raises(ParameterError, match="at"):
             live.move("shelf", (0, 0))
-        with pytest.raises(ParameterError, match="yaw"):
+        with refused(ParameterError, "yaw"):
             live.move_goal(0.0, 0.0, float("nan"))
-    with pytest.raises(ParameterError, match="rate"):
+    with refused(ParameterError, "rate"):
         LiveStrip(robot, scene, strip, rate=0.0)
     arm = load_robot("panda")
     line = plan(arm, Scene(), arm.home(), arm.home() + 0.1 * np.eye(arm.nq)[0])
-    with LiveStrip(arm, Scene(), line) as live, pytest.raises(ConfigurationError, match="fixed"):
+    with LiveStrip(arm, Scene(), line) as live, refused(ConfigurationError, "fixed"):
         live.move_goal(1.0, 0.0)
 
 

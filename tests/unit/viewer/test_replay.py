@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import umsgpack
+from cases import refused
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.interfaces import RunState
@@ -229,10 +230,10 @@ def test_many_movers_do_not_stall_a_browser(silvermate):
 
 def test_wrong_input_is_refused(silvermate, tiago, record):
     with Viewer(server=False) as viewer:
-        with pytest.raises(RecordError, match="the record is of 'silvermate'"):
+        with refused(RecordError, "record", "'silvermate'"):
             viewer.replay(tiago, record)
         for speed in (0.0, -1.0, np.nan, np.inf):
-            with pytest.raises(InputError, match="speed="):
+            with refused(InputError, "speed="):
                 viewer.replay(silvermate, record, speed=speed)
         for cut in ({"begin": 5.0, "end": 5.0}, {"begin": 100.0}, {"end": -1.0}):
             with pytest.raises(InputError, match="nothing to play"):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import load_robot
@@ -90,7 +90,7 @@ def test_wrong_files(tmp_path, text, message):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(ParameterError, match=r"none\.yaml"):
+    with refused(ParameterError, "none.yaml"):
         read_sensors(tmp_path / "none.yaml")
 
 

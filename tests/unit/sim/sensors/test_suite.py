@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.perception import RangeRing
@@ -126,7 +126,7 @@ def test_wrong_calls(silvermate, gantry, home):
         suite.observe(math.nan, home)
     with pytest.raises(ConfigurationError, match="finite numbers"):
         suite.observe(1.0, home * math.nan)
-    with pytest.raises(RobotError, match="no link 'laser_frame'"):
+    with refused(RobotError, "'laser_frame'"):
         SensorSuite(gantry, WORLD)
 
 
