@@ -242,6 +242,17 @@ def robot(request: pytest.FixtureRequest) -> RobotModel:
     return request.getfixturevalue(request.param)
 
 
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of a Chromium; who draws with one is skipped where there is none."""
+    from elastic_strips.viewer.browser import find_browser
+
+    path = find_browser()
+    if path is None:
+        pytest.skip("no chromium")
+    return path
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240607)
