@@ -6,6 +6,7 @@ import logging
 import os
 import random
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -251,6 +252,14 @@ def chromium() -> str:
     if path is None:
         pytest.skip("no chromium")
     return path
+
+
+@pytest.fixture
+def own_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time limits of planning count the time of the thread that plans: how busy the machine is decides nothing."""
+    from elastic_strips.planning import problem
+
+    monkeypatch.setattr(problem, "perf_counter", time.thread_time)
 
 
 @pytest.fixture

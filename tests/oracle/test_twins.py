@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import twins
-from cases import each_robot
+from cases import each_robot, refused
 from numpy.testing import assert_allclose
 
 from elastic_strips.collision import BodySet, MotionBounds, SelfProximity
@@ -150,7 +150,7 @@ def test_the_planner_accepts_the_same_motions() -> None:
             assert charts[0](a, b, 0.1) == charts[1](a, b, 0.1)
         assert native.checks == plain.checks
         accepted += sum(said)
-        with pytest.raises(ValueError, match="another size"):
+        with refused(ValueError, "size"):
             charts[0]([0.0], [0.0], 0.1)
     assert 20 < accepted < 460
 

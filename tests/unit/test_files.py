@@ -62,7 +62,7 @@ def test_a_fifo_that_takes_the_files_place_does_not_hang(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("x")
     regular = os.stat(tmp_path / "file")
     monkeypatch.setattr(files.os, "stat", lambda path: regular)
-    with pytest.raises(SceneError, match="is a FIFO"):
+    with refused(SceneError, "FIFO"):
         read(tmp_path / "fifo")
 
 
@@ -88,7 +88,7 @@ def test_a_file_without_permission(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(files.os, "open", deny)  # root may read everything
-    with pytest.raises(SceneError, match="cannot read the map: Permission denied"):
+    with refused(SceneError, "Permission denied"):
         read(tmp_path / "a")
 
 

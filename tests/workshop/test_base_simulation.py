@@ -55,5 +55,5 @@ def test_wrong_runs_are_refused(silvermate):
     with refused(ParameterError, "vfg"):
         base_simulation(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), "vfg")
     rolling = load_robot("silvermate", base="omni")
-    with pytest.raises(ConfigurationError, match="differential drive"):
+    with refused(ConfigurationError, "differential drive"):
         base_simulation(rolling, Scene([]), rolling.home(), rolling.home(x=1.0), "vfh")

@@ -93,7 +93,7 @@ def test_what_is_missing_or_no_gzip_is_named(gantry_urdf, tmp_path):
     with refused(ScenarioError, "'pr2'"):
         load_mbm(tmp_path, "pr2")
     (tmp_path / "mbm" / "panda" / "problems.json.gz").write_bytes(b"{}")
-    with pytest.raises(ScenarioError, match="is no gzip file"):
+    with refused(ScenarioError, "gzip"):
         load_mbm(tmp_path, "panda")
     (tmp_path / "mbm" / "panda" / "problems.json.gz").write_bytes(gzip.compress(b" " * 30_000_000))
     with refused(ScenarioError, "20000000"):

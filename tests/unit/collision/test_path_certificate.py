@@ -140,7 +140,7 @@ def test_half_a_turn_is_unknown(silvermate):
 
 def test_wrong_input_is_named(panda, silvermate):
     home = panda.home()
-    with pytest.raises(ConfigurationError, match="at least two configurations"):
+    with refused(ConfigurationError, "configurations"):
         certify(panda, Scene([]), [home])
     with refused(ConfigurationError, "path"):
         certify(panda, Scene([]), [home[:-1], home[:-1]])
@@ -150,7 +150,7 @@ def test_wrong_input_is_named(panda, silvermate):
         certify(panda, Scene([]), [home, home], times=[1.0, 0.0])
     with refused(ParameterError, "clearance"):
         certify(panda, Scene([]), [home, home], clearance=-1.0)
-    with pytest.raises(SceneError, match="must be a Scene"):
+    with refused(SceneError, "Scene"):
         certify(panda, [Box((1, 1, 1))], [home, home])
     outside = home.copy()
     outside[0] = 99.0

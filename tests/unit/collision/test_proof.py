@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips import proof_checker as checker
 from elastic_strips.collision import certify, prove
@@ -223,7 +223,7 @@ def test_hulls_and_voxels_are_pieces(gantry):
 def test_a_file_that_cannot_be_written_is_named(gantry, tmp_path):
     proof = prove(gantry, Scene([]), _path(gantry, np.random.default_rng(0), 2))
     assert proof is not None
-    with pytest.raises(InputError, match="no folder"):
+    with refused(InputError, "folder"):
         proof.save(tmp_path / "missing" / "p.npz")
 
 

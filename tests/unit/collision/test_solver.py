@@ -7,7 +7,7 @@ import itertools
 import coal
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.collision.narrowphase import PairSolver, ShapePair
 from elastic_strips.robot.coal_shapes import convex_from_vertices, sphere_as_capsule
@@ -91,7 +91,7 @@ def test_a_depth_that_is_not_found_is_asked_for_with_less_demand(tolerance, trie
 def test_a_depth_that_is_never_found_is_an_error():
     never = Stubborn(np.inf)
     pair = ShapePair.of(SHAPES["box"], SHAPES["box"])._replace(apart=never, deep=never, fine=never)
-    with pytest.raises(FloatingPointError, match="no penetration depth"):
+    with refused(FloatingPointError, "depth"):
         PairSolver().ask(pair, coal.Transform3s(), coal.Transform3s())
 
 

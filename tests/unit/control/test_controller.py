@@ -331,9 +331,9 @@ def test_wrong_steps_are_refused(silvermate):
     for t in (0.0, -1.0):
         with refused(ParameterError, "step"):
             controller.step(t, None, None)
-    with pytest.raises(ParameterError, match="finite"):
+    with refused(ParameterError, "finite"):
         controller.step(np.nan, None, None)
-    with pytest.raises(SceneError, match="list"):
+    with refused(SceneError, "list"):
         controller.step(1.0, None, [CRATE])
     with refused(ConfigurationError, "crate"):
         Controller(silvermate, silvermate.home(), silvermate.home(x=1.6, y=0.45), Scene([CRATE]))

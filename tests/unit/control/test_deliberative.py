@@ -100,7 +100,7 @@ def test_wrong_tasks_are_refused(layer, silvermate):
         DriveTo(0.0, np.nan, 0.0)
     with refused(ParameterError, "position"):
         ReachHand((0.0, 1.0))  # type: ignore[arg-type]
-    with pytest.raises(ParameterError, match="unit length"):
+    with refused(ParameterError, "length"):
         ReachHand((0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 2.0))
     with refused(RobotError, "hand_fram"):
         layer.decompose(ReachHand((0.3, 0.0, 0.9), frame="hand_fram"), silvermate.home(), SCENE)

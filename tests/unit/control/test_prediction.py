@@ -92,7 +92,7 @@ def test_faults_of_perception():
     assert sense.sense(1.4).time == pytest.approx(0.8)  # it says how old it is
     assert sense.sense(1.5).time == pytest.approx(1.4)
     assert sense.sense(2.2).time == pytest.approx(1.8)
-    with pytest.raises(PerceptionError, match="not finite"):
+    with refused(PerceptionError, "finite"):
         sense.sense(3.2)
     assert sense.sense(3.6).time == pytest.approx(3.5)
 

@@ -187,7 +187,7 @@ def test_a_cloud_that_does_not_fit_its_fields_does_not_end_the_others(tmp_path):
         assert count == 1, said
     assert all(any(says in said for said in bag.dropped) for _, says in wrong)
     bag = filled(tmp_path / "c", ".mcap", lambda made: made.cloud(1.0, "/points", CLOUD, fields=("xy", (4, 8), 7)))
-    with pytest.raises(BagError, match="a cloud has no z; it has x, y"):
+    with refused(BagError, "z", "x, y"):
         list(bag.clouds())
 
 
@@ -378,7 +378,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(BagError, match=says):
             list(BagReader(tmp_path / name).scans())
-    with pytest.raises(BagError, match="No such file"):
+    with refused(BagError, "No such file"):
         BagReader(tmp_path / "gone.mcap")
     with refused(BagError, "metadata.yaml"):
         BagReader(tmp_path)
@@ -472,7 +472,7 @@ def test_the_record_of_a_drive_has_its_obstacles_as_they_moved(tmp_path):
 def test_a_bag_refuses_what_it_cannot_hold(tmp_path, silvermate, driven):
     from dataclasses import replace
 
-    with pytest.raises(InputError, match="begins at -1 s"):
+    with refused(InputError, "-1 s"):
         write_bag(tmp_path / "t.mcap", replace(driven, time=driven.time - 1.0))
     with refused(InputError, "period=0"):
         write_bag(tmp_path / "t.mcap", driven, period=0.0)

@@ -96,7 +96,7 @@ def test_the_outside_of_a_map_is_not_free(tmp_path):
 def test_walls_are_between_two_heights(tmp_path):
     scene = load_nav2_map(write(tmp_path), low=0.4, height=1.2, outside="free")
     assert [covered(scene, (1.25, -0.25, z)) for z in (0.39, 0.41, 1.19, 1.21)] == [False, True, True, False]
-    with pytest.raises(ScenarioError, match="Voxels size"):
+    with refused(ScenarioError, "Voxels size"):
         load_nav2_map(write(tmp_path), low=1.0, height=1.0)
 
 
@@ -279,7 +279,7 @@ def test_a_damaged_png_is_refused(tmp_path):
 def test_wrong_arguments_and_missing_files(tmp_path):
     with refused(ScenarioError, "unknown='wall'"):
         load_nav2_map(write(tmp_path), unknown="wall")
-    with pytest.raises(ScenarioError, match="Voxels size"):
+    with refused(ScenarioError, "Voxels size"):
         load_nav2_map(write(tmp_path), height=0.0)
     with refused(ScenarioError, "lethal=0"):
         load_nav2_map(write(tmp_path), lethal=0)

@@ -161,7 +161,7 @@ def test_frames_that_hang_on_each_other(tmp_path, caplog):
     with refused(SceneError, "'odom'"):
         read_scene(write(tmp_path, box("one", "map"), box("two", "odom")))
     ring = [transform("a", "b", 1.0), transform("b", "a", 1.0), transform("map", "c", 0.0)]
-    with pytest.raises(SceneError, match="hangs on itself"):
+    with refused(SceneError, "itself"):
         read_scene(write(tmp_path, box("one", "map"), fixed_frame_transforms=ring))
     with caplog.at_level(logging.WARNING):
         read_scene(write(tmp_path, box("one", "base_link")))

@@ -166,9 +166,9 @@ def test_the_robot_comes_back(record, file, silvermate, gantry, gantry_urdf, tmp
     assert record_robot(dataclasses.replace(fixed, urdf="/moved"), str(gantry_urdf)).nv == gantry.nv
     with refused(InputError, "/moved"):
         record_robot(dataclasses.replace(fixed, urdf="/moved"))
-    with pytest.raises(InputError, match="names no URDF"):
+    with refused(InputError, "URDF"):
         record_robot(dataclasses.replace(fixed, urdf=None))
-    with pytest.raises(RecordError, match="the record is of"):
+    with refused(RecordError, "record"):
         record_robot(read_record(file), "tiago")
 
 
@@ -216,7 +216,7 @@ def test_no_frame_where_pandas_is_not(record, monkeypatch):
         raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(record_file.importlib, "import_module", missing)
-    with pytest.raises(MissingExtraError, match="pip install pandas"):
+    with refused(MissingExtraError, "pandas"):
         record_frame(record)
     assert len(record_columns(record)["x"]) == len(record.control)
 
@@ -226,7 +226,7 @@ def test_a_file_is_whole_or_not_there(record, tmp_path, monkeypatch):
     assert stat.S_IMODE(target.stat().st_mode) == 0o644
     before = target.read_bytes()
     monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-    with pytest.raises(InputError, match="No space left"):
+    with refused(InputError, "No space left"):
         write_record(record, target)
     assert target.read_bytes() == before
     assert os.listdir(tmp_path) == ["run.npz"]
@@ -238,9 +238,9 @@ def test_where_nothing_can_be_written(record, tmp_path):
             with pytest.raises(InputError, match=match):
                 attempt(tmp_path / name)
     assert check_record_file(tmp_path / "run.npz") == tmp_path / "run.npz"
-    with pytest.raises(RecordError, match="plain JSON"):
+    with refused(RecordError, "JSON"):
         write_record(dataclasses.replace(record, metadata={"robot": object()}), tmp_path / "run.npz")
-    with pytest.raises(RecordError, match="plain JSON"):
+    with refused(RecordError, "JSON"):
         write_record(dataclasses.replace(record, metadata={"cost": np.inf}), tmp_path / "run.npz")
     assert os.listdir(tmp_path) == []
 
@@ -249,21 +249,21 @@ def test_what_is_no_record_is_refused(tmp_path):
     target = tmp_path / "x.npz"
     with refused(RecordError, "x.npz:"):
         read_record(target)
-    with pytest.raises(RecordError, match="is a folder, not a record"):
+    with refused(RecordError, "folder"):
         read_record(tmp_path)
     for content in (b"", b"P", b"time,state\n0.0,moving\n", b"\x93NUMPY\x01\x00"):
         target.write_bytes(content)
-        with pytest.raises(RecordError, match=r"no \.npz file at all"):
+        with refused(RecordError, ".npz"):
             read_record(target)
     np.savez(target, time=np.zeros(3))
     with refused(RecordError, "'metadata'"):
         read_record(target)
     for metadata in (np.array("{"), np.array("[]"), np.zeros(3), np.array('{"format": "other"}')):
         np.savez(target, metadata=metadata)
-        with pytest.raises(RecordError, match="is no record"):
+        with refused(RecordError, "record"):
             read_record(target)
     np.savez(target, metadata=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(RecordError, match="cannot read"):
+    with refused(RecordError, "read"):
         read_record(target)
 
 
@@ -388,7 +388,7 @@ def test_what_is_not_finite_is_refused_with_its_place(record, file, tmp_path):
         {"events": [[np.nan, "start", ""]]},
         {"locked": {"arm": np.inf}},
     ):
-        with pytest.raises(RecordError, match="must be a finite number"):
+        with refused(RecordError, "finite"):
             read_record(with_metadata(file, target, **values))
 
 
@@ -415,7 +415,7 @@ def test_obstacles_that_follow_one_track_are_bounded(file, tmp_path, monkeypatch
     entry = {"shape": "sphere", "size": [1.0], "pose": [0, 0, 0, 0, 0, 0, 1], "appears": None, "vanishes": None}
     many = [{**entry, "name": f"b{k}", "track": 0} for k in range(20)]
     monkeypatch.setattr(obstacle_document, "MAX_ROWS", 1000)
-    with pytest.raises(RecordError, match=r"need \d+ rows; at most 1000"):
+    with refused(RecordError, "1000"):
         read_record(with_metadata(file, tmp_path / "x.npz", obstacles=many))
 
 

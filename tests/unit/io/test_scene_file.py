@@ -282,7 +282,7 @@ def test_broken_clouds_are_refused(tmp_path, content):
 
 def test_pickled_cloud_is_refused(tmp_path):
     np.save(tmp_path / "cloud.npy", np.array([[{}]], dtype=object), allow_pickle=True)
-    with pytest.raises(SceneError, match="holds Python objects, not numbers"):
+    with refused(SceneError, "Python objects"):
         read(tmp_path, "obstacles:\n- {shape: points, radius: 0.1, file: cloud.npy}\n")
 
 
@@ -307,9 +307,9 @@ def test_writing_is_all_or_nothing(tmp_path, monkeypatch):
 
 
 def test_unwritable_places_and_motions_are_refused(tmp_path):
-    with pytest.raises(SceneError, match="there is no folder"):
+    with refused(SceneError, "folder"):
         write_scene(Scene([]), tmp_path / "gone" / "out.yaml")
-    with pytest.raises(SceneError, match="is a folder"):
+    with refused(SceneError, "folder"):
         write_scene(Scene([]), tmp_path)
 
     class Wobble(Motion):

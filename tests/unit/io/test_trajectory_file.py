@@ -62,7 +62,7 @@ def test_the_table_has_the_columns(trajectory, monkeypatch):
     assert list(frame.columns) == list(trajectory_columns(trajectory))
     assert (frame["time"] == trajectory.time).all()
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(MissingExtraError, match="pip install pandas"):
+    with refused(MissingExtraError, "pandas"):
         trajectory_frame(trajectory)
 
 
@@ -95,8 +95,8 @@ def test_json_has_the_fields_of_ros(tmp_path, trajectory):
 def test_another_ending_is_refused_before_anything_is_written(tmp_path, trajectory):
     with refused(InputError, "'.jsn'", "'.json'"):
         write_trajectory(tmp_path / "t.jsn", trajectory)
-    with pytest.raises(InputError, match="must be a Trajectory"):
+    with refused(InputError, "Trajectory"):
         write_trajectory(tmp_path / "t.json", trajectory.strip())
-    with pytest.raises(InputError, match="there is no folder"):
+    with refused(InputError, "folder"):
         write_trajectory(tmp_path / "gone" / "t.csv", trajectory)
     assert not list(tmp_path.iterdir())

@@ -167,9 +167,9 @@ def test_what_cannot_be_laid_out_is_refused():
         rays_of(LaserScan("l", 0.0, tilt, good.angles, good.ranges, 0.05, 10.0), (0, 0, 0))
     with refused(ParameterError, "ascending"):
         rays_of(LaserScan("l", 0.0, np.eye(4), good.angles[::-1], good.ranges, 0.05, 10.0), (0, 0, 0))
-    with pytest.raises(ParameterError, match="three numbers"):
+    with refused(ParameterError, "three"):
         rays_of(good, (0, 0))
-    with pytest.raises(ParameterError, match="finite"):
+    with refused(ParameterError, "finite"):
         rays_of(good, (0, math.nan, 0))
     assert len(scan_scene(good, (0, 0, 0))) == 0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import plan_report
@@ -130,7 +130,7 @@ def test_wrong_options_are_named(silvermate, options, message) -> None:
 
 
 def test_ends_in_collision_are_named(silvermate) -> None:
-    with pytest.raises(ConfigurationError, match=r"goal is in collision: '\w+' is [\d.]+ mm deep in 'box'"):
+    with refused(ConfigurationError, "goal", "'box'"):
         plan_report(silvermate, HALL, silvermate.home(), silvermate.home(x=3.0))
 
 

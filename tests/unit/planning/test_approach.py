@@ -112,11 +112,11 @@ def test_how_busy_a_machine_is_changes_nothing(silvermate, monkeypatch):
 def test_wrong_input_is_refused(silvermate):
     scene, start, by = Scene([]), silvermate.home(), (0.1, 0.0, 0.0)
     one = HandPose(HAND, (2.0, 0.0, 0.9))
-    with pytest.raises(ParameterError, match="HandPoses of one frame"):
+    with refused(ParameterError, "HandPoses"):
         plan_approach(silvermate, scene, start, [], by)
-    with pytest.raises(ParameterError, match="HandPoses of one frame"):
+    with refused(ParameterError, "HandPoses"):
         plan_approach(silvermate, scene, start, [one, HandPose("base_link", (0.0, 0.0, 0.0))], by)
-    with pytest.raises(ParameterError, match="HandPoses of one frame"):
+    with refused(ParameterError, "HandPoses"):
         plan_approach(silvermate, scene, start, [one, BasePose(1.0, 0.0)], by)  # type: ignore[list-item]
     with refused(ParameterError, "axes='tool'"):
         plan_approach(silvermate, scene, start, one, by, axes="tool")
@@ -130,5 +130,5 @@ def test_wrong_input_is_refused(silvermate):
         plan_approach(silvermate, scene, start, HandPose("hand_fram", (2.0, 0.0, 0.9)), by)
     with refused(ConfigurationError, "start"):
         plan_approach(silvermate, scene, start, one, by, beyond=Scene([Box((1.0, 1.0, 1.0), at=(0.0, 0.0, 0.5))]))
-    with pytest.raises(GoalError, match="out of reach"):
+    with refused(GoalError, "reach"):
         plan_approach(silvermate, scene, start, HandPose(HAND, (2.0, 0.0, 9.0)), by)

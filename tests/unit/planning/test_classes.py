@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from cases import refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -143,7 +142,7 @@ def test_pieces_of_one_obstacle_that_are_apart_have_names_of_their_own(silvermat
 def test_wrong_input_is_named(silvermate, gantry) -> None:
     with refused(ParameterError, "(K, 2)", "(1, 2)"):
         homotopy_class([[0.0, 0.0]], POINTS)
-    with pytest.raises(ParameterError, match="finite"):
+    with refused(ParameterError, "finite"):
         homotopy_class([[0.0, 0.0], [np.nan, 0.0]], POINTS)
     with refused(ParameterError, "fixed"):
         cluster_map(gantry, Scene([]), [[0.0, 0.0]])

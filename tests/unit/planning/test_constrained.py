@@ -94,9 +94,7 @@ def test_of_a_goal_only_what_satisfies_it_counts(silvermate):
     report = plan_report(silvermate, Scene([]), start, BasePose(2.0, 1.0), constraint=level)
     assert report.certified
     assert tilt(report.strip, level) <= level.tolerance
-    with pytest.raises(
-        GoalError, match=r"none of its \d+ configurations satisfies the constraint: 'hand_frame' is at least"
-    ):
+    with refused(GoalError, "'hand_frame'"):
         plan(silvermate, Scene([]), start, {"arm_6_joint": start[-2] + 0.8}, constraint=level)
 
 

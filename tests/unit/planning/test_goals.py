@@ -95,7 +95,7 @@ def test_plans_go_to_goals(silvermate, panda):
     assert "of the goal" in report.reason
     report = plan_report(panda, Scene(), panda.home(), [{"panda_joint1": 1.0}, {"panda_joint1": 9.0}][:1])
     assert report.strip.q[-1][0] == pytest.approx(1.0)
-    with pytest.raises(GoalError, match="out of reach") as error:
+    with refused(GoalError, "reach") as error:
         plan_report(silvermate, SCENE, start, HandPose("hand_frame", (2.0, 0.0, 4.0)))
     assert error.value.search.distance > 1.0  # type: ignore[attr-defined]
 
@@ -110,15 +110,15 @@ def test_wrong_goals_are_refused(silvermate, panda):
         find_goals(silvermate, SCENE, start, {"arm_one": 1.0})
     with refused(ParameterError, "empty"):
         find_goals(silvermate, SCENE, start, [])
-    with pytest.raises(ParameterError, match="it must be a configuration"):
+    with refused(ParameterError, "configuration"):
         find_goals(silvermate, SCENE, start, None)  # type: ignore[arg-type]
-    with pytest.raises(ParameterError, match="it must be a configuration"):
+    with refused(ParameterError, "configuration"):
         find_goals(silvermate, SCENE, start, "the kitchen")  # type: ignore[arg-type]
-    with pytest.raises(ParameterError, match="not be negative"):
+    with refused(ParameterError, "negative"):
         BasePose(0.0, 0.0, within=(-1.0, 0.0))
-    with pytest.raises(ParameterError, match="unit length"):
+    with refused(ParameterError, "length"):
         HandPose("hand_frame", (1.0, 0.0, 1.0), (0.0, 0.0, 0.0, 2.0))
-    with pytest.raises(ConfigurationError, match="outside its limits"):
+    with refused(ConfigurationError, "limits"):
         find_goals(silvermate, SCENE, start, {"arm_1_joint": 99.0})
 
 

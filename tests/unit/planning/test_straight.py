@@ -104,7 +104,7 @@ def test_the_axes_of_the_hand(panda, start):
 def test_wrong_input_is_refused(panda, start):
     with refused(ParameterError, "axes"):
         plan_straight(panda, Scene(), start, HAND, (0.0, 0.0, 0.1), axes="base")
-    with pytest.raises(RobotError, match="no frame"):
+    with refused(RobotError, "frame"):
         plan_straight(panda, Scene(), start, "hand", (0.0, 0.0, 0.1))
     with refused(ParameterError, "by"):
         plan_straight(panda, Scene(), start, HAND, (0.0, 0.1))

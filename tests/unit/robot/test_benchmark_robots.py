@@ -62,7 +62,7 @@ def test_the_jackal_box_has_the_stated_size_and_no_joints(jackal_box):
     np.testing.assert_allclose(_collision_sizes(jackal_box), [(0.508, 0.43, 0.248)])
     assert _top(jackal_box, jackal_box.home_q) == pytest.approx(0.25, abs=1e-5)
     assert len(jackal_box.self_pairs) == 0
-    with pytest.raises(ConfigurationError, match="There are none"):
+    with refused(ConfigurationError, "none"):
         jackal_box.home(joints={"arm": 1.0})
 
 

@@ -111,7 +111,7 @@ def test_a_moment_of_inertia_below_0_is_still_refused(tmp_path):
 
 def test_a_collision_mesh_that_is_missing_is_refused(tmp_path):
     urdf = chain(link("c", '<mesh filename="package://gone/c.stl"/>'), joint("cj", "hand", "c"))
-    with pytest.raises(RobotError, match="not found"):
+    with refused(RobotError, "found"):
         load_robot(write(tmp_path, urdf))
 
 
@@ -334,7 +334,7 @@ def test_joint_values_outside_by_rounding_are_taken_to_the_limit(tmp_path):
     np.testing.assert_array_equal(robot.home(elbow=1.50005), high)
     assert near_high[5] > 1.5  # the caller's own is left alone
     near_high[5] = 1.5002
-    with pytest.raises(ConfigurationError, match="outside its limits"):
+    with refused(ConfigurationError, "limits"):
         robot.check_q(near_high)
 
 

@@ -73,5 +73,5 @@ def test_a_swept_sphere_radius_counts(shape):
 def test_kinematics_that_differ_from_pinocchios_are_refused(silvermate, monkeypatch):
     """As they would where NumPy returns wrong values for arrays of some size."""
     monkeypatch.setattr(np, "cos", lambda x: np.sqrt(np.maximum(0.0, 1.0 - np.sin(x) ** 2)))
-    with pytest.raises(RobotError, match="differ from Pinocchio's"):
+    with refused(RobotError, "Pinocchio"):
         KinematicTree.from_model(silvermate.model, silvermate.space)

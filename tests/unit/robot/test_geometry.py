@@ -163,7 +163,7 @@ def test_convex_from_vertices_is_the_hull(rng):
     ids=["none", "three", "one", "plane", "line"],
 )
 def test_flat_meshes_are_refused(points):
-    with pytest.raises(RobotError, match=r"^arm: \d+ distinct vertices without volume"):
+    with refused(RobotError, "arm: "):
         convex_from_vertices(points, name="arm")
 
 

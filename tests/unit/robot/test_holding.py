@@ -125,7 +125,7 @@ def test_what_cannot_be_held_is_refused(panda):
     ball, q = Sphere(0.05), panda.home()
     with refused(RobotError, "'panda_hand_tcp'"):
         panda.attached(ball, "panda_hand_tpc")
-    with pytest.raises(RobotError, match="does not move"):
+    with refused(RobotError, "move"):
         panda.attached(ball, "panda_link0")
     with refused(RobotError, "'thumb'"):
         panda.attached(ball, HAND, touch=["thumb"])

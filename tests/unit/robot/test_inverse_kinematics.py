@@ -112,15 +112,15 @@ def test_rotation_vectors_are_pinocchios(rng):
 def test_wrong_targets_are_refused(panda, silvermate):
     with refused(RobotError, "'panda_hand_tcp'"):
         panda.inverse_kinematics("panda_hand_tpc", (0.4, 0.0, 0.5))
-    with pytest.raises(RobotError, match="does not move"):
+    with refused(RobotError, "move"):
         panda.inverse_kinematics("panda_link0", (0.4, 0.0, 0.5))
     with refused(ParameterError, "position"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, np.nan, 0.5))
-    with pytest.raises(ParameterError, match="unit length"):
+    with refused(ParameterError, "length"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), (0.0, 0.0, 0.0, 2.0))
-    with pytest.raises(ParameterError, match="no rotation"):
+    with refused(ParameterError, "rotation"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), 2.0 * np.eye(3))
-    with pytest.raises(ParameterError, match="within"):
+    with refused(ParameterError, "within"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), within=(0.1, -0.1, 0.0))
     with refused(ParameterError, "count"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), count=0)

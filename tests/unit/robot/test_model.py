@@ -287,7 +287,7 @@ def test_from_pinocchio_refuses():
     with refused(RobotError, "'made'"):
         RobotModel.from_pinocchio(model, pin.GeometryModel())
     model.jointPlacements[1] = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.1]))
-    with pytest.raises(RobotError, match=r"planar root joint must sit at the origin"):
+    with refused(RobotError, "origin"):
         RobotModel.from_pinocchio(model, geometry)
 
 
@@ -296,7 +296,7 @@ def test_shapes_without_convex_description_are_refused():
     geometry.addGeometryObject(
         pin.GeometryObject("wall", 1, 1, pin.SE3.Identity(), coal.Halfspace(np.array([0, 0, 1.0]), 0))
     )
-    with pytest.raises(RobotError, match=r"Halfspace is not supported.*Box, Sphere"):
+    with refused(RobotError, "Halfspace", "Box, Sphere"):
         RobotModel.from_pinocchio(model, geometry)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, random_coordinates
-from cases import each_robot
+from cases import each_robot, refused
 
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import ConfigurationSpace, RobotModel
@@ -161,5 +161,5 @@ def test_limits_follow_the_model(gantry, rover):
 def test_joints_of_more_than_one_freedom_are_refused():
     model = pin.Model()
     model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
-    with pytest.raises(RobotError, match=r"'ball'.*3 degrees of freedom.*[Ll]ock"):
+    with refused(RobotError, "'ball'"):
         ConfigurationSpace.from_model(model)

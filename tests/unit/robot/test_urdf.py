@@ -375,7 +375,7 @@ def test_bad_meshes_are_refused(tmp_path, content, attributes, suffix):
 
 
 def test_a_flat_mesh_is_refused_by_name(tmp_path):
-    with pytest.raises(RobotError, match=r"part\.stl.*(without volume|fewer than 4)"):
+    with refused(RobotError, "part.stl"):
         load_robot(mesh_robot(tmp_path, stl(SOLID * [1, 1, 0])))
 
 
@@ -513,5 +513,5 @@ def test_srdf_files_that_are_none(tmp_path, content, words):
     path = write(tmp_path, GOOD)
     with pytest.raises(RobotError, match=words):
         load_robot(path, srdf=write(tmp_path, content, "test.srdf"))
-    with pytest.raises(RobotError, match="cannot read the SRDF file: No such file"):
+    with refused(RobotError, "SRDF"):
         load_robot(path, srdf=tmp_path / "none.srdf")

@@ -73,26 +73,26 @@ def test_bad_scenes_are_refused():
         Scene([Box((1, 1, 1), name="a"), Sphere(1, name="a")])
     with refused(SceneError, "already"):
         Scene([Box((1, 1, 1), name="a")]).with_obstacle(Sphere(1, name="a"))
-    with pytest.raises(SceneError, match="no obstacle"):
+    with refused(SceneError, "obstacle"):
         Scene(["box"])
-    with pytest.raises(SceneError, match="list"):
+    with refused(SceneError, "list"):
         Scene(Box((1, 1, 1)))
-    with pytest.raises(SceneError, match="list"):
+    with refused(SceneError, "list"):
         Scene(5)
     with refused(SceneError, "time"):
         Scene([], time=math.nan)
-    with pytest.raises(SceneError, match="no obstacle"):
+    with refused(SceneError, "obstacle"):
         Scene([]).with_obstacle("box")
 
 
 @each("name", ["tabel", 5, None, []])
 def test_unknown_name_offers_the_nearest(name):
     scene = Scene([Box((1, 1, 1), name="table")])
-    with pytest.raises(SceneError, match="Valid: table"):
+    with refused(SceneError, "table"):
         scene.moved(name, np.eye(4))
-    with pytest.raises(SceneError, match="Valid: table"):
+    with refused(SceneError, "table"):
         scene.without(name)
-    with pytest.raises(SceneError, match="Valid: table"):
+    with refused(SceneError, "table"):
         scene.obstacle(name)
 
 

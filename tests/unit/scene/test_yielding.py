@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import Box, Keyframes, PedestrianMotion, Scene, Sphere, Twist, World
@@ -43,7 +43,7 @@ def test_what_has_been_does_not_change():
     motion.advance(3.0, 0.0)
     assert [motion.place(t) for t in np.linspace(-1.0, 3.0, 41)] == before
     assert motion.place(9.0) == motion.place(3.0)
-    with pytest.raises(SceneError, match="cannot be changed"):
+    with refused(SceneError, "changed"):
         motion.advance(2.9, 1.0)
     motion.reset()
     assert motion.place(2.5) == 2.5

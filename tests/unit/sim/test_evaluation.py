@@ -426,7 +426,7 @@ def test_wrong_input_is_refused(silvermate, tiago):
     ):
         with pytest.raises(RecordError, match=match):
             evaluate(broken, silvermate, world)
-    with pytest.raises(ParameterError, match="no world"):
+    with refused(ParameterError, "world"):
         evaluate((time, coordinates, v), silvermate)
     with refused(ParameterError, "accuracy=0"):
         evaluate((time, coordinates, v), silvermate, world, accuracy=0)

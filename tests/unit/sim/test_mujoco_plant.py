@@ -394,5 +394,5 @@ def test_other_bases_are_refused(rover, silvermate):
     with refused(ParameterError, "timestep"):
         MujocoPlant(silvermate, limits_of(silvermate), timestep=0.05)
     narrow = MotionLimits.for_robot(silvermate, track=0.2)
-    with pytest.raises(ParameterError, match="half a track"):
+    with refused(ParameterError, "track"):
         MujocoPlant(silvermate, narrow)

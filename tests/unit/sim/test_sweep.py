@@ -297,7 +297,7 @@ def test_the_table_of_another_sweep_is_refused_and_left_alone(tmp_path: Path) ->
         with pytest.raises(SweepError, match=says):
             SweepStore(other, path)
     turned = PLANS.replace("  influence: [0.2, 0.3]\n  k_r: [1, 2.5]", "  k_r: [1, 2.5]\n  influence: [0.2, 0.3]")
-    with pytest.raises(SweepError, match="the order of grid"):
+    with refused(SweepError, "grid"):
         SweepStore(written(tmp_path, turned, "other.yaml"), path)
     assert path.read_bytes() == before
     same = written(tmp_path, PLANS.replace("k_r: [1, 2.5]", "k_r: [1.0, 2.5]") + "plot: {y: nodes}\n", "other.yaml")
@@ -335,7 +335,7 @@ def test_what_is_no_table_of_a_sweep_is_never_written_over(tmp_path: Path) -> No
         SweepStore(sweep, path)
     assert path.read_text() == "mine\n"
     for name in ("t.xls", "t"):
-        with pytest.raises(SweepError, match="unknown ending"):
+        with refused(SweepError, "ending"):
             SweepStore(sweep, tmp_path / name)
 
 
@@ -343,7 +343,7 @@ def test_a_row_of_another_version_is_refused_and_not_kept(tmp_path: Path) -> Non
     sweep, path = written(tmp_path), tmp_path / "t.csv"
     with SweepStore(sweep, path) as store:
         for wrong in (made(sweep.runs()[0], torque=1.0), {"run": 0}):
-            with pytest.raises(SweepError, match="another version"):
+            with refused(SweepError, "version"):
                 store.add(wrong)
         store.add(made(sweep.runs()[1]))
     assert [row["run"] for row in table(path)] == ["1"]
@@ -353,7 +353,7 @@ def test_a_row_of_another_version_is_refused_and_not_kept(tmp_path: Path) -> Non
 
 def test_one_process_writes_at_a_time_and_nothing_stays_of_nothing(tmp_path: Path) -> None:
     sweep, path = written(tmp_path), tmp_path / "t.csv"
-    with SweepStore(sweep, path), pytest.raises(SweepError, match="another process"):
+    with SweepStore(sweep, path), refused(SweepError, "process"):
         SweepStore(sweep, path)
     assert {p.name for p in tmp_path.iterdir()} == {"s.yaml"}
 
@@ -385,7 +385,7 @@ def test_a_journal_that_goes_away_before_it_is_locked_is_made_again(
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", refused)
-    with pytest.raises(SweepError, match="cannot be locked there: No locks available"):
+    with refused(SweepError, "No locks available"):
         SweepStore(sweep, path)
 
 
@@ -402,7 +402,7 @@ def test_what_ended_a_sweep_is_not_hidden_by_what_came_of_it(
     store.add(made(sweep.runs()[0]))
     store.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
     assert "No space left" in caplog.text
-    with pytest.raises(InputError, match="No space left"), SweepStore(sweep, path) as store:
+    with refused(InputError, "No space left"), SweepStore(sweep, path) as store:
         assert len(store.rows) == 1
 
 
@@ -449,7 +449,7 @@ def test_a_picture_is_drawn(plot: Plot, tmp_path: Path) -> None:
     rows[2] |= {"clearance_m": None, "certified": None}
     plot_sweep(sweep, rows, tmp_path / "p.png", plot=plot)
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(SweepError, match="nothing to draw"):
+    with refused(SweepError, "draw"):
         plot_sweep(sweep, rows[2:3], tmp_path / "q.png", plot=plot)
     with refused(SweepError, "q.xyz"):
         plot_sweep(sweep, rows, tmp_path / "q.xyz", plot=plot)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from cases import each
+from cases import each, refused
 
 from elastic_strips.strip.solver import BandedSolver, System
 
@@ -74,7 +73,7 @@ def test_strips_without_inner_nodes_do_not_move(n):
 def test_what_is_not_positive_definite_is_an_error(bad, rng):
     system = random_system(rng, 6, 3)
     system.diagonal[2, 1, 1] = bad
-    with pytest.raises(FloatingPointError, match="not positive definite"):
+    with refused(FloatingPointError, "definite"):
         BandedSolver().solve(system, np.full(3, 0.1))
 
 

@@ -69,7 +69,7 @@ def test_omnidirectional_and_fixed_bases(rover, gantry):
     )
     np.testing.assert_array_equal(given.drive_speed, [2.0, 0.5, 1.0])
     np.testing.assert_array_equal(given.joint_speed, 0.5)
-    with pytest.raises(ParameterError, match="three entries"):
+    with refused(ParameterError, "entries"):
         MotionLimits.for_robot(rover, joint_speed=0.5, base_speed=(1.0, 1.0))
     fixed = limits_of(gantry)
     assert fixed.drive_dim == 0
@@ -127,7 +127,7 @@ def test_given_wheels_need_no_description(silvermate, gantry_urdf):
     np.testing.assert_allclose(limits.drive_speed, 0.7)
     assert limits.track == 0.5
     wheelless = load_robot(gantry_urdf, base="diff_drive")
-    with pytest.raises(ParameterError, match=r"no two continuous joints named \*wheel\*"):
+    with refused(ParameterError, "*wheel*"):
         MotionLimits.for_robot(wheelless, joint_speed=1.0)
 
 

@@ -272,7 +272,7 @@ def test_standing_still(robot):
             assert motion.duration == pytest.approx(0.01)
         moving = np.zeros(robot.nv)
         moving[-1] = 0.1
-        with pytest.raises(RetimingError, match="has to stop within 0 m"):
+        with refused(RetimingError, "0 m"):
             Retimer(robot, limits).horizon(nodes, moving)
 
 
@@ -332,7 +332,7 @@ def test_wrong_arguments(silvermate, arguments, error, match):
 
 
 def test_wrong_limits(silvermate, tiago, gantry):
-    with pytest.raises(ParameterError, match="the limits are for 2 drive coordinates and 8 joints"):
+    with refused(ParameterError, "2 drive coordinates", "8 joints"):
         Retimer(silvermate, limits_of(tiago))
     with refused(ParameterError, "dt"):
         Retimer(silvermate, dt=0.5)
@@ -348,10 +348,10 @@ def test_a_profile_that_breaks_a_limit_is_never_returned(silvermate, monkeypatch
 
     nodes = arcs(silvermate, 3)
     monkeypatch.setattr(retiming, "fastest", hasty)
-    with pytest.raises(RetimingError, match="of its limit"):
+    with refused(RetimingError, "limit"):
         Retimer(silvermate).horizon(nodes)
     monkeypatch.setattr(retiming, "fastest", lambda *arguments: None)
-    with pytest.raises(RetimingError, match="no profile"):
+    with refused(RetimingError, "profile"):
         Retimer(silvermate).horizon(nodes)
 
 
@@ -382,6 +382,6 @@ def test_who_does_not_insist_tries_the_plain_curve_alone(silvermate, monkeypatch
             tried[insist] += 1
 
         monkeypatch.setattr(retiming, "fastest", none)
-        with pytest.raises(RetimingError, match="no profile"):
+        with refused(RetimingError, "profile"):
             Retimer(silvermate).horizon(straight(silvermate), v, distance=1.0, insist=insist)
     assert tried[False] == 1 < tried[True]

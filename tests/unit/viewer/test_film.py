@@ -49,7 +49,7 @@ def test_wrong_files_and_speeds_are_said_before_anything_is_drawn(viewer, tmp_pa
         viewer.save_film(tmp_path / "film.avi")
     with refused(ParameterError, "fps"):
         viewer.save_film(tmp_path / "film.gif", fps=0.0)
-    with pytest.raises(InputError, match=r"ends in \.png"):
+    with refused(InputError, ".png"):
         viewer.save_png(tmp_path / "picture.gif")
     with refused(InputError, "nowhere"):
         viewer.save_png(tmp_path / "nowhere" / "x.png")
@@ -57,7 +57,7 @@ def test_wrong_files_and_speeds_are_said_before_anything_is_drawn(viewer, tmp_pa
 
 @pytest.mark.usefixtures("chromium")
 def test_nothing_plays(scene, make_report, robot, tmp_path):
-    with Viewer(server=False) as viewer, pytest.raises(InputError, match="nothing plays"):
+    with Viewer(server=False) as viewer, refused(InputError, "plays"):
         viewer.show(robot, scene, make_report()).save_film(tmp_path / "film.gif")
     assert not (tmp_path / "film.gif").exists()
 
@@ -65,7 +65,7 @@ def test_nothing_plays(scene, make_report, robot, tmp_path):
 def test_without_a_chromium_the_message_says_how_to_get_one(viewer, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("CHROMIUM", "")
-    with pytest.raises(BrowserError, match="apt-get install chromium"):
+    with refused(BrowserError, "chromium"):
         viewer.save_png(tmp_path / "x.png")
 
 

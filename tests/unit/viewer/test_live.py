@@ -156,7 +156,7 @@ def test_wrong_input_names_what_is_wrong(robot, scene, strip):
     with LiveStrip(robot, scene, strip) as live:
         with refused(SceneError, "shelf"):
             live.move("shelv", (0, 0, 0))
-        with pytest.raises(ParameterError, match="at"):
+        with refused(ParameterError, "at"):
             live.move("shelf", (0, 0))
         with refused(ParameterError, "yaw"):
             live.move_goal(0.0, 0.0, float("nan"))

@@ -228,7 +228,7 @@ def test_wrong_input_is_refused(silvermate, tiago, record):
             with refused(InputError, "speed="):
                 viewer.replay(silvermate, record, speed=speed)
         for cut in ({"begin": 5.0, "end": 5.0}, {"begin": 100.0}, {"end": -1.0}):
-            with pytest.raises(InputError, match="nothing to play"):
+            with refused(InputError, "play"):
                 viewer.replay(silvermate, record, **cut)
         assert viewer.alive
 

@@ -63,7 +63,7 @@ def received(url, count=1):
         client = await websocket_connect(url.replace("http", "ws") + "ws", max_message_size=1 << 28)
         messages = []
         for _ in range(count):
-            data = await asyncio.wait_for(client.read_message(), 10.0)
+            data = await asyncio.wait_for(client.read_message(), 60.0)
             assert isinstance(data, bytes)
             messages.append(umsgpack.unpackb(data))
         client.close()
@@ -359,7 +359,7 @@ def test_save_html_is_standalone_and_whole_or_not_there(robot, scene, make_repor
         assert "src=" not in text.split("</style>")[0]
         before = target.read_bytes()
         monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError("disk full")))
-        with pytest.raises(InputError, match="disk full"):
+        with refused(InputError, "disk full"):
             viewer.save_html(target)
         assert target.read_bytes() == before
         assert list(tmp_path.iterdir()) == [target]
@@ -436,7 +436,7 @@ def test_wrong_input_raises(robot, scene, make_report):
             viewer.animate(robot, scene, make_report(), 0.0)
         with refused(InputError, "shape"):
             viewer.animate(robot, scene, np.zeros((3, 2)))
-        with pytest.raises(InputError, match="no strip"):
+        with refused(InputError, "strip"):
             viewer.animate(robot, scene, [])
         with refused(InputError, "shape"):
             viewer.show(robot, scene, np.zeros((3, 2)))

@@ -120,11 +120,11 @@ def test_after_a_gap_a_sensor_fires_once(silvermate, home):
 def test_wrong_calls(silvermate, gantry, home):
     suite = SensorSuite(silvermate, WORLD, SensorConfig(sensors=(LASER,)))
     suite.observe(0.1, home)
-    with pytest.raises(ParameterError, match="must not go back"):
+    with refused(ParameterError, "back"):
         suite.observe(0.05, home)
-    with pytest.raises(ParameterError, match="finite number"):
+    with refused(ParameterError, "finite"):
         suite.observe(math.nan, home)
-    with pytest.raises(ConfigurationError, match="finite numbers"):
+    with refused(ConfigurationError, "finite"):
         suite.observe(1.0, home * math.nan)
     with refused(RobotError, "'laser_frame'"):
         SensorSuite(gantry, WORLD)
