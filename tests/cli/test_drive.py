@@ -183,7 +183,7 @@ def test_speeds_that_a_urdf_does_not_state_are_given(
     assert end_of("run", str(short), "--robot", "cart.urdf", "--trajectory", "t.csv", *given) == 0
 
 
-@each(
+@pytest.mark.parametrize(
     "arguments, match",
     [
         (("--joint-speed", "turret_joint"), "NAME=VALUE"),

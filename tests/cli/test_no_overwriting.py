@@ -71,8 +71,10 @@ def test_of_certify(folder, capsys, option, name):
     _refused(folder, capsys, *CERTIFY, option, name)
 
 
-@each("way", ["./x", "up and down", "absolute", "a link", "a link to a link", "a hard link", "a folder"])
-@each("name", ["scene.yaml", "hull.stl"])
+@pytest.mark.parametrize(
+    "way", ["./x", "up and down", "absolute", "a link", "a link to a link", "a hard link", "a folder"]
+)
+@pytest.mark.parametrize("name", ["scene.yaml", "hull.stl"])
 def test_other_names_of_the_same_file(folder, capsys, way, name):
     other = {
         "./x": f"./{name}", "up and down": f"../{folder.name}/{name}", "absolute": folder / name, "a link": "one",
@@ -108,8 +110,8 @@ def test_what_a_xacro_file_includes(folder, capsys, name):
     _refused(folder, capsys, *arguments, "--json", name)
 
 
-@each("name", ["scenario.yaml", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
-@each("option", ["--json", "--html", "--trajectory"])
+@pytest.mark.parametrize("name", ["scenario.yaml", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
+@pytest.mark.parametrize("option", ["--json", "--html", "--trajectory"])
 def test_of_run(folder, capsys, name, option):
     if option == "--trajectory":  # it has endings of its own
         Path("out.json").symlink_to(name)

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from cases import each
 from click.testing import CliRunner, Result
 
 from elastic_strips.cli.group import cli
@@ -94,7 +93,7 @@ def test_a_certificate_names_what_it_does_not_speak_of(urdf: str, tmp_path: Path
     assert "arm" in document["reason"]
 
 
-@each("given, bare", [("missing", ()), ("[arm]", ()), (None, ("arm",))])
+@pytest.mark.parametrize("given, bare", [("missing", ()), ("[arm]", ()), (None, ("arm",))])
 def test_scenario_files_say_it_too(urdf: str, tmp_path: Path, given: str | None, bare: tuple[str, ...]) -> None:
     more = "" if given is None else f", visual_as_collision: {given}"
     file = tmp_path / "s.yaml"

@@ -54,6 +54,10 @@ def _looped(
 
     @functools.wraps(test)
     def all_of_them(request: pytest.FixtureRequest, **fixtures: object) -> None:
+        if "tmp_path" in fixtures:
+            definitions = request.node._fixtureinfo.name2fixturedefs  # pyright: ignore[reportAttributeAccessIssue]
+            sharing = [name for name, found in definitions.items() if "tmp_path" in found[-1].argnames]
+            assert not sharing, f"{sharing} share the folder that each case has to itself: parametrize this test"
         found = cases(request)
         failed: list[tuple[str, BaseException]] = []
         skipped: list[pytest.skip.Exception] = []
