@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import random
 import sys
@@ -14,13 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from elastic_strips.native import kernel
 from elastic_strips.robot import RobotModel, load_robot
 
 sys.path.insert(0, str(Path(__file__).parent / "oracle"))
 sys.path.append(str(Path(__file__).parents[1]))  # the workshop, which is no part of the package
 
 import marks
+import process_state
 
 os.environ.pop("FORCE_COLOR", None)  # what is printed is compared as plain text
 
@@ -73,7 +72,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     if report.when == "call":
         name = marks.name_of(report.nodeid)
-        _took[name] = _took.get(name, 0.0) + float(dict(report.user_properties)["cpu"])
+        _took[name] = _took.get(name, 0.0) + float(dict(report.user_properties).get("cpu", 0.0))
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
@@ -81,33 +80,12 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         marks.measured(_took)
 
 
-def _settings() -> dict[str, object]:
-    """What belongs to the process, and so to all tests that run in it."""
-    names = (None, "elastic_strips")
-    return {
-        "logging.disable": logging.root.manager.disable,
-        "levels of logs": [logging.getLogger(name).level for name in names],
-        "handlers of logs": [
-            [h for h in logging.getLogger(name).handlers if not type(h).__module__.startswith("_pytest.")]
-            for name in names
-        ],
-        "propagation of logs": logging.getLogger("elastic_strips").propagate,
-        "environment": {k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"},
-        "folder": os.getcwd(),
-        "print options of NumPy": np.get_printoptions(),
-        "floating-point errors of NumPy": np.geterr(),
-        "native kernel": kernel(),
-        "import path": list(sys.path),
-    }
-
-
 @pytest.fixture(autouse=True)
 def nothing_is_left_set() -> Iterator[None]:
     """Whatever a test leaves set is an error of that test: else another fails for it, in some orders of the tests."""
-    before = _settings()
+    before = process_state.settings()
     yield
-    after = _settings()
-    changed = [f"{name}: {before[name]} → {after[name]}" for name in before if before[name] != after[name]]
+    changed = process_state.changed(before)
     assert not changed, "this test leaves " + "; ".join(changed)
 
 
