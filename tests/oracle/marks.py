@@ -18,7 +18,7 @@ _PROGRAMS = {"subprocess", "multiprocessing", "MachineProcess", "ExecutorProcess
 """Who refers to one of these starts processes."""
 _MAY_START = ("process", "browser", "wheel", "notebook")
 _SLOW = TESTS / "slow.txt"
-_LONG = 0.4  # [s] all cases of a test together
+_LONG = 0.25  # [s] of a processor, all cases of a test together
 
 
 def slow() -> set[str]:
