@@ -45,7 +45,6 @@ def commands() -> list[pytest.param]:
     return found
 
 
-@pytest.mark.process  # some drive by processes of their own
 @pytest.mark.parametrize("document", [d for d in DOCUMENTS if blocks(d, "python")], ids=lambda d: d.name)
 def test_python_blocks_run_in_order(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

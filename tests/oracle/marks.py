@@ -17,6 +17,7 @@ _BY_FIXTURE = {"browser": "browser", "chromium": "browser", "wheel": "wheel", "s
 _PROGRAMS = {"subprocess", "multiprocessing", "MachineProcess", "ExecutorProcess", "make_realtime", "run_jobs"}
 """Who refers to one of these starts processes."""
 _MAY_START = ("process", "browser", "wheel", "notebook")
+_UNITS = ("unit", "property")
 _SLOW = TESTS / "slow.txt"
 _LONG = 0.25  # [s] of a processor, all cases of a test together
 
@@ -88,9 +89,9 @@ _running: pytest.Item | None = None
 
 @contextmanager
 def guarded(item: pytest.Item) -> Iterator[None]:
-    """While a test runs that is not said to start processes, none can be started."""
+    """While a unit runs that is not said to start processes, none can be started."""
     global _running
-    _running = item
+    _running = item if any(TESTS / folder in item.path.parents for folder in _UNITS) else None
     try:
         yield
     finally:
