@@ -154,8 +154,9 @@ def numbers(kind: type) -> list[tuple[str, Bound]]:
 
 
 def test_all_of_them_are_found():
-    assert len(CLASSES) == 34
-    assert sum(len(numbers(kind)) for kind in CLASSES) > 200
+    assert {"DeformParams", "DriveParams", "MotionLimits", "PlantParams"} <= {kind.__name__ for kind in CLASSES}
+    assert len(CLASSES) > 20
+    assert sum(len(numbers(kind)) for kind in CLASSES) > 100
 
 
 @each("kind", CLASSES, ids=lambda kind: kind.__name__)
