@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 from command_line import CALL, interrupted
 
 from elastic_strips.cli import main
@@ -96,7 +97,7 @@ def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "not reached: stopped, the time was over" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
+@each(
     "arguments, message",
     [
         (["drive", "case-77"], "case-7"),

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import odd_jobs
 import pytest
+from cases import each
 from command_line import CALL, interrupted
 
 from elastic_strips.cli import main
@@ -83,7 +84,7 @@ def test_a_run_that_fails_ends_nothing(folder: Path, capsys: pytest.CaptureFixtu
     assert len((folder / "s.csv.journal").read_text().splitlines()) == 4
 
 
-@pytest.mark.parametrize(
+@each(
     ("arguments", "says"),
     [
         (("nowhere.yaml",), "nowhere.yaml"),

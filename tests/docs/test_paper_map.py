@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.sim.scenarios.paper_cases import TABLE_1, TABLE_2
 from elastic_strips.strip.paper import PaperParams
@@ -147,7 +148,7 @@ def test_all_names_are_there() -> None:
     assert [found for name in NAMES if (found := fault(name))] == []
 
 
-@pytest.mark.parametrize(
+@each(
     "name",
     ["strip.forces.no_such_force", "no_such_room.Thing", "strip.DeformParams.no_such_field", "strip.Strip.q.shape"],
 )
@@ -168,7 +169,7 @@ def test_fields_without_a_default_are_found() -> None:
     resolve("strip.DeformParams.influence")
 
 
-@pytest.mark.parametrize(
+@each(
     "section, wanted",
     [
         ("Equations", EQUATIONS),
@@ -184,7 +185,7 @@ def test_nothing_is_left_out(section: str, wanted: list[str]) -> None:
         assert found[first].names, f"{section}: {first} names nothing"
 
 
-@pytest.mark.parametrize("method", METHODS)
+@each("method", METHODS)
 def test_methods_are_there(method: str) -> None:
     assert any(method in first and row.names for first, row in of("Methods that the paper names").items())
 

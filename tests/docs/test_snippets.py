@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 import pytest
+from cases import each
 
 from elastic_strips.cli import main
 from elastic_strips.cli.group import cli
@@ -72,7 +73,7 @@ def test_the_readme_has_the_ten_line_program() -> None:
     )
 
 
-@pytest.mark.parametrize("words", commands())
+@each("words", commands())
 def test_commands_parse(words: list[str]) -> None:
     command: click.Command = cli
     context: click.Context | None = None
@@ -91,7 +92,7 @@ def test_there_are_commands() -> None:
     assert len(commands()) >= 5
 
 
-@pytest.mark.parametrize("document", [*DOCUMENTS, ROOT / "urdf" / "README.md"], ids=lambda d: str(d.relative_to(ROOT)))
+@each("document", [*DOCUMENTS, ROOT / "urdf" / "README.md"], ids=lambda d: str(d.relative_to(ROOT)))
 def test_links_lead_somewhere(document: Path) -> None:
     for target in LINK.findall(BLOCK.sub("", document.read_text(encoding="utf-8"))):
         if "://" not in target:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from cases import each
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario
@@ -14,7 +14,7 @@ from elastic_strips.strip import Deformer, DeformParams
 from workshop.bench import bench_plan
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each("seed", range(8))
 def test_a_room_is_what_the_generator_promises(seed: int, silvermate: RobotModel) -> None:
     """Obstacles at several heights, both ends free, the straight way blocked, the arm elsewhere at the goal."""
     problem = get_scenario("clutter", seed=seed)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips import get_scenario
 from elastic_strips.errors import ScenarioError
@@ -179,7 +180,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("make, message", BAD)
+@each("make, message", BAD)
 def test_wrong_arguments_are_refused(make: Callable[[], Scenario], message: str) -> None:
     with pytest.raises(ScenarioError, match=f"moving-corridor: .*{message}"):
         make()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each, refused
 from shared_data import shared_data
 
 from elastic_strips.errors import ScenarioError
@@ -77,7 +78,7 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("what", WRONG)
+@each("what", WRONG)
 def test_what_is_wrong_is_named(gantry_urdf, tmp_path, what):
     changes, message = WRONG[what]
     problems = changes.get("problems", [_problem(1, [1.0, 0.0], [])])
@@ -87,15 +88,15 @@ def test_what_is_wrong_is_named(gantry_urdf, tmp_path, what):
 
 
 def test_what_is_missing_or_no_gzip_is_named(gantry_urdf, tmp_path):
-    with pytest.raises(ScenarioError, match="no problems of robot 'fetch'"):
+    with refused(ScenarioError, "'fetch'"):
         load_mbm(_write(tmp_path, gantry_urdf, []), "fetch")
-    with pytest.raises(ScenarioError, match="no problems of robot 'pr2'"):
+    with refused(ScenarioError, "'pr2'"):
         load_mbm(tmp_path, "pr2")
     (tmp_path / "mbm" / "panda" / "problems.json.gz").write_bytes(b"{}")
-    with pytest.raises(ScenarioError, match="is no gzip file"):
+    with refused(ScenarioError, "gzip"):
         load_mbm(tmp_path, "panda")
     (tmp_path / "mbm" / "panda" / "problems.json.gz").write_bytes(gzip.compress(b" " * 30_000_000))
-    with pytest.raises(ScenarioError, match="more than 20000000 bytes unpacked"):
+    with refused(ScenarioError, "20000000"):
         load_mbm(tmp_path, "panda")
 
 

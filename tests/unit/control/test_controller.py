@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.control import Controller, DriveParams, Measurement, RunState
 from elastic_strips.control.evasion import motion_to
@@ -293,7 +294,7 @@ def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
 def test_a_robot_that_moves_takes_no_other_goal(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
     drive(controller, Wheels(silvermate), 100, still())
-    with pytest.raises(ConfigurationError, match="moves"):
+    with refused(ConfigurationError, "moves"):
         controller.retarget(silvermate.home())
 
 
@@ -328,13 +329,13 @@ def test_wrong_steps_are_refused(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([]))
     controller.step(0.0, None, None)
     for t in (0.0, -1.0):
-        with pytest.raises(ParameterError, match="later than the last step"):
+        with refused(ParameterError, "step"):
             controller.step(t, None, None)
-    with pytest.raises(ParameterError, match="finite"):
+    with refused(ParameterError, "finite"):
         controller.step(np.nan, None, None)
-    with pytest.raises(SceneError, match="list"):
+    with refused(SceneError, "list"):
         controller.step(1.0, None, [CRATE])
-    with pytest.raises(ConfigurationError, match="crate"):
+    with refused(ConfigurationError, "crate"):
         Controller(silvermate, silvermate.home(), silvermate.home(x=1.6, y=0.45), Scene([CRATE]))
 
 

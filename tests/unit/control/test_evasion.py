@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each
 from drivable import limits_of, most_used
 
 from elastic_strips.collision import Forecast
@@ -50,7 +51,7 @@ def some_state(robot: RobotModel, limits: MotionLimits, seed: int) -> ReferenceS
     return ReferenceState(1.25, coordinates, limits.to_tangent(y), np.zeros(robot.nv))
 
 
-@pytest.mark.parametrize("name", ["jackal_box", "silvermate", "tiago"])
+@each("name", ["jackal_box", "silvermate", "tiago"])
 def test_motions_keep_the_limits_roll_and_end_at_rest(name, request):
     robot = request.getfixturevalue(name)
     limits = limits_for(robot)
@@ -95,7 +96,7 @@ def some_rollouts(rolling: RollOuts, limits: MotionLimits, start: ReferenceState
 
 
 @pytest.mark.skipif(kernel() is None, reason="no native kernel")
-@pytest.mark.parametrize("name", ["jackal_box", "silvermate", "rover"])
+@each("name", ["jackal_box", "silvermate", "rover"])
 def test_rollouts_are_those_of_the_twin(name, request):
     robot = request.getfixturevalue(name)
     limits = limits_for(robot)

@@ -215,7 +215,7 @@ def test_what_does_not_start_says_why(jackal_box: RobotModel, tmp_path: Path):
     def process(log: Path | None = None) -> ExecutorProcess:
         return ExecutorProcess(jackal_box, jackal_box.home(), jackal_box.home(x=FAR), log=log)
 
-    closed = tmp_path / "closed"
+    closed, before = tmp_path / "closed", multiprocessing.active_children()
     for executor, machine, why in (
         (process(), pretend.Unsendable(jackal_box, closed), "a serial port stays where it is"),
         (process(), pretend.Unmakeable(jackal_box, closed), "ended at once"),
@@ -224,7 +224,7 @@ def test_what_does_not_start_says_why(jackal_box: RobotModel, tmp_path: Path):
         with executor, pytest.raises(ConfigurationError, match=why):
             executor.start(machine)
     assert closed.exists(), "a driver that was received is closed"
-    assert not multiprocessing.active_children()
+    assert set(multiprocessing.active_children()) <= set(before)
     with process() as executor:
         pass
 

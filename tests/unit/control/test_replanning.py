@@ -15,6 +15,8 @@ from elastic_strips.scene import Box, Cylinder, Scene, Twist
 from elastic_strips.strip import OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce
 
+pytestmark = pytest.mark.usefixtures("own_time")
+
 SCENE = Scene(
     [
         Box((0.3, 0.3, 1.0), at=(2.0, 0.0, 0.5), name="crate"),

@@ -17,6 +17,8 @@ from elastic_strips.sim import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.strip import Deformer
 
+pytestmark = pytest.mark.usefixtures("own_time")
+
 WALLS = [
     Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
     Box((9.0, 0.1, 1.4), at=(3.0, -1.85, 0.7), name="wall-right"),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from cases import each, refused
 
 from elastic_strips.errors import SceneError
 from elastic_strips.io import read_scene, read_world, write_scene, write_world
@@ -179,7 +180,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("text, line, message", BAD)
+@each("text, line, message", BAD)
 def test_a_wrong_file_names_file_line_and_key(tmp_path, text, line, message):
     with pytest.raises(SceneError, match=message) as caught:
         read(tmp_path, text)
@@ -270,7 +271,7 @@ def test_meshes_and_clouds_from_files_are_relative_to_the_scene_file(tmp_path, m
     same(read_scene(sub / "out.yaml"), scene)
 
 
-@pytest.mark.parametrize("content", [b"", b"garbage", b"\x93NUMPY\x01\x00garbage"])
+@each("content", [b"", b"garbage", b"\x93NUMPY\x01\x00garbage"])
 def test_broken_clouds_are_refused(tmp_path, content):
     (tmp_path / "cloud.npy").write_bytes(content)
     (tmp_path / "cloud.csv").write_bytes(content)
@@ -281,7 +282,7 @@ def test_broken_clouds_are_refused(tmp_path, content):
 
 def test_pickled_cloud_is_refused(tmp_path):
     np.save(tmp_path / "cloud.npy", np.array([[{}]], dtype=object), allow_pickle=True)
-    with pytest.raises(SceneError, match="holds Python objects, not numbers"):
+    with refused(SceneError, "Python objects"):
         read(tmp_path, "obstacles:\n- {shape: points, radius: 0.1, file: cloud.npy}\n")
 
 
@@ -296,7 +297,7 @@ def test_writing_is_all_or_nothing(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", fail)
-        with pytest.raises(SceneError, match=r"out\.yaml: cannot write: No space left"):
+        with refused(SceneError, "out.yaml:"):
             write_scene(Scene([Sphere(2)]), path)
     assert path.read_bytes() == before
     assert os.listdir(tmp_path) == ["out.yaml"]
@@ -306,9 +307,9 @@ def test_writing_is_all_or_nothing(tmp_path, monkeypatch):
 
 
 def test_unwritable_places_and_motions_are_refused(tmp_path):
-    with pytest.raises(SceneError, match="there is no folder"):
+    with refused(SceneError, "folder"):
         write_scene(Scene([]), tmp_path / "gone" / "out.yaml")
-    with pytest.raises(SceneError, match="is a folder"):
+    with refused(SceneError, "folder"):
         write_scene(Scene([]), tmp_path)
 
     class Wobble(Motion):
@@ -321,6 +322,6 @@ def test_unwritable_places_and_motions_are_refused(tmp_path):
         def speed_bound(self, radius, *, start=None, end=None):
             return 0.0
 
-    with pytest.raises(SceneError, match="Wobble"):
+    with refused(SceneError, "Wobble"):
         write_scene(Scene([Sphere(1, motion=Wobble())]), tmp_path / "out.yaml")
     assert os.listdir(tmp_path) == []

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pytest
 from brute_force import SHAPES, make_obstacle
+from cases import each
 from shared_data import shared_data
 
 from elastic_strips.errors import ParameterError
@@ -38,7 +39,7 @@ def slalom(seed):
     return Scene([Cylinder(0.1, 1.0, at=(x, y, 0.5)) for x, y in places])
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each("seed", range(4))
 def test_the_map_holds_every_obstacle_and_little_more(seed):
     """Against exact distances of a thin post at the cells' middles, for shapes in any pose."""
     rng = np.random.default_rng(seed)
@@ -92,7 +93,7 @@ def test_it_prefers_a_wide_gap_to_a_short_way(jackal_box):
     assert abs(np.interp(2.0, narrow.points[:, 0], narrow.points[:, 1])) < 0.1
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each("seed", range(8))
 def test_a_coarse_grid_leads_to_a_path_that_costs_little_more_than_the_cheapest(jackal_box, monkeypatch, seed):
     module = sys.modules["elastic_strips.planning.grid_path"]
     scene, low = slalom(seed), np.array([-3.0, -3.0])
@@ -134,7 +135,7 @@ def test_no_way_is_said(jackal_box, bridge_arm):
     assert grid_path(jackal_box, deck, jackal_box.home(), jackal_box.home(4.0)).points is not None
 
 
-@pytest.mark.parametrize("seed", range(6))
+@each("seed", range(6))
 def test_a_grid_path_relaxes_to_a_certified_strip_without_cusps(jackal_box, seed):
     """Forwards but for some centimetres while turning at an end; every segment drivable."""
     scene, start, goal = slalom(seed), jackal_box.home(), jackal_box.home(6.0)
@@ -212,7 +213,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("make, message", BAD)
+@each("make, message", BAD)
 def test_wrong_arguments_are_refused(make, message, jackal_box):
     with pytest.raises(ParameterError, match=message):
         make(jackal_box, load_robot("jackal-box", base="fixed"))

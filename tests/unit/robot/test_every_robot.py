@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each, refused
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot, recorded_robot, robot_names
@@ -104,13 +105,13 @@ def test_trifles_are_mended_and_said_once_with_names(tmp_path, base, warnings):
 
 def test_a_moment_of_inertia_below_0_is_still_refused(tmp_path):
     inertia = '<inertial><mass value="1"/><inertia ixx="-1e-3" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-    with pytest.raises(RobotError, match="ixx"):
+    with refused(RobotError, "ixx"):
         load_robot(write(tmp_path, chain(link("c", more=inertia), joint("cj", "hand", "c"))))
 
 
 def test_a_collision_mesh_that_is_missing_is_refused(tmp_path):
     urdf = chain(link("c", '<mesh filename="package://gone/c.stl"/>'), joint("cj", "hand", "c"))
-    with pytest.raises(RobotError, match="not found"):
+    with refused(RobotError, "found"):
         load_robot(write(tmp_path, urdf))
 
 
@@ -132,8 +133,8 @@ def test_a_visual_mesh_that_is_damaged_is_noticed_when_it_is_drawn(tmp_path, war
     assert "collision geometry is drawn" in warnings()[0]
 
 
-@pytest.mark.parametrize("base", ["fixed", "diff_drive"])
-@pytest.mark.parametrize("locked", [{}, {"elbow": 0.4}, {"wrist": -0.3}])
+@each("base", ["fixed", "diff_drive"])
+@each("locked", [{}, {"elbow": 0.4}, {"wrist": -0.3}])
 def test_links_may_be_called_like_joints(tmp_path, base, locked):
     """Moving and fixed ones: all pieces sit where they do under names of their own."""
     plain = load_robot(write(tmp_path, chain()), base=base, locked=locked)
@@ -165,7 +166,7 @@ def test_the_reduced_geometry_is_that_of_pinocchio(tiago):
         np.testing.assert_allclose(one.placement.homogeneous, two.placement.homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize("apexes", [[], [[0.0, 0.0, 0.4]], [[0.0, 0.0, 0.4], [0.0, 0.0, -0.3]]])
+@each("apexes", [[], [[0.0, 0.0, 0.4]], [[0.0, 0.0, 0.4], [0.0, 0.0, -0.3]]])
 def test_a_hull_with_a_corner_of_many_neighbours_becomes_a_shape(apexes, rng):
     """A wheel with 600 corners a side, and cones: Coal takes them, all is inside, and distances are right."""
     turn = np.linspace(0.0, 2.0 * np.pi, 600, endpoint=False)
@@ -230,13 +231,13 @@ def test_named_states(tmp_path):
         {"shoulder": -1.5, "elbow": 0.5, "wrist": 0.0, "dial": math.pi / 2, "turn": 2 * math.pi - 1.5}
     )
     np.testing.assert_allclose(robot.space.to_coordinates(robot.state("up", 1.0, 2.0, 0.5))[:3], [1.0, 2.0, 0.5])
-    with pytest.raises(ConfigurationError, match=r"no state 'upp'; did you mean 'up'"):
+    with refused(ConfigurationError, "state", "'upp'", "'up'"):
         robot.state("upp")
-    with pytest.raises(ConfigurationError, match=r"'wrist' = 3 is outside"):
+    with refused(ConfigurationError, "'wrist'"):
         robot.state("far")
 
 
-@pytest.mark.parametrize(
+@each(
     "states, home",
     [
         ((state("half_sitting", elbow=0.1), state("default", elbow=0.2)), 0.2),
@@ -276,7 +277,7 @@ GROUPS = (
 )
 
 
-@pytest.mark.parametrize(
+@each(
     "group, planned",
     [
         ("chain", ("elbow", "wrist")),
@@ -333,7 +334,7 @@ def test_joint_values_outside_by_rounding_are_taken_to_the_limit(tmp_path):
     np.testing.assert_array_equal(robot.home(elbow=1.50005), high)
     assert near_high[5] > 1.5  # the caller's own is left alone
     near_high[5] = 1.5002
-    with pytest.raises(ConfigurationError, match="outside its limits"):
+    with refused(ConfigurationError, "limits"):
         robot.check_q(near_high)
 
 
@@ -346,9 +347,9 @@ def test_robots_of_example_robot_data_by_name():
     assert find_robot("panda").srdf.name == "panda.srdf"
     assert find_robot("anymal_c_simple").urdf.name == "anymal.urdf"
     assert find_robot("xarm").name == "xarm7"  # alone in its folder
-    with pytest.raises(RobotError, match=r"'anymal' is ambiguous.*anymal_b_simple, anymal_c_simple"):
+    with refused(RobotError, "'anymal'", "anymal_b_simple", "anymal_c_simple"):
         load_robot("anymal")
-    with pytest.raises(RobotError, match=r"unknown robot 'panada'; did you mean 'panda'\?.*list --robots"):
+    with refused(RobotError, "'panada'", "'panda'"):
         load_robot("panada")
 
 
@@ -387,7 +388,6 @@ SLOW = {
 """More than a second to load, or the like of another; ``python -m workshop robots`` loads them all."""
 
 
-@pytest.mark.slow
 def test_the_robots_of_example_robot_data_load():
     """All but those without links or collision geometry; Centauro has a hull with a corner of too many neighbours."""
     for name in sorted(set(robot_names()) - SLOW):

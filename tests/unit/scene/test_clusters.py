@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -97,7 +98,7 @@ def test_voxels_larger_than_a_block_and_of_three_edges():
     assert np.prod(high - low, axis=1).sum() == pytest.approx(4 * 0.1 * 0.2 * 0.3)
 
 
-@pytest.mark.parametrize("kind", ["grid", "sparse", "loose"])
+@each("kind", ["grid", "sparse", "loose"])
 def test_sixty_thousand_voxels_share_their_boxes(kind):
     rng = np.random.default_rng(2)
     centers = {

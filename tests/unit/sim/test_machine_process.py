@@ -12,6 +12,7 @@ from typing import TypeVar
 import machine_user
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.control.driver import COMMAND_TIMEOUT, Driver
 from elastic_strips.control.interfaces import Command, Measurement
@@ -165,7 +166,7 @@ def test_contact_and_emergency_stop_are_felt(machine: MachineProcess, driver: Ma
 
 def test_no_wrong_command_is_passed_on(machine: MachineProcess, driver: MachineDriver):
     for wrong in ([0.1, np.nan], [0.1], [0.1, np.inf]):
-        with pytest.raises(ParameterError, match="2 finite speeds"):
+        with refused(ParameterError, "speeds"):
             driver.send(machine.now, Command(np.array(wrong), np.zeros(0)))
 
 
@@ -225,9 +226,9 @@ def test_a_sensor_that_throws_throws_in_the_driver(jackal_box: RobotModel):
 
 def test_a_plant_that_cannot_be_made_is_named(jackal_box: RobotModel, silvermate: RobotModel):
     wrong = partial(KinematicPlant, jackal_box, MotionLimits.for_robot(silvermate))
-    with pytest.raises(ParameterError, match=r"does not start.*limits have"), MachineProcess(wrong, np.zeros(3)):
+    with refused(ParameterError, "limits"), MachineProcess(wrong, np.zeros(3)):
         pass
-    with pytest.raises(ParameterError, match="does not start"), MachineProcess(lambda: wrong(), np.zeros(3)):
+    with refused(ParameterError, "start"), MachineProcess(lambda: wrong(), np.zeros(3)):
         pass
 
 

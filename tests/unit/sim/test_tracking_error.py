@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each_robot
 from following import follow_trajectory
 from motions import smooth_motion
 
@@ -58,6 +59,7 @@ def body_points(robot, coordinates, rng) -> np.ndarray:
     return np.vstack(points)
 
 
+@each_robot
 def test_no_point_moves_further_than_the_bound(robot, rng):
     measure = Displacement(robot)
     home = robot.space.to_coordinates(robot.home_q)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel, load_robot
@@ -121,7 +122,7 @@ def test_held_joints_leave_the_way_to_the_base():
     assert abs(delta[4, 3]) < 0.01
 
 
-@pytest.mark.parametrize("nodes", [2, 3, 4, 5])
+@each("nodes", [2, 3, 4, 5])
 def test_short_strips_are_held_too(nodes):
     system, lost = System(nodes, 4), np.zeros(nodes, dtype=bool)
     lost[1] = True

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each, refused
 from flat_world import World, door, drive, moved, patience, placed, ring, scan
 
 from elastic_strips.errors import ParameterError
@@ -26,11 +27,11 @@ def test_registry():
         method = make_base_method(name, LIMITS)
         assert isinstance(method, BaseMethod)
         assert method.name == name
-    with pytest.raises(ParameterError, match=r"'vhf' is unknown; did you mean 'vfh'\? Valid: apf, band, vff, vfh"):
+    with refused(ParameterError, "'vhf'", "'vfh'"):
         make_base_method("vhf", LIMITS)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_an_empty_room(name):
     goal = np.array([2.0, 1.0, -1.0])
     run = drive(make_base_method(name, LIMITS), World(), (0.0, 0.0, 2.5), goal, rate=10.0)
@@ -40,7 +41,7 @@ def test_an_empty_room(name):
     assert abs(math.remainder(run.poses[-1, 2] - goal[2], 2.0 * math.pi)) <= 0.08
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_around_a_round_obstacle(name):
     world = World(circles=[(2.0, 0.1, 0.3)])
     run = drive(make_base_method(name, LIMITS), world, (0.0, 0.0, 0.0), (4.0, 0.0, math.nan), rate=12.0)
@@ -48,7 +49,7 @@ def test_around_a_round_obstacle(name):
     assert run.clearance > 0.05
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_limits_are_kept(name):
     world = World(circles=[(2.0, 0.1, 0.3)])
     run = drive(make_base_method(name, LIMITS), world, (0.0, 0.0, 1.0), (4.0, 0.0, 1.0), rate=10.0, seconds=12.0)
@@ -61,7 +62,7 @@ def test_limits_are_kept(name):
     assert np.abs(np.diff(omega)).max() <= LIMITS.turn_acceleration * 0.1 + 1e-9
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_symmetric_scene_gives_a_straight_command(name):
     # the goal and the door are straight ahead; the base is in the middle of a cell of the grids
     pose, goal = np.array([1.55, 0.05, 0.0]), np.array([5.05, 0.05, 0.0])
@@ -73,7 +74,7 @@ def test_a_symmetric_scene_gives_a_straight_command(name):
         assert abs(method.command(0.1 * k, pose, np.zeros(2), goal).omega) < 1e-6
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_mirrored_scene_gives_the_mirrored_command(name):
     pose, goal = np.array([0.05, 0.05, 0.0]), np.array([4.05, 0.05, 0.0])
     omegas = []
@@ -88,7 +89,7 @@ def test_a_mirrored_scene_gives_the_mirrored_command(name):
     assert omegas[0] < -1e-3  # away from the nearer one, which is to the left
 
 
-@pytest.mark.parametrize("name", NAMES[:3])  # the planner's grid of the band is aligned with start and goal
+@each("name", NAMES[:3])  # the planner's grid of the band is aligned with start and goal
 def test_a_moved_world_gives_the_same_drive(name):
     # by whole cells and a quarter turn, after which the grids are the same
     by, start, goal = np.array([3.0, -2.0, 0.5 * math.pi]), (0.05, 0.05, 0.2), (3.05, 0.05, 0.0)
@@ -99,7 +100,7 @@ def test_a_moved_world_gives_the_same_drive(name):
     np.testing.assert_allclose(second.poses[:20], shifted[:20], atol=1e-3)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_wall_across_the_way_blocks_without_contact(name):
     world = World(
         walls=[(1.5, -6.0, 1.5, 6.0), (-1.0, -6.0, -1.0, 6.0), (-1.0, 6.0, 1.5, 6.0), (-1.0, -6.0, 1.5, -6.0)]

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 from flat_world import World, placed, scan
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -210,7 +211,7 @@ def test_a_wall_is_found_where_it_is(kind):
     assert np.abs(sure[:, 0] - 1.05).max() < 0.06  # all in the column of cells that holds the wall
 
 
-@pytest.mark.parametrize(
+@each(
     "given_, message",
     [
         ({"kind": "baies"}, r"kind='baies' is unknown; did you mean 'bayes'"),

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 from flat_world import World, door, drive, scan, trap
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -169,7 +170,7 @@ def test_the_planner_finds_no_way_where_there_is_none():
     assert SensedPath(0.27)(ring, np.zeros(2), GOAL[:2]) is None
 
 
-@pytest.mark.parametrize(
+@each(
     "given_, message",
     [
         ({"least": 2.0}, r"least=2.0 must not exceed largest=1.0"),

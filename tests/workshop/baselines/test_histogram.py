@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 from flat_world import World, door, drive, placed
 from hypothesis import given
 from hypothesis import strategies as st
@@ -157,8 +158,8 @@ def test_speed_law():
     assert method._speed(500.0, 0.0, True) == 0.0
 
 
-@pytest.mark.parametrize("params", [HistogramParams(), HistogramParams.original()], ids=["vfh+", "vfh"])
-@pytest.mark.parametrize("start", [(0.6, 0.0, 0.0), (0.6, 0.4, -0.3)])
+@each("params", [HistogramParams(), HistogramParams.original()], ids=["vfh+", "vfh"])
+@each("start", [(0.6, 0.0, 0.0), (0.6, 0.4, -0.3)])
 def test_it_passes_a_narrow_door(params, start):
     gap = 0.8 if params.variant == "vfh+" else 1.2
     method = VectorFieldHistogram(BaseLimits(), params)
@@ -174,7 +175,7 @@ def test_a_goal_in_front_of_a_wall_is_reached():
     assert run.clearance > 0.0
 
 
-@pytest.mark.parametrize(
+@each(
     "given_, message",
     [
         ({"variant": "vhf"}, r"variant='vhf' is unknown; did you mean 'vfh'"),

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 from flat_world import World, door, drive, patience, placed
 from hypothesis import given
 from hypothesis import strategies as st
@@ -117,7 +118,7 @@ def test_without_repulsion_it_drives_straight():
     assert np.abs(run.poses[:, 1]).max() < 1e-9
 
 
-@pytest.mark.parametrize(
+@each(
     "given_, message",
     [
         ({"weight": 1.5}, r"weight=1.5 must be a finite number ≥ 0 and ≤ 1"),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips import RobotModel, get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
@@ -93,11 +94,11 @@ def test_a_limit_of_time_ends_a_trial(beside: str) -> None:
 
 def test_wrong_input_is_refused() -> None:
     """Before anything is driven."""
-    with pytest.raises(ParameterError, match="'apv' is unknown; did you mean 'apf'"):
+    with refused(ParameterError, "'apv'", "'apf'"):
         attempt(Trial("case-1", "apv"))
-    with pytest.raises(ParameterError, match="'rrt'"):
+    with refused(ParameterError, "'rrt'"):
         compare(["case-1"], ["apf", "rrt"], processes=1)
-    with pytest.raises(ScenarioError, match="'case-8'"):
+    with refused(ScenarioError, "'case-8'"):
         compare(["case-8"], METHODS, processes=1)
 
 

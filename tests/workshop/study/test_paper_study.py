@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cases import each
 
 from elastic_strips.errors import InputError, ParameterError, ScenarioError
 from elastic_strips.sim.scenarios.paper_cases import TABLE_2
@@ -81,7 +82,7 @@ def test_another_end_than_the_papers_is_told(study: tuple[PaperStudy, list[str]]
     assert set(MODULE.EXPECTED) == set(MODULE.SAYS) == set(TABLE_2)
 
 
-@pytest.mark.parametrize(
+@each(
     "options, error, says",
     [
         ({"cases": ["case-8"]}, ScenarioError, "'case-8'"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-import pytest
+from cases import refused
 
 from elastic_strips import get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
@@ -34,7 +34,7 @@ def test_processes_change_nothing() -> None:
 
 def test_wrong_input_is_refused() -> None:
     """An unknown case, and a safe distance that is none."""
-    with pytest.raises(ScenarioError, match="'case-8'"):
+    with refused(ScenarioError, "'case-8'"):
         parameter_map("case-8", processes=1)
-    with pytest.raises(ParameterError, match="influence"):
+    with refused(ParameterError, "influence"):
         parameter_map(k_r=[0.3], k_c=[0.5], safe=[-1.0], processes=1)

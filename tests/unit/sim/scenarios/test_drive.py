@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-import pytest
+from cases import refused
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
@@ -96,7 +96,7 @@ def test_what_hangs_above_the_laser_is_told_apart(silvermate):
 
 
 def test_wrong_names_are_refused(silvermate):
-    with pytest.raises(ParameterError, match="did you mean 'laser'"):
+    with refused(ParameterError, "'laser'"):
         SensorConfig().only("lazer")
-    with pytest.raises(ParameterError, match="steam"):
+    with refused(ParameterError, "steam"):
         make_simulation(scenario(), robot=silvermate, plant="steam")
