@@ -26,7 +26,7 @@ class ReachProblem(Summary):
 
     Attributes:
         name: the scene's kind and the problem's number in it.
-        kind: of scene, such as ``"cage"``.
+        kind: kind of scene, such as ``"cage"``.
         scene: the obstacles.
         start, goal: values (J,) of the joints ``joints`` [rad or m].
         joints: names of the joints, in this order.
@@ -62,7 +62,7 @@ def load_mbm(
         root: folder with ``mbm``, or that folder itself: a folder for each robot, with URDF, SRDF, meshes and
             ``problems.json.gz``.
         robot: ``"fetch"`` (lift and arm) or ``"panda"``.
-        base: of the robot.
+        base: the robot's base kind.
 
     Raises:
         ScenarioError: a robot that is not there, or a file that is missing or does not fit; the message names place.

@@ -39,7 +39,7 @@ class Work:
         outlooks: distances of manoeuvres' poses to obstacles seen from above.
         cells: open cells of grids that were searched.
         checks: configurations that were checked for a sampling planner.
-        rays: of sensors' readings that were taken in.
+        rays: rays of sensors' readings that were taken in.
     """
 
     batches: int = 0

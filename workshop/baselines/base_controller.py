@@ -69,7 +69,7 @@ class BaseController(ControlLoop[Sequence[Reading]]):
         goal: configuration (nq,); only the base's pose counts.
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
         params: periods of the drive.
-        limits: of the motors; read off the robot where None.
+        limits: limits of the motors; read off the robot where None.
         patience: time [s] after which a blocked method is given up.
 
     Raises:
@@ -230,12 +230,12 @@ def base_simulation(
     """A base method in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
-        robot, start, goal, method, params, limits, patience: of the :class:`BaseController`.
+        robot, start, goal, method, params, limits, patience: as for the :class:`BaseController`.
         world: the true obstacles over time.
         sensors: their parameters; the Silvermate's where None.
         plant: the machine; a :class:`KinematicPlant` where None.
-        seed: of the plant and the sensors.
-        watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
+        seed: seed of the plant and the sensors.
+        watch, realtime, metadata: as for the :class:`~elastic_strips.sim.Simulation`.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.

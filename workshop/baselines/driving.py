@@ -37,11 +37,11 @@ def make_base_simulation(
         scenario: the problem.
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
         robot: another robot than the scenario's.
-        seed: of plant and sensors; the scenario's where None.
+        seed: seed of plant and sensors; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"``.
-        sensors: of the method; the Silvermate's where None.
-        limits: of the robot; those of its description where None.
-        patience, watch, realtime: of :func:`base_simulation`.
+        sensors: sensors of the method; the Silvermate's where None.
+        limits: limits of the robot; those of its description where None.
+        patience, watch, realtime: as for :func:`base_simulation`.
     """
     problem = DrivenProblem.of(scenario, robot, seed, plant, limits)
     return base_simulation(
@@ -64,9 +64,9 @@ def drive_by(
     """Drive a scenario by one of `DRIVE_METHODS`; see :func:`~elastic_strips.sim.scenarios.drive_scenario`.
 
     Args:
-        scenario, robot, seed, plant, time_limit: of the drive.
+        scenario, robot, seed, plant, time_limit: what is driven.
         method: what steers.
-        **options: of :func:`~elastic_strips.sim.scenarios.make_simulation` or :func:`make_base_simulation`.
+        **options: as for :func:`~elastic_strips.sim.scenarios.make_simulation` or :func:`make_base_simulation`.
     """
     check_choice("method", method, DRIVE_METHODS)
     if method == STRIP:

@@ -193,9 +193,9 @@ def bench_drive(
 
     Args:
         robot: name or URDF file.
-        seeds: of the runs.
+        seeds: seeds of the runs.
         step: told of each finished run.
-        scenario, plant, evade, method, sensors, compute, alternatives, level, time_limit: of the drive.
+        scenario, plant, evade, method, sensors, compute, alternatives, level, time_limit: as for the drive.
         root: folder that holds ``house``: its pairs are driven then.
         processes: runs at once.
 
@@ -255,9 +255,9 @@ def bench_disturb(
 
     Args:
         robot: name or URDF file.
-        seeds: of the runs.
+        seeds: seeds of the runs.
         step: told of each finished run.
-        kinds: of `FAULTS`; all where None.
+        kinds: kinds of `FAULTS`; all where None.
         scenario: that is driven.
         compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
         processes: runs at once.

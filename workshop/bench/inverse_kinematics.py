@@ -31,7 +31,7 @@ def bench_inverse_kinematics(
         frame: name of its frame.
         step: called after each with a note, for a progress bar.
         poses: so many.
-        seed: of the configurations.
+        seed: seed of the configurations.
 
     Raises:
         RobotError: an unknown frame.

@@ -37,7 +37,7 @@ def bench_page(
 
     Args:
         robot: whose strip it is.
-        seconds: of measuring, after 10 s in which the page finds how plain it has to draw.
+        seconds: duration of measuring, after 10 s in which the page finds how plain it has to draw.
         step: called with a note.
         obstacles: number of them that stand.
         movers: number of spheres that move.

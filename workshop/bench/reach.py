@@ -35,7 +35,7 @@ def bench_mbm(
         step: called after each with a note, for a progress bar.
         stride: every so many problems alone.
         timeout: longest time for each [s].
-        seed: of the planner's random numbers.
+        seed: seed of the planner's random numbers.
         base: ``"fixed"``, ``"diff_drive"`` or ``"omni"``.
 
     Raises:

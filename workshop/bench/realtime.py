@@ -53,7 +53,7 @@ def bench_realtime(
         minutes: how long.
         step: told now and then.
         inline: control and planning in one thread instead, as of ``Simulation(realtime=True)``.
-        seed: of movers, plant and noise.
+        seed: seed of movers, plant and noise.
 
     Returns:
         Figures: gaps between commands and durations of control steps [ms], legs, stops, contacts at speed.

@@ -55,7 +55,7 @@ class Detection:
 
     Attributes:
         sample: sampling time.
-        name: of the obstacle.
+        name: name of the obstacle.
         robot: (x, y) of the mobile then [m].
         point: (x, y, z) of the obstacle's point that is nearest to a control point [m].
         distance: between the two [m].
@@ -73,13 +73,13 @@ class PaperRun(Summary):
     """Result of a run.
 
     Attributes:
-        scenario, params: of the run.
+        scenario, params: what was run.
         robot: the robot.
         line: (N, 2) the original line of the mobile [m].
         coordinates: (T, nv) coordinate rows of the robot at the sampling times.
         ahead: (M, nv) coordinate rows of the strip ahead of it at the end.
-        detections: of obstacles.
-        outcome, reason: of the run.
+        detections: the detected obstacles.
+        outcome, reason: outcome of the run, and why.
         clearance: least distance of any link to any obstacle, at and between the sampling times [m]; capped at 1.
     """
 
@@ -229,7 +229,7 @@ class MapCell:
 
     Attributes:
         case: name of the scenario; k_r, k_c: gains; safe: distance d_r [m].
-        outcome, reason: of the run.
+        outcome, reason: outcome of the run, and why.
         clearance: least distance to an obstacle [m]; capped at 1.
     """
 

@@ -117,7 +117,7 @@ class LateChoice(_TextType):
 
     Args:
         module: where they are.
-        name: of a tuple, a mapping or an enumeration of them.
+        name: name in a tuple, a mapping or an enumeration of names.
     """
 
     name = "choice"

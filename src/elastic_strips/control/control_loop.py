@@ -28,12 +28,12 @@ class Tick:
     """A finished planning tick.
 
     Attributes:
-        time: of the control step [s].
+        time: time of the control step [s].
         seconds: duration by the wall clock [s].
-        result: of the planner; None where it gave none.
+        result: result of the planner; None where it gave none.
         strip: (N, nv) coordinate rows of the strip; None where there is none.
         horizon_end: time [s] at which the active trajectory comes to rest; NaN where it is unknown.
-        status: of the strip, or of the method that steers without one.
+        status: status of the strip, or of the method that steers without one.
         reason: why there is no better result, or the reason of the robot's state.
     """
 
@@ -54,17 +54,17 @@ class ControlLoop(ABC, Generic[_Sensed]):
     Args:
         robot: the robot.
         start: configuration (nq,) of the robot at rest.
-        params: of the drive.
-        limits: of the motors; read off the robot where None.
+        params: parameters of the drive.
+        limits: limits of the motors; read off the robot where None.
 
     Attributes:
         method: name of the method that steers.
         goal: (nv,) coordinate row of the present goal.
         tolerance: how near counts as reached.
-        time: of the last step [s].
+        time: time of the last step [s].
         tick: the last planning tick, or None.
         statistics: durations of the planning ticks.
-        sensing_took: time [s] that the perception took for what comes next, by the clock that computing is measured
+        sensing_took: time [s] that perception took for the next scene, by the clock that computing is measured
             with.
 
     Raises:
@@ -99,17 +99,17 @@ class ControlLoop(ABC, Generic[_Sensed]):
 
     @property
     def state(self) -> RunState:
-        """What the robot is doing."""
+        """State of the robot."""
         return self._run.state
 
     @property
     def reason(self) -> str:
-        """Why it does so."""
+        """Reason of the state."""
         return self._run.reason
 
     @property
     def events(self) -> list[Event]:
-        """What happened, in order of time."""
+        """Events so far, in order of time."""
         return self._run.events
 
     @property
@@ -129,7 +129,7 @@ class ControlLoop(ABC, Generic[_Sensed]):
 
     @property
     def plans_next(self) -> bool:
-        """Whether the next step has a planning tick, and so makes use of what is sensed."""
+        """Whether the next step has a planning tick, and so uses what is sensed."""
         return True
 
     @property
@@ -163,5 +163,5 @@ class ControlLoop(ABC, Generic[_Sensed]):
             t: time [s].
             measurement: what has been measured since the last step; None at the first.
             sensed: what has been sensed since the last step; None where nothing came.
-            trouble: why nothing came.
+            trouble: why nothing came; empty where that is not known.
         """

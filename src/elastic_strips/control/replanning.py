@@ -33,8 +33,8 @@ class Replanner:
 
     Args:
         robot: the robot.
-        params: of the drive.
-        seed: of the planner.
+        params: parameters of the drive.
+        seed: seed of the planner.
         grid: whether a path over a grid may be used.
 
     Attributes:
@@ -42,7 +42,7 @@ class Replanner:
         pending: whether another plan is due; the caller resets it when it has the plan.
         due: time [s] from which on the plan may be used.
         count: number of plans after the first.
-        submit: runs a function of some arguments beside the control loop, one after the other; the caller sets it.
+        submit: runs functions with their arguments beside the control loop, one after the other; the caller sets it.
     """
 
     pending: bool
@@ -106,8 +106,8 @@ class Replanner:
 
         Args:
             t: time [s].
-            result: of the tick.
-            scene: that it was planned with.
+            result: result of the tick.
+            scene: the scene that it was planned with.
             at_rest: whether the robot stands.
 
         Returns:
@@ -159,7 +159,7 @@ class Replanner:
         return None, reason
 
     def discard(self) -> None:
-        """The last plan is not used, because the robot does not stand where it begins: it does not count."""
+        """Forget the last plan: the robot does not stand where it begins, so it is not used and does not count."""
         self.count -= 1
 
 
@@ -197,7 +197,7 @@ class SwitchingReplanner(Replanner):
     others that is certified from there; where there is none, another one is planned.
 
     Args:
-        robot, params, seed, grid: as of :class:`Replanner`.
+        robot, params, seed, grid: as for :class:`Replanner`.
         family: parameters of the set of strips.
 
     Attributes:
@@ -219,7 +219,7 @@ class SwitchingReplanner(Replanner):
     def plan(
         self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
     ) -> PlanReport:
-        """Plan several strips and return the cheapest; where there are none, as :meth:`Replanner.plan`."""
+        """Plan several strips and return the cheapest; where there are none, plan as :meth:`Replanner.plan` does."""
         first = super().plan(scene, start, goal, path=path)
         self.family = StripSet(
             self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed, constraint=self.params.constraint
@@ -293,6 +293,6 @@ class SwitchingReplanner(Replanner):
         return found
 
     def discard(self) -> None:
-        """The last plan is not used; see :meth:`Replanner.discard`."""
+        """Forget the last plan, which is not used; see :meth:`Replanner.discard`."""
         super().discard()
         self._discarded = True

@@ -60,7 +60,7 @@ class BagCloud:
     """A point cloud of a bag.
 
     Attributes:
-        time: of its stamp [s].
+        time: its time stamp [s].
         frame: in which its points are.
         cloud: the points.
     """
@@ -75,8 +75,8 @@ class BagJoints:
     """A JointState of a bag.
 
     Attributes:
-        time: of its stamp [s].
-        positions, velocities: of the joints that have any, by name [rad or m; rad/s or m/s].
+        time: its time stamp [s].
+        positions, velocities: those of the joints that have any, by name [rad or m; rad/s or m/s].
     """
 
     time: float
@@ -190,8 +190,8 @@ class BagReader:
         Both are counted in ``dropped``.
 
         Args:
-            topic: of the scans.
-            frame: of the sensor, where its messages name one that the transforms do not have.
+            topic: topic of the scans.
+            frame: frame of the sensor, where its messages name one that the transforms do not have.
             mount: pose (4, 4) of the sensor in the base's frame [m], where the transforms do not say it.
 
         Raises:
@@ -222,7 +222,7 @@ class BagReader:
         """The point clouds; points that are not finite, and all but x, y and z, are left out.
 
         Args:
-            topic: of the clouds.
+            topic: topic of the clouds.
             frame: into which the points are brought; the sensor's where None. Clouds are left out, and counted in
                 ``dropped``, where the transforms do not say how, and where their data do not fit their fields.
 

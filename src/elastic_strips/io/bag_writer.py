@@ -56,7 +56,7 @@ def write_bag(
     Args:
         path: the file; one that is there is replaced in one step.
         motion: a trajectory, or the record of a drive: what was driven, and the obstacles as they moved.
-        robot: of a record; the recorded one where None.
+        robot: the robot of a record; the recorded one where None.
         scene: obstacles; those of the record where None.
         frame: ``frame_id`` of the world.
         period: between two messages of what changes [s].

@@ -48,12 +48,12 @@ def read_laser_log(
     """Read the scans of a log, in the file's order; docs/sensed-scenes.md describes the formats.
 
     Args:
-        path: of the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines; its
-            other messages are ignored).
+        path: the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines;
+            its other messages are ignored).
         carmen_pose: which pose of a CARMEN log counts: ``"laser"``, its (usually corrected) pose, which then also is
             the base's, or ``"odometry"``, the base's own; the difference of the two is then the laser's mount.
         carmen_range_max: range from which on nothing was hit [m]; for FLASER lines, which do not state it.
-        height: of a laser over the floor [m], where the log does not state it.
+        height: height of a laser over the floor [m], where the log does not state it.
         mount: (x, y, z, yaw) of the laser on the base [m, rad], where a log of JSON lines or CSV does not state it;
             without it the laser is taken to be at the base's origin, with a warning in the log.
 

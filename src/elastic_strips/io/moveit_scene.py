@@ -42,7 +42,7 @@ def read_moveit_scene(path: str | os.PathLike[str], *, planes: str = "blocked") 
     is taken as the world.
 
     Args:
-        path: of the file.
+        path: the file.
         planes: ``"blocked"``, or ``"free"``: they are left out.
 
     Raises:
@@ -59,7 +59,7 @@ def plane_slab(coef: Array, pose: Array, name: str | None) -> Obstacle:
     Args:
         coef: (4,) a, b, c, d of a x + b y + c z + d = 0 in the frame of ``pose``; behind it is where that is below 0.
         pose: (4, 4) [m].
-        name: of the obstacle.
+        name: name of the obstacle.
     """
     length = float(np.linalg.norm(coef[:3]))
     normal = coef[:3] / length

@@ -196,7 +196,7 @@ def read_map(
     Args:
         path, unknown, height, lethal, low: see there; heights are the world's.
         at: pose (4, 4) of the map's frame in the world, upright.
-        name: of the obstacle.
+        name: name of the obstacle.
 
     Raises:
         MissingExtraError, ScenarioError: as there.

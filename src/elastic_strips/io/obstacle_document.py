@@ -352,7 +352,7 @@ def world_from_documents(documents: Sequence[TrackedPiece], time: Array, positio
     """The world of what `world_documents` gave: convex obstacles that follow the recorded poses.
 
     Args:
-        documents: of the pieces, as they were read: what is damaged is found here.
+        documents: the pieces' documents as they were read; damage in them is found here.
         time: (T,) of the poses [s].
         position: (T, M, 3) of the obstacles that move [m].
         quaternion: (T, M, 4) of these.

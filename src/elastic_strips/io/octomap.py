@@ -49,12 +49,12 @@ def read_octomap(
     What is unknown counts as free; a warning in the log says how much of the map that is. Colours are left out.
 
     Args:
-        path: of the file; its first line says which format it has.
+        path: the file; its first line says which format it has.
         occupied: probability from which on a cell of an ``.ot`` file is occupied; a ``.bt`` file says only whether.
         low, high: what is below or above is left out [m], in the world: the floor under the robot, the ceiling. A cell
             that is partly there stays, or the smallest cells of it that are.
         at: pose (4, 4) of the map's frame in the world.
-        name: of the obstacle; where there are several, the edge of their cells follows.
+        name: name of the obstacle; where there are several, the edge of their cells follows.
 
     Raises:
         SceneError: no such file, another or a damaged format, nothing occupied, more cells than a scene may hold.
@@ -84,7 +84,7 @@ def octree_obstacles(
         data: the nodes.
         where: what to call it in messages.
         binary: whether they are as in a ``.bt`` file.
-        kind: of tree.
+        kind: kind of the tree.
         resolution: edge of the smallest cells [m].
         at: pose (4, 4) of its frame in the world.
         name: as of `read_octomap`.

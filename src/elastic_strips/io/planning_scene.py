@@ -59,7 +59,7 @@ class AttachedObject(Summary):
     """What a link of the robot holds.
 
     Attributes:
-        name: of the object.
+        name: name of the object.
         link: that holds it.
         touch: names of further links that may touch it.
         shapes: its shapes, as obstacles in ``frame``.

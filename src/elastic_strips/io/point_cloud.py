@@ -79,7 +79,7 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     semicolons; lines that begin with ``#`` or ``//`` are comments.
 
     Args:
-        path: of the file.
+        path: the file.
         scale: its numbers times that are metres.
 
     Raises:
@@ -121,7 +121,7 @@ def read_points(path: str | os.PathLike[str], *, scale: float = 1.0) -> Array:
     must have none.
 
     Args:
-        path: of the file.
+        path: the file.
         scale: its numbers times that are metres.
 
     Raises:
@@ -236,8 +236,8 @@ def cloud_scene(
         voxel: edge of the cells [m]; the grid has its origin at the world's.
         low, high: points below or above are left out [m]: the floor under the robot, the ceiling; None: all count.
         min_points: cells with fewer points are left out, as noise.
-        name: of the obstacle.
-        time: of the scene [s].
+        name: name of the obstacle.
+        time: time of the scene [s].
 
     Raises:
         SceneError: points of another shape or not finite, an edge that is no length, nothing left of the cloud.

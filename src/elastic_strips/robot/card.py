@@ -1,4 +1,4 @@
-"""A robot's card: what is known of it, what is assumed, and what is not looked at, on one page."""
+"""A robot's card: what is known about it, what is assumed, and what is not checked, on one page."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CardSection:
         title: its headline.
         columns: names of the columns.
         rows: the cells, as texts.
-        note: a sentence about it, or nothing.
+        note: a sentence about the table; empty where there is none.
     """
 
     title: str
@@ -59,7 +59,7 @@ class CardSection:
 
     @property
     def more(self) -> str:
-        """A line about the rows that are left out there, or nothing."""
+        """A line about the rows that are left out there; empty where there are none."""
         left = len(self.rows) - _MANY
         return f"  … and {left} more (--json and --html have all)" if left > 0 else ""
 
@@ -73,14 +73,14 @@ class CardSection:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotCard(Summary):
-    """What is known of a robot, what is assumed, and what is not looked at.
+    """What is known about a robot, what is assumed, and what is not checked.
 
     A notebook shows it as tables; ``text()`` is for a terminal, ``document()`` for JSON.
 
     Attributes:
-        name: the robot's.
+        name: the robot's name.
         base: how it moves.
-        troubles: what its owner ought to know, one sentence each.
+        troubles: one sentence for each thing that its owner should know.
         sections: tables: joints, shapes, meshes, pairs that are not checked, frames, states, groups.
     """
 
@@ -93,7 +93,7 @@ class RobotCard(Summary):
         """The table of this title.
 
         Raises:
-            KeyError: there is none.
+            KeyError: no table has this title.
         """
         if title not in self.titles:
             raise KeyError(f"no table {title!r}; there are {', '.join(self.titles)}")
@@ -115,7 +115,7 @@ class RobotCard(Summary):
         return "\n".join([f"{self.name}: {self.base}", *troubles, *(section.text() for section in self.sections)])
 
     def document(self) -> dict[str, object]:
-        """All of it as JSON has it."""
+        """All of it, as plain values for JSON."""
         return {
             "format": "elastic-strips-robot", "version": 1, "robot": self.name, "base": self.base,
             "troubles": list(self.troubles),
@@ -226,7 +226,7 @@ def _pieces(robot: RobotModel) -> CardSection:
     rows.sort(key=lambda row: -float(row[4].split()[0]) if row[4] != "not known" else 0.0)
     return CardSection(
         "Convex pieces", ("piece", "kind", "links", "moved by", "reaches out of its shapes by"), tuple(rows),
-        "what is kept apart; a piece that reaches far out of its mesh refuses more than need be",
+        "what is kept apart; a piece that reaches far out of its mesh refuses more than necessary",
     )  # fmt: skip
 
 
@@ -264,8 +264,8 @@ def _meshes(robot: RobotModel) -> CardSection:
 
 
 def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
-    """What a second reader finds otherwise: as troubles, and as a table."""
-    title, columns = "What another reader (yourdfpy) finds otherwise", ("difference",)
+    """What a second reader reads differently: as troubles, and as a table."""
+    title, columns = "What another reader (yourdfpy) reads differently", ("difference",)
     source = robot.description
     if source is None:
         return [], CardSection(title, columns, (), "not asked: there is no URDF file")

@@ -54,10 +54,10 @@ def attached(
     mass: float = 0.0,
     name: str | None = None,
 ) -> RobotModel:
-    """The robot with a shape that one of its frames carries.
+    """The robot, with a shape that one of its frames carries.
 
     The shape is part of the robot from then on: of distances and certificates, of its own collisions and of pictures.
-    It must not touch the robot's other links but those that ``touch`` names and those that move with the frame.
+    It must not touch the robot's other links, except those that ``touch`` names and those that move with the frame.
 
     Args:
         robot: the robot.
@@ -65,12 +65,12 @@ def attached(
         frame: name of the frame that carries it.
         q: (nq,) the configuration in which it is taken up.
         touch: names of links that may touch it: fingers.
-        mass: [kg] at its origin.
+        mass: its mass [kg], at its origin.
         name: what to call it; the shape's name, or ``"load"``, where None.
 
     Raises:
-        RobotError: an unknown frame or link, a name that a piece of the robot has, a negative mass.
-        ConfigurationError: ``q`` is not sound, or the shape touches another link in it.
+        RobotError: an unknown frame or link, a name that a piece of the robot has already, or a negative mass.
+        ConfigurationError: ``q`` is not valid, or the shape touches another link there.
     """
     index = find_frame(robot.model, frame)
     if index is None:

@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 _NAMED = 8  # names in a sentence
 _LONGEST_SLIDE = 1e3
-"""[m] to either side, for a sliding joint without limits."""
+"""Range [m] to either side of a sliding joint without limits."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,20 +51,20 @@ class RobotModel(Summary):
         tree: the model's joints as arrays.
         geometries: the convex pieces, in the order of ``collision_model.geometryObjects``.
         self_pairs: (S, 2) index pairs of ``geometries`` that must not touch.
-        self_apart: (S,) distances [m] that they are proven to keep in every posture within the limits; 0 where
-            nothing is; see :meth:`pairs_within`.
-        unchecked_pairs: pairs of links whose collisions with each other are not looked at, and why.
+        self_apart: (S,) distances [m] that these pairs are proven to keep in every posture within the limits; 0 where
+            none is proven; see :meth:`pairs_within`.
+        unchecked_pairs: pairs of links whose collisions with each other are not checked, and why.
         control_point_set: the control points.
         home_q: (nq,) posture at the origin.
-        visual: makes the visual geometry; read ``visual_model``.
+        visual: a function that makes the visual geometry; read ``visual_model``.
         locked: values of the joints that planning holds still [rad or m].
         states: named postures, joint → value [rad or m]; see :meth:`state`.
-        urdf_path, srdf_path: files, where there are any.
-        bare_links: links that are drawn and that no collision shape covers: nothing is proven of them.
-        held: why each of ``locked`` is held still.
+        urdf_path, srdf_path: its files, or None.
+        bare_links: links that are drawn and that no collision shape covers: nothing is proven about them.
+        held: the reason why each joint of ``locked`` is held still.
         groups: the SRDF's groups of joints.
-        shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``.
-        description: the URDF file as it was read, where there is one. A copy from another process has neither.
+        shapes: the collision geometry on ``model`` as the file describes it, before it became ``geometries``.
+        description: the URDF file as it was read, or None. A copy from another process has neither this nor ``shapes``.
         round_wheels: wheels among the locked joints that look the same however far they have turned.
     """
 
@@ -137,23 +137,23 @@ class RobotModel(Summary):
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
-        """Visual geometry; read at the first use, since it is most of what a URDF takes to load.
+        """Visual geometry; read at the first use, since it takes most of the time that a URDF takes to load.
 
-        The collision geometry where there is none, or where it cannot be read (a warning).
+        It is the collision geometry where there is none, or where it cannot be read (a warning).
         """
         return self.visual()
 
     @property
     def unproven(self) -> str:
-        """What no proof of this robot speaks of, in words that follow a verdict; empty where that is nothing."""
+        """What no proof of this robot covers, in words that follow a verdict; empty where it covers everything."""
         bare = self.bare_links
         if not bare:
             return ""
         names = ", ".join(bare[:_NAMED]) + (f" and {len(bare) - _NAMED} more" if len(bare) > _NAMED else "")
-        return f"nothing is proven of {len(bare)} link{'s' * (len(bare) > 1)} without a collision shape: {names}"
+        return f"nothing is proven about {len(bare)} link{'s' * (len(bare) > 1)} without a collision shape: {names}"
 
     def same_as(self, other: RobotModel) -> bool:
-        """Whether the other moves alike and has the same shape, so that a proof for one holds for the other."""
+        """Whether another robot moves alike and has the same shape, so that a proof for one holds for the other."""
         if self is other:
             return True
         return (
@@ -180,9 +180,9 @@ class RobotModel(Summary):
         """The home posture at a base pose, with single joints overridden: a configuration (nq,).
 
         Home is, in this order, the named robot's own, the SRDF's state ``home``, ``default``, ``half_sitting`` or
-        ``standing``, one that gives all joints, the neutral posture (0, or the nearest limit), any other state: the
-        first of them that is within the limits and in which the robot does not collide with itself. A warning says so
-        where one was passed over.
+        ``standing``, a state that gives all joints, the neutral posture (0, or the nearest limit), any other state: the
+        first of these that is within the limits and in which the robot does not collide with itself. A warning says
+        which ones were passed over.
 
         Args:
             x, y, yaw: base pose [m, m, rad]; must be 0 for a fixed base.
@@ -235,12 +235,12 @@ class RobotModel(Summary):
     def check_q(self, q: ArrayLike, *, what: str = "q", limits: bool = True) -> Array:
         """Check a configuration (nq,) or a stack of them (N, nq); returns a float copy.
 
-        A joint outside of its limits by at most 1e-4 rad (or m) is taken to the limit: what files and other programs
-        round is no fault.
+        A joint outside its limits by at most 1e-4 rad (or m) is taken to the limit: the rounding of files and other
+        programs is not a fault.
 
         Args:
             q: base x, y [m], cos yaw, sin yaw (planar base), then joints [rad or m]; continuous joints as (cos, sin).
-            what: what to call it in messages.
+            what: its name in messages.
             limits: whether joints have to be within their limits.
 
         Raises:
@@ -342,7 +342,7 @@ class RobotModel(Summary):
         return attached(self, shape, frame, q=q, touch=touch, mass=mass, name=name)
 
     def card(self) -> RobotCard:
-        """What is known of the robot, what is assumed and what is not looked at; see :class:`.card.RobotCard`.
+        """What is known about the robot, what is assumed and what is not checked; see :class:`.card.RobotCard`.
 
         It reads the meshes and the URDF a second time, which may take seconds.
         """
@@ -403,25 +403,26 @@ class RobotModel(Summary):
                 limits get ±1 km. Joints that follow another (``JointModelMimic``) move with it; they have no limits of
                 their own, so those of their leaders have to be as narrow as theirs.
             collision_model: its collision geometry.
-            visual_model: its visual geometry, or what makes it; the collision geometry where None.
+            visual_model: its visual geometry, or a function that makes it; the collision geometry where None.
             base: base kind; None means omni for a planar root and fixed otherwise.
             name: the robot's name; the model's where None.
-            locked: joint → value of joints to hold still; joints that follow one of them are held where that puts them.
+            locked: joint → value of a joint to hold still; joints that follow one of them are held where that puts
+                them.
             home: joint → value of the home posture; the rest is neutral, within limits.
-            disabled_pairs: pairs of link names whose collisions are not looked at, besides those that one joint joins
-                and those that touch in every sampled posture; with the reason of each, where it is a mapping.
-            enabled_pairs: pairs that are looked at, though a joint joins them.
+            disabled_pairs: pairs of link names whose collisions are not checked, besides those that one joint joins
+                and those that touch in every sampled posture; a mapping gives the reason of each.
+            enabled_pairs: pairs that are checked, though a joint joins them.
             followers: joint → (joint that it mimics, multiplier, offset [rad or m]), for the sampled postures.
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
-            urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
+            urdf_path, srdf_path: files that the models were made of, for callers that need more than the models.
             held: joint → why it is locked.
             groups: the SRDF's groups of joints.
             drawn: visual geometry of the links without a collision shape; where None, that of ``visual_model`` if it
-                is no function.
+                is not a function.
             description: the URDF file as it was read.
-            round_wheels: joints that change nothing of the robot's shape; those that are not locked are passed over.
+            round_wheels: joints that do not change the robot's shape; those that are not locked are ignored.
 
         Raises:
             RobotError: an unknown joint or frame, a base kind that the root joint cannot be, joints or geometry that
@@ -532,7 +533,7 @@ def _followers_held(model: pin.Model, locked: Mapping[str, float], home: Mapping
     """Followers of joints that are locked, where those put them.
 
     Raises:
-        RobotError: a follower that is to be locked, or to be elsewhere than its leader puts it at home.
+        RobotError: a follower that is to be locked, or to be elsewhere at home than where its leader puts it.
     """
     held = {}
     for name, (leader, multiplier, constant) in followers_of(model).items():
@@ -546,7 +547,7 @@ def _followers_held(model: pin.Model, locked: Mapping[str, float], home: Mapping
 
 
 def _check_wrapping(model: pin.Model) -> None:
-    """A turn of a continuous joint must leave its followers where they were."""
+    """Check that a whole turn of a continuous joint leaves its followers where they were."""
     for name, (leader, multiplier, _) in followers_of(model).items():
         if model.joints[model.getJointId(leader)].nq == 2 and multiplier != round(multiplier):
             raise RobotError(
@@ -556,7 +557,7 @@ def _check_wrapping(model: pin.Model) -> None:
 
 
 def _counted_reasons(pairs: tuple[UncheckedPair, ...]) -> str:
-    """How many pairs are not looked at, by reason."""
+    """How many pairs are not checked, by reason."""
     count = Counter(pair.why.value for pair in pairs)
     return f"{len(pairs)}" + (f": {'; '.join(f'{n} as {why}' for why, n in count.items())}" if pairs else "")
 
@@ -571,20 +572,20 @@ def _bound_sliders(model: pin.Model) -> None:
 
 
 def _refuse_other_roots(model: pin.Model, pieces: tuple[LinkGeometry, ...]) -> None:
-    """What does not move with a moving base is no part of the robot: the base's motion would not count against it."""
+    """Refuse geometry that does not move with a moving base: the base's motion would not count against it."""
     fixed = [p.name for p in pieces if p.joint == 0]
     if fixed:
         raise RobotError(
             f"collision geometry fixed to the world (joint 0): {', '.join(map(repr, fixed[:10]))}"
-            f"{', …' if len(fixed) > 10 else ''}. The base moves, so this is no part of the robot: take it out of "
+            f"{', …' if len(fixed) > 10 else ''}. The base moves, so this is not part of the robot: take it out of "
             "collision_model and give it to the Scene as an obstacle"
         )
     roots = [model.names[i] for i in range(2, model.njoints) if model.parents[i] == 0]
     if roots:
         raise RobotError(
             f"joints that hang on the world beside the planar root: {', '.join(map(repr, roots[:10]))}"
-            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: make "
-            "it of a model of its own, or hang them on the base"
+            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: give "
+            "it a model of its own, or hang them on the base"
         )
 
 
@@ -644,8 +645,8 @@ def check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) 
             raise RobotError(f"{what}: joint {joint!r} has value {value!r}; it must be a finite number [rad or m]")
         if (count := model.joints[model.getJointId(joint)].nv) > 1 and value != 0.0:
             raise RobotError(
-                f"{what}: joint {joint!r} has {count} degrees of freedom, so that {value!r} says nothing of it; it can "
-                "be held where it is neutral (0) alone"
+                f"{what}: joint {joint!r} has {count} degrees of freedom, so that {value!r} says nothing about it; "
+                "it can only be held where it is neutral (0)"
             )
 
 

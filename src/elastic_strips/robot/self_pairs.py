@@ -1,8 +1,8 @@
-"""Which pairs of a robot's own pieces are kept apart, which are not looked at, and why.
+"""Which pairs of a robot's own pieces are kept apart, which are not checked, and why.
 
-Every pair of links is looked at but those that one joint of the URDF joins, those that the SRDF leaves out, and those
+Every pair of links is checked except those that one joint of the URDF joins, those that the SRDF leaves out, and those
 that touch in every sampled posture. All three are decided by links and shapes as the file has them, before joints are
-held still and hulls joined: what holding a joint makes neighbours, or what is fixed to a neighbour, is looked at.
+held still and hulls joined. So links that become neighbours by holding a joint, or are fixed to one, are checked.
 Where hulls touch in every posture and the meshes do not, the meshes are taken as a few convex pieces each.
 """
 
@@ -46,7 +46,7 @@ LinkPair = frozenset[str]
 
 
 class WhyUnchecked(str, Enum):
-    """Why collisions of two links are not looked at."""
+    """Why collisions of two links are not checked."""
 
     JOINED = "one joint joins them"
     SRDF = "the SRDF leaves them out"
@@ -57,12 +57,12 @@ class WhyUnchecked(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class UncheckedPair:
-    """Two links of a robot whose collisions with each other are not looked at.
+    """Two links of a robot whose collisions with each other are not checked.
 
     Attributes:
         links: names of the links, sorted.
         why: the reason.
-        note: what is known besides: the joint, the SRDF's reason, in how many postures the meshes touch.
+        note: further detail: the joint, the SRDF's reason, or in how many postures the meshes touch.
     """
 
     links: tuple[str, str]
@@ -75,12 +75,12 @@ class UncheckedPair:
 
 @dataclass(frozen=True, slots=True)
 class PairRules:
-    """What is said of pairs of links besides their shapes.
+    """What is known about pairs of links besides their shapes.
 
     Attributes:
         disabled: pair of links → why it is left out, in the SRDF's words.
-        enabled: pairs that are looked at, though a joint joins them.
-        told: whether somebody said which pairs to leave out, so that what touches always is a surprise.
+        enabled: pairs that are checked, though a joint joins them.
+        told: whether somebody said which pairs to leave out, so that a pair that always touches is a surprise.
         followers: joint → (the joint that it mimics, multiplier, offset [rad or m]).
     """
 
@@ -92,15 +92,15 @@ class PairRules:
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """Pairs of a robot's shapes that are not looked at.
+    """Pairs of a robot's shapes that are not checked.
 
     Attributes:
-        mask: (n, n) whether a pair is left out; symmetric, True on the diagonal and for shapes of one link.
-        pairs: which links that is about, and why.
-        shares: in which share of postures the meshes of pairs touch, whose hulls do in every one or nearly so.
+        mask: (n, n) whether a pair is left out; symmetric, and True on the diagonal and for shapes of one link.
+        pairs: the links of these pairs, and why they are left out.
+        shares: share of postures in which the meshes of a pair touch whose hulls do in every posture, or nearly so.
         hidden: pairs whose hulls touch in every sampled posture or nearly so, and whose meshes do not.
-        crowded: pairs that are looked at and touch in nearly every posture.
-        met: pairs that never touch, as the SRDF says, and in how many of the sampled postures they do.
+        crowded: pairs that are checked and touch in nearly every posture.
+        met: pairs that never touch according to the SRDF, and in how many of the sampled postures they do.
     """
 
     mask: Mask
@@ -138,14 +138,14 @@ def left_out(
     rules: PairRules,
     shares: Mapping[LinkPair, float] | None = None,
 ) -> LeftOut:
-    """Decide which pairs of the file's shapes are looked at.
+    """Decide which pairs of the file's shapes are checked.
 
     Args:
         model: the model with all its joints, before any is held still.
         shapes: convex shapes of its links.
         meshes: what they were made of, in the same order.
-        rules: what else is said of pairs.
-        shares: what is known already of :attr:`LeftOut.shares`.
+        rules: what else is known about the pairs.
+        shares: the part of :attr:`LeftOut.shares` that is known already.
     """
     n = len(shapes)
     joined = joints_of_links(model)
@@ -201,7 +201,7 @@ def _unchecked(pair: LinkPair, why: WhyUnchecked, note: str = "") -> UncheckedPa
 
 
 def _warn(out: LeftOut, rules: PairRules) -> None:
-    """Say what a user would not expect: pairs that somebody asked for, hulls that hide what meshes do, an SRDF's
+    """Report what a user would not expect: pairs that somebody asked for, hulls that hide what meshes do, an SRDF's
     pairs that never touch and did so in some of the sampled postures."""
     always = {links: pair for links, pair in out.pairs.items() if pair.why is WhyUnchecked.ALWAYS}
     hidden = [pair for links, pair in always.items() if links in out.hidden]
@@ -211,8 +211,8 @@ def _warn(out: LeftOut, rules: PairRules) -> None:
     for found, text in (
         (asked, "self-collision of %d pairs is not checked, though the SRDF asks for it: they touch in every sampled "
                 "posture (%s)"),
-        (crowded, "%d pairs of links touch in nearly every posture, so that little is free of collisions; where they "
-                  "may, an SRDF leaves them out (%s)"),
+        (crowded, "%d pairs of links touch in nearly every posture, so that little is free of collisions; those that "
+                  "may touch can be left out by an SRDF (%s)"),
         (hidden, "self-collision of %d pairs is not checked: their convex hulls touch in every sampled posture, their "
                  "meshes do not (%s)"),
     ):  # fmt: skip
@@ -224,7 +224,7 @@ def _warn(out: LeftOut, rules: PairRules) -> None:
         said = [f"{' and '.join(sorted(pair))}, in {count} of {_MET_SAMPLES}" for pair, count in met.items()]
         more = f" and {len(said) - 8} more" if len(said) > 8 else ""
         _log.warning(
-            "self-collision of %d pairs is not checked, for the SRDF says that they never touch; they do (%s)",
+            "self-collision of %d pairs is not checked: the SRDF says that they never touch, but they do (%s)",
             len(said), "; ".join(said[:8]) + more,
         )  # fmt: skip
 
@@ -362,7 +362,7 @@ def _first_apart(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]
 
 
 def _ever_touching(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, int]:
-    """In how many sampled postures links touch, of those that do in some and not in all, as the file has them."""
+    """In how many sampled postures two links touch, shapes as in the file, for pairs that do in some and not in all."""
     hits = Counter[LinkPair]()
     for _ in range(_MET_SAMPLES if of else 0):
         postures.next()
@@ -377,9 +377,9 @@ def _ever_touching(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, in
 
 
 def _mesh_shares(postures: _Postures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, float]:
-    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls.
+    """Share of postures in which links touch with their shapes as in the file, and not only with their hulls.
 
-    Those that touch in all of the first are asked on, up to a posture in which they do not.
+    Links that touch in all of the first postures are tested further, up to a posture in which they do not.
     """
     hits, asked, left = Counter[LinkPair](), Counter[LinkPair](), dict(of)
     for k in range(_SAMPLES):
@@ -400,7 +400,7 @@ def _pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
 
 
 def _by_links(shapes: Sequence[LinkGeometry]) -> dict[LinkPair, list[tuple[int, int]]]:
-    """All pairs of shapes, by the links that they are of; a link alone for its own shapes."""
+    """All pairs of shapes, by the links that they belong to; a link alone stands for its own shapes."""
     of: dict[LinkPair, list[tuple[int, int]]] = {}
     for i in range(len(shapes)):
         for k in range(i + 1, len(shapes)):
@@ -414,13 +414,13 @@ def held_together(
     meshes: Sequence[coal.CollisionGeometry],
     out: LeftOut,
 ) -> list[tuple[int, int]]:
-    """Pairs of shapes that joints which are held still bring together, deeper than closed fingers: they collide.
+    """Pairs of shapes that held joints bring together, deeper than closed fingers are: they collide.
 
     Args:
         model: the model in which some joints are held still.
         shapes: shapes of its links, in its joints' frames.
         meshes: what they were made of.
-        out: the pairs that are not looked at; those that only graze, or whose hulls only touch, are added.
+        out: the pairs that are not checked; those that only graze, or of which only the hulls touch, are added.
     """
     postures = _Postures(model, shapes, meshes)
     deep: list[tuple[int, int]] = []
@@ -459,8 +459,8 @@ class Pieces:
     Attributes:
         pieces: in the frames of the planned model's joints.
         pairs: (S, 2) numbers of pieces that must not touch.
-        apart: (S,) distances [m] that they are proven to keep in every posture; 0 where nothing is.
-        unchecked: pairs of links that are not looked at.
+        apart: (S,) distances [m] that they are proven to keep in every posture; 0 where nothing is proven.
+        unchecked: pairs of links that are not checked.
     """
 
     pieces: tuple[LinkGeometry, ...]
@@ -474,14 +474,14 @@ def pieces_and_pairs(
 ) -> Pieces:
     """The convex pieces of a robot and its self pairs.
 
-    Robots of primitives only keep their shapes as they are; else shapes of one joint are joined where no pair is lost.
+    Robots of primitives only keep their shapes as they are; else shapes of one joint are joined if no pair is lost.
 
     Args:
         model: the model with all its joints.
         collision: its collision geometry.
         planned: the model in which some joints are held still.
         carried: the collision geometry of that one, in the same order.
-        rules: what is said of pairs of links.
+        rules: what is known about pairs of links.
 
     Raises:
         RobotError: an unsupported shape, or a mesh without volume.
@@ -517,10 +517,10 @@ def pieces_and_pairs(
 def _parted(
     model: pin.Model, collision: pin.GeometryModel, rules: PairRules
 ) -> tuple[list[LinkGeometry], list[int], LeftOut]:
-    """Convex shapes of a robot, the number of the collision object that each is of, and what is not looked at.
+    """Convex shapes of a robot, the number of the collision object of each, and the pairs that are not checked.
 
     Where two links' hulls touch in every posture and their meshes do not, each of their meshes is taken as a few
-    convex pieces, so that the links can be kept apart; but for those where that does not help.
+    convex pieces, so that the links can be kept apart, except where that does not help.
     """
     whole = convex_shapes(model, collision)
     meshes = [obj.geometry for obj in collision.geometryObjects]
@@ -554,7 +554,7 @@ def _parted(
 def _checked(
     pieces: Sequence[LinkGeometry], rows: Sequence[int], mask: Mask, deep: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int]]:
-    """Pairs of pieces that move to each other and are looked at, and those of the shapes ``deep``."""
+    """Pairs of pieces that move relative to each other and are checked, and those of the shapes ``deep``."""
     number = {row: n for n, row in enumerate(rows)}
     held = {(number[i], number[k]) for i, k in deep}
     return [
@@ -573,7 +573,7 @@ def _touching_always(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: li
 
 
 def least_distances(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: Indices) -> Array:
-    """Distances [m] (S,) that pairs are proven to keep in every posture within the limits; 0 where nothing is."""
+    """Distances [m] (S,) that pairs are proven to keep in every posture within the limits; 0 where none is proven."""
     return np.array([least_distance(model, pieces, int(i), int(k)) for i, k in pairs], dtype=float)
 
 

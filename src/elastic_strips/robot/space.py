@@ -47,11 +47,11 @@ class BaseKind(str, Enum):
             return BaseKind(value)
         except ValueError:
             names = [k.value for k in BaseKind]
-            raise RobotError(f"base={value!r} is no kind of base{nearest_name(value, names)}") from None
+            raise RobotError(f"base={value!r} is not a kind of base{nearest_name(value, names)}") from None
 
 
 LIMIT_TOLERANCE = 1e-4
-"""A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
+"""A joint value [rad or m] outside its limits by at most this is taken to the limit: files and programs round."""
 
 MAX_TRAVEL = 1e4
 """Farthest [m] that a path may take a base from the origin, along x and along y."""
@@ -239,7 +239,7 @@ class ConfigurationSpace(Summary):
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
         """Coordinate rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
 
-        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
+        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by whatever
         rounding makes of it.
         """
         return self.integrate(a, np.asarray(s, dtype=float)[..., None] * self.difference(a, b))

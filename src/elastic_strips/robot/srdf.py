@@ -26,8 +26,8 @@ class Srdf:
 
     Attributes:
         path: the file.
-        name: of the robot that it is written for.
-        disabled: unordered link pairs whose collisions are not looked at, and the reason that the file gives.
+        name: name of the robot that it is written for.
+        disabled: unordered link pairs whose collisions are not checked, and the reason that the file gives.
         enabled: pairs that it asks for, of links that it leaves out otherwise.
         states: posture name → joint → value [rad or m].
         groups: group name → its joints that can be planned.
@@ -44,7 +44,7 @@ class Srdf:
 def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
     """Read an SRDF file against the links and joints of its robot.
 
-    What it says about links, joints and groups that the robot has not is passed over, with a warning: such files are
+    It may name links, joints and groups that the robot does not have. They are ignored with a warning: such files are
     written for whole families of robots.
 
     Raises:
@@ -55,7 +55,7 @@ def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
     mends = Mends(source)
     for element in root.iter():
         if element.tag not in _KNOWN:
-            mends.add("elements that are not known", element.tag)
+            mends.add("unknown elements", element.tag)
     disabled, enabled = _collisions(root, source, robot, mends)
     states = _states(root, source, robot, mends)
     passive = {element.get("name") for element in root.findall("passive_joint")}
@@ -86,7 +86,7 @@ def _collisions(
             if name is None:
                 raise fault(source, element, f"<{element.tag}> has no attribute {key!r}")
             if name not in robot.links:
-                mends.add(f"links in <{element.tag}> that the robot has not", name)
+                mends.add(f"links in <{element.tag}> that the robot does not have", name)
             names.append(name)
         return names
 
@@ -115,7 +115,7 @@ def _states(root: etree._Element, source: Path, robot: UrdfSource, mends: Mends)
             if key in virtual:
                 continue  # the base's pose, which the caller gives
             if key not in robot.joints:
-                mends.add("joints in <group_state> that the robot has not", key)
+                mends.add("joints in <group_state> that the robot does not have", key)
             elif key not in robot.joint_limits and key not in robot.continuous:
                 mends.add("joints in <group_state> that are not prismatic, revolute or continuous", key)
             else:
@@ -137,9 +137,9 @@ def within_limits(value: float, robot: UrdfSource, joint: str) -> bool:
 
 
 def _value(joint: etree._Element, robot: UrdfSource, where: str) -> float:
-    """The value [rad or m] of a joint: a full turn away from what is written, where only that is within its limits.
+    """The value [rad or m] of a joint: a full turn away from the written one where only that is within its limits.
 
-    That of a continuous joint may be a cosine and a sine, as Pinocchio writes it.
+    A continuous joint may have a cosine and a sine, as Pinocchio writes it.
     """
     name, text = joint.get("name"), joint.get("value")
     try:
@@ -164,7 +164,7 @@ def _group(
         elements: all groups.
         name: which one.
         robot: the robot.
-        mends: takes what the robot has not.
+        mends: takes the names that the robot does not have.
         passed: joints, and groups that hold this one, to pass over in silence.
     """
     joints: list[str] = []
@@ -173,7 +173,7 @@ def _group(
             if member.get("name") in robot.joints:
                 joints.append(member.get("name"))
             elif member.get("name") not in passed:
-                mends.add("joints in <group> that the robot has not", member.get("name"))
+                mends.add("joints in <group> that the robot does not have", member.get("name"))
         elif member.tag == "link":
             if member.get("name") not in robot.links:
                 mends.add("links in <group> that the robot has not", member.get("name"))
@@ -190,7 +190,7 @@ def _group(
         elif member.tag == "group":
             other = member.get("name")
             if other not in elements:
-                mends.add("sub-groups that the file has not", other)
+                mends.add("sub-groups that the file does not have", other)
             elif other not in passed and other != name:  # a group cannot hold itself
                 joints += _group(elements, other, robot, mends, passed | {name})
     return joints

@@ -39,7 +39,7 @@ class Mends:
         self._found: dict[str, list[str]] = {}
 
     def add(self, kind: str, name: object) -> None:
-        """Note a fault: its kind, in words that follow a count ("links that the robot has not"), and whose it is."""
+        """Note a fault: its kind, in words that follow a count ("links that the robot does not have"), and where."""
         names = self._found.setdefault(kind, [])
         if repr(name) not in names:
             names.append(repr(name))
@@ -116,12 +116,12 @@ def _in_utf8(text: bytes) -> bytes | None:
 
 
 def _check_encoding(text: bytes, path: Path, kind: str) -> None:
-    """That a file is written as its mark or its first line says, and in UTF-8 where neither says anything.
+    """Check that a file is written as its mark or its first line says, and in UTF-8 where neither says anything.
 
-    The parser is less strict: it guesses, and what it guesses may be other names than those that were meant.
+    The parser is less strict: it guesses, and may guess other names than those that were meant.
 
     Raises:
-        RobotError: it is not.
+        RobotError: it is written differently.
     """
     mark = next((name for start, name in _MARKS.items() if text.startswith(start)), None)
     found = _DECLARED.search(text[:1000].replace(b"\0", b""))
@@ -245,10 +245,10 @@ def resolve_mesh(
 
 
 def _as_collision(root: etree._Element, source: Path, wanted: Collection[str] | str) -> tuple[str, ...]:
-    """Give links the shapes that are drawn as collision shapes, instead of their own; returns which have got some.
+    """Give links their visual shapes as collision shapes, instead of their own; returns the links that got some.
 
     Raises:
-        RobotError: a link that is not there, or has nothing to draw.
+        RobotError: a link that does not exist, or has no visual shape.
     """
     links = {link.get("name"): link for link in root.findall("link")}
     if wanted == "missing":
@@ -290,7 +290,7 @@ def _check_geometry(
 
     Returns:
         The capsules, which stand in the document as cylinders: ``"collision"`` or ``"visual"``, and the shape's name.
-        And the links of which something was left out that should have been drawn.
+        And the links some of whose visual shapes were left out.
 
     Raises:
         RobotError: a collision shape with a fault, or too many of them.
@@ -330,7 +330,7 @@ def _check_geometry(
 
 
 def _check_materials(root: etree._Element, mends: Mends) -> None:
-    """Take out those that urdfdom refuses the whole file for, or complains of beside the log."""
+    """Take out the materials for which urdfdom refuses the whole file, or about which it complains outside the log."""
     names: set[str] = set()
     for material in root.findall("material"):
         name, texture, color = material.get("name"), material.find("texture"), material.find("color")
@@ -418,7 +418,7 @@ def _check_mesh(
 
 
 def _remedy(name: str, folders: list[Path]) -> str:
-    """Where a mesh was looked for, and what to say for it to be found."""
+    """Where a mesh was searched, and what to give so that it is found."""
     if name.startswith("file://") or os.path.isabs(name):
         return ""
     searched = ", ".join(str(f) for f in folders[:3])
@@ -447,14 +447,14 @@ class UrdfSource:
         document: the description as Pinocchio gets it: small faults mended, mesh files by their paths.
         links, joints: all names.
         parents: link → (joint, link) that carry it; the root has none.
-        joint_limits: joint → (lower, upper) of revolute and prismatic joints.
-        mimic: names of joints that mimic another, be it there or not.
-        followers: joint that mimics one that is there → (that one, multiplier, offset [rad or m]).
+        joint_limits: joint → (lower, upper), for revolute and prismatic joints.
+        mimic: names of joints that mimic another one, whether that exists or not.
+        followers: joint that mimics an existing one → (that one, multiplier, offset [rad or m]).
         continuous, prismatic: names of such joints.
         collisions: link → number of its collision shapes.
         bare: links that are drawn and have no collision shape, in the order of the file.
-        undrawn: links of which a visual shape has a fault.
-        from_visual: links whose collision shapes are those that are drawn.
+        undrawn: links with a faulty visual shape.
+        from_visual: links whose visual shapes are their collision shapes.
         capsules: the capsules, which stand in the document as cylinders: ``"collision"`` or ``"visual"``, a blank and
             the shape's name → radius, length between the caps [m].
     """
@@ -477,7 +477,7 @@ class UrdfSource:
     capsules: Mapping[str, _Capsule] = field(default_factory=dict)
 
     def following(self) -> dict[str, Following]:
-        """What each joint of ``followers`` does, by the first leader of its chain, which follows none itself."""
+        """What each joint of ``followers`` does, by the first leader of its chain, which follows no joint itself."""
         found = {}
         for name in self.followers:
             leader, multiplier, constant = self.followers[name]
@@ -496,7 +496,7 @@ def read_urdf(
 ) -> UrdfSource:
     """Check a URDF file and everything that it refers to.
 
-    Mended, with a warning: what ``docs/robots.md`` lists.
+    Faults that ``docs/robots.md`` lists are mended with a warning.
 
     Args:
         path: the file.
@@ -556,7 +556,7 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
     """Pinocchio's model of a checked URDF file, on a planar root or a fixed one.
 
     Raises:
-        RobotError: Pinocchio refuses it, in its words.
+        RobotError: Pinocchio refuses the file; the message quotes it.
     """
     try:
         root = (pin.JointModelPlanar(),) if planar else ()
@@ -570,10 +570,10 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
 def pinocchio_geometry(
     source: UrdfSource, model: pin.Model, kind: pin.GeometryType, *, only: Collection[str] | None = None
 ) -> pin.GeometryModel:
-    """Collision or visual geometry of a checked URDF file; of some links ``only``, where not all of it is of interest.
+    """Collision or visual geometry of a checked URDF file; where ``only`` is given, of these links.
 
     Raises:
-        RobotError: Pinocchio or Coal refuse it, in their words.
+        RobotError: Pinocchio or Coal refuses it; the message quotes them.
     """
     document = source.document if only is None else _shapes_of(source.document, only)
     try:
@@ -603,7 +603,7 @@ def _words(error: Exception) -> str:
 
 
 def _bare(root: etree._Element) -> str:
-    """The description without what no model is made of: plugins, transmissions."""
+    """The description without elements that no model needs: plugins, transmissions."""
     for element in list(root):
         if element.tag not in ("link", "joint", "material"):
             root.remove(element)
@@ -706,7 +706,7 @@ def _check_joints(
             leader = follower.get("joint")
             mimic.add(name)
             if leader not in joints:
-                mends.add("joints that mimic one which the robot has not, locked unless told otherwise", name)
+                mends.add("joints that mimic one that the robot does not have, locked unless told otherwise", name)
                 joint.remove(follower)
                 continue
             if leader == name:
@@ -730,7 +730,7 @@ def _check_joints(
 
 
 def _check_unused(joint: etree._Element, source: Path, what: str) -> None:
-    """What no model is made of, but urdfdom refuses where it is faulty."""
+    """Check elements that no model needs, but for whose faults urdfdom refuses the file."""
     for tag in ("safety_controller", "calibration"):
         for element in joint.findall(tag):
             joint.remove(element)

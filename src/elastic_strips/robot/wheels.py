@@ -17,11 +17,11 @@ _ROUND = 0.003  # [m] by how much a wheel may stick out farther on one side: its
 
 
 def wheel_joints(model: pin.Model, source: UrdfSource) -> set[str]:
-    """Continuous joints that are called wheel or caster, or are those of a base that moves by what hangs on them.
+    """Continuous joints that are called wheel or caster, or that move the base by what hangs on them.
 
     A wheel turns about a level axis, hangs on the root link by fixed joints, and carries nothing that moves. A caster
-    turns about an upright one and carries nothing but wheels, no higher than the others; without others there are
-    two of them at least. So an arm's own first joint is neither, nor is the head that pans and tilts.
+    turns about an upright axis and carries nothing but wheels, no higher than the other wheels; without others there
+    are at least two of them. So an arm's first joint is neither of them, nor is a head that pans and tilts.
     """
     named = {j for j in source.continuous if any(word in j.lower() for word in ("wheel", "caster", "castor"))}
     if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":

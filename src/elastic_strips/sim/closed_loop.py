@@ -46,7 +46,7 @@ class Simulation(Generic[_Driver]):
     Obstacles of the world that yield are reset, and this simulation sets their clocks.
 
     Args:
-        controller: of the robot.
+        controller: the robot's controller.
         world: the true obstacles over time.
         plant: the machine, at the controller's start.
         perception: what the controller senses of the world.
@@ -58,7 +58,7 @@ class Simulation(Generic[_Driver]):
         computing: what the controller's computing costs, for the result.
 
     Attributes:
-        time: of the present step [s].
+        time: time of the present step [s].
     """
 
     def __init__(
@@ -238,10 +238,10 @@ def prepare(
     contact, refers to it.
 
     Args:
-        robot, limits: of the plant that is made where none is given.
+        robot, limits: robot and limits of the plant that is made where none is given.
         world: the true obstacles.
         plant: the machine, or None.
-        seed: of plant and perception.
+        seed: seed of plant and perception.
         shared: whether a perception refers to this world.
 
     Returns:
@@ -289,8 +289,8 @@ def simulation(
         plant: the machine; a :class:`KinematicPlant` where None.
         perception: noise and delay of the sensed scene, or a perception of one's own.
         faults: injected faults.
-        seed: of the first plan, the plant and the perception.
-        watch, realtime, record, metadata: of the :class:`Simulation`.
+        seed: seed of the first plan, the plant and the perception.
+        watch, realtime, record, metadata: as for the :class:`Simulation`.
         make: makes the controller, from the known scene and its other arguments; a :class:`Controller` of ``start``
             and ``goal`` where None.
         compute: what computing costs in simulated time: ``"free"``: nothing, and equal seeds give equal runs; a factor:

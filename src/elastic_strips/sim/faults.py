@@ -138,7 +138,7 @@ class FaultyPlant:
     Args:
         inner: the plant.
         faults: what is wrong, and when.
-        seed: of the noise of coarse localization.
+        seed: seed of the noise of coarse localization.
 
     Raises:
         ParameterError: wheels that slip, on a plant that cannot have them slip.

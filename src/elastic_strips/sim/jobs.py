@@ -53,7 +53,7 @@ class Finished(Generic[_Made]):
     """A job that has ended.
 
     Attributes:
-        index: of its task.
+        index: index of its task.
         made: what it returned; None where it raised.
         error: what it raised; a `WorkerDied` where its process ended.
     """

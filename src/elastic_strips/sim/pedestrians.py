@@ -124,8 +124,8 @@ class Pedestrians:
 
     Args:
         robot: that they yield to.
-        world: of the obstacles; without yielding ones a step does nothing.
-        policy: of yielding.
+        world: the obstacles over time; without yielding ones a step does nothing.
+        policy: how they yield.
     """
 
     def __init__(self, robot: RobotModel, world: World, policy: YieldingPolicy | None = None) -> None:

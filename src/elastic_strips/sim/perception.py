@@ -81,7 +81,7 @@ class NoisyGroundTruth:
     Args:
         world: the true obstacles.
         assumptions: bounds of the errors.
-        params: of the noise.
+        params: parameters of the noise.
         rng: source of the noise.
     """
 

@@ -30,10 +30,10 @@ def drive_plan(
     Args:
         plan: what was planned; its robot is driven, with what it holds.
         world: the true obstacles.
-        params: of the controller; no more clearance is asked for than the plan has.
-        limits: of wheels and joints; those of the robot's URDF where None.
-        plant: of the simulated machine.
-        seed: of plant and perception.
+        params: parameters of the controller; no more clearance is asked for than the plan has.
+        limits: limits of wheels and joints; those of the robot's URDF where None.
+        plant: parameters of the simulated machine.
+        seed: seed of plant and perception.
         time_limit: longest drive [s]; that of ``params`` where None.
 
     Raises:

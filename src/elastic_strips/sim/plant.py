@@ -29,11 +29,11 @@ class OdometryParams(Checked):
     """Errors of encoders and localization. All noise is Gaussian, cut off at three standard deviations.
 
     Attributes:
-        encoder_noise: of a wheel's reading [m at the rim]; readings err, not increments, so it does not add up.
-        joint_noise: of a joint encoder [rad or m].
+        encoder_noise: noise of a wheel's reading [m at the rim]; readings err, not increments, so it does not add up.
+        joint_noise: noise of a joint encoder [rad or m].
         fix_period: between localization fixes [s]; infinite for none.
-        fix_noise: of a fix's x and of its y [m].
-        fix_angle_noise: of its yaw [rad].
+        fix_noise: noise of a fix's x and of its y [m].
+        fix_angle_noise: noise of its yaw [rad].
         fix_latency: from the time that a fix tells of to its arrival [s].
     """
 
@@ -166,7 +166,7 @@ class PlantParams:
 
     Attributes:
         wheel_lag: time constant of the wheels' speed loops [s].
-        joint_lag: of the joints' [s].
+        joint_lag: lag of the joints' [s].
         speed_margin: the motors can turn this many times as fast as the limits that are planned with.
         acceleration_margin: and speed up or brake this many times as hard. The defaults are assumptions; a machine
             without such margins is planned with ``limits.scaled(…)``.
@@ -264,7 +264,7 @@ class KinematicPlant:
         robot: the robot; any kind of base.
         limits: what its motions are planned with.
         params: how the machine differs.
-        seed: of all noise, or a generator.
+        seed: seed of all noise, or a generator.
 
     Attributes:
         lost: (k,) further part of each drive coordinate's travel that is lost on the floor, as a fault.

@@ -79,14 +79,14 @@ class RealtimeSimulation(Simulation[Controller]):
         executor: not started yet.
         make_plant: makes the machine in its process; can be pickled.
         plant: one like it, at the start.
-        world, perception, goal, watch, metadata: of the :class:`Simulation`.
+        world, perception, goal, watch, metadata: as for the :class:`Simulation`.
         log: file that the executor writes while it drives.
         temporary: whether that is removed after the run, or where there is none.
         eager: whether planning goes on without a pause, rather than at the planning rate.
 
     Attributes:
         machine: the machine's process, while it runs; else None.
-        executor: of the controller.
+        executor: the controller's executor.
         log: file of the executor's log.
     """
 

@@ -62,8 +62,8 @@ class SensorPerception:
         world: that the sensors see.
         start: configuration (nq,).
         sensors: their parameters.
-        params: of the scene; defaults with the robot's `body_radius` where None.
-        seed: of the sensors' noise.
+        params: parameters of the scene; defaults with the robot's `body_radius` where None.
+        seed: seed of the sensors' noise.
         look: time of reading before the first step [s].
         bumper: whether the robot has a contact sensor; during a contact it stands, and readings are ignored: an
             obstacle that touches the robot covers its laser.
@@ -71,7 +71,7 @@ class SensorPerception:
 
     Attributes:
         suite: the sensors.
-        estimator: of the scene.
+        estimator: estimates the scene.
         params: the sensors' delay, for figures that depend on it.
         computing: may be replaced.
         cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before

@@ -51,16 +51,16 @@ class TaskSimulation:
         start: configuration (nq,).
         task: to be done.
         keep: constraint on the strip.
-        params: of the drive.
-        perception: of all three layers; see :func:`simulation`.
-        seed: of the search for goals, the plans, the plant and the perception.
+        params: parameters of the drive.
+        perception: perception for all three layers; see :func:`simulation`.
+        seed: seed of the search for goals, the plans, the plant and the perception.
         look: called after every planning tick, with the :class:`HybridControl`.
-        **options: of :func:`simulation`.
+        **options: as for :func:`simulation`.
 
     Attributes:
         deliberation: the task's steps.
         control: sequencing and reactive layer; None where the task cannot be started.
-        simulation: of it, or None.
+        simulation: the simulation of it, or None.
 
     Raises:
         MissingExtraError: py_trees (extra ``control``) is not installed.

@@ -1,4 +1,4 @@
-"""What the deformers of all presets share: workspace of the tick, clock, reports, and the ticks of ``settle``."""
+"""The common part of all presets' deformers: workspace of the tick, clock, reports, and the ticks of ``settle``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NodePredictor = Callable[[Array], NodePrediction]
 
 
 class PhaseClock:
-    """Accounts time to phases; what passes between two marks belongs to the phase of the later mark."""
+    """Accounts time to phases; the time between two marks belongs to the phase of the later mark."""
 
     def __init__(self) -> None:
         self.start()
@@ -60,7 +60,7 @@ class PhaseClock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TickResult:
-    """What the iterations of a tick came to; see :class:`DeformReport` for the attributes."""
+    """The result of a tick's iterations; see :class:`DeformReport` for the attributes."""
 
     certificate: Certificate
     slip: float
@@ -74,16 +74,18 @@ class Workspace(OneThread):
     """Mutable state of a deformer: the current nodes and everything that is known about them.
 
     Args:
-        robot: whose strips.
-        params: what is certified.
+        robot: the robot of the strips.
+        params: the parameters, for what is certified.
         clock: accounts the time to phases.
-        reach: the links' distances to obstacles are exact below this [m]; self_reach: those to each other.
-        self_influence: the robot's own links push each other apart below this [m], those that are nearer by design
+        reach: the links' distances to obstacles are exact below this [m].
+        self_reach: their distances to each other are exact below this [m].
+        self_influence: the robot's own links push each other apart below this [m]; links that are nearer by design push
             below 0.8 of their distance at home.
 
     Attributes:
         kin: kinematics of the nodes.
-        obstacles: the links' distances to the scene; self_pairs: to each other.
+        obstacles: the links' distances to the scene.
+        self_pairs: their distances to each other.
         self_home: (S,) lower bounds of the self pairs' distances [m] at the home configuration.
         most_self_clearance: largest clearance [m] between its own links that can be certified: pairs that are proven to
             keep more than that in every posture were left out.
@@ -144,7 +146,7 @@ class Workspace(OneThread):
         self.self_pairs.reset()
 
     def holds(self, strip: Strip) -> bool:
-        """Whether the current nodes are those of this very strip."""
+        """Whether the current nodes belong to this very strip."""
         return strip is self._strip
 
     @exclusive
@@ -154,8 +156,8 @@ class Workspace(OneThread):
         Args:
             strip: the nodes.
             scene: the obstacles.
-            to_move: the nodes are about to move, and all is measured again then. With a prediction, and the same
-                obstacles as before, the distances that are known do for the forces: what moves as predicted is where
+            to_move: the nodes are about to move, and everything is measured again then. With a prediction, and the same
+                obstacles as before, the known distances are enough for the forces: what moves as predicted is where
                 the prediction had it.
         """
         current = strip is self._strip
@@ -167,7 +169,7 @@ class Workspace(OneThread):
 
     @exclusive
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
-        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none); what is known stays."""
+        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none); known distances stay."""
         if not self.holds(strip):
             return
         self.obstacles.remap(source)
@@ -215,7 +217,7 @@ class Workspace(OneThread):
 
     @exclusive
     def certify(self, scene: Scene, known: Mask | None = None) -> Certificate:
-        """Certify the segments between the current nodes, but for those (N−1,) that are known to be certified."""
+        """Certify the segments between the current nodes, except those (N−1,) that are known to be certified."""
         v = self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
         params = self.params
         certificate = self.certifier.certify(
@@ -236,9 +238,9 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
     """Deforms strips of one robot; owns mutable buffers, so one per thread.
 
     Args:
-        robot: whose strips.
-        params: of the preset.
-        **reaches: of :class:`Workspace`.
+        robot: the robot of the strips.
+        params: parameters of the preset.
+        **reaches: the distances ``reach``, … of :class:`Workspace`.
     """
 
     def __init__(self, robot: RobotModel, params: StripParams, **reaches: float) -> None:
@@ -277,7 +279,7 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
 
     @abstractmethod
     def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> R:
-        """The report of a tick that made so many exact distance queries."""
+        """The report of a tick that made this many exact distance queries."""
 
     @exclusive
     def settle(
@@ -292,9 +294,9 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
     ) -> R:
         """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over.
 
-        On the way to rest the default preset's strips get no worse: no tick raises their energy, but for nodes that
-        come or go, and what they had of clearance a stiff layer keeps. One that is certified when the ticks are over,
-        and not at rest, is ``DEFORMING``.
+        On the way to rest the default preset's strips get no worse: no tick raises their energy, except by nodes that
+        come or go, and a stiff layer keeps the clearance that they had. A strip that is certified when the ticks are
+        over, but not at rest, is ``DEFORMING``.
 
         Args:
             strip: where to start.
@@ -340,10 +342,10 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
             self._descends = False
 
     def _begin(self, strip: Strip, scene: Scene) -> None:
-        """What ``settle`` does before its first tick on the way to rest."""
+        """Prepare ``settle`` before its first tick on the way to rest."""
 
     def _with_former(self, report: R, former: R) -> R:
-        """A tick's report in ``settle``, with what it is to have of all ticks before."""
+        """A tick's report in ``settle``, with the figures that it takes over from all ticks before."""
         return report
 
     @exclusive
@@ -362,7 +364,7 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
 
         Args:
             strip, scene, detail: as in :meth:`step`.
-            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
+            prediction: where moving obstacles will be when the nodes are reached; where None, they count as they stand.
         """
         self._load(strip, scene, prediction)
         slip = float(strip.lateral_slip.max(initial=0.0)) if self._rolling else 0.0
@@ -371,7 +373,7 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
 
     @exclusive
     def reset(self) -> None:
-        """Forget all that is kept from tick to tick; for after an exception."""
+        """Forget all that is kept from tick to tick, as is needed after an exception."""
         self.workspace.reset()
 
     # the parts of a tick
@@ -380,7 +382,7 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
         self, strip: Strip, scene: Scene, prediction: NodePredictor | None = None, *,
         budget: float | None = None, to_move: bool = False,
     ) -> None:  # fmt: skip
-        """Check what a tick is given, start the clock and make the strip current."""
+        """Check the arguments of a tick, start the clock and make the strip current."""
         if budget is not None:
             check_number("budget", budget, above=0.0, unit="s")
         check_able("prediction", prediction)
@@ -399,7 +401,7 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
             )
 
     def _iterations(self, scene: Scene, budget: float | None) -> TickResult:
-        """Iterations of one tick: one without a budget, else until it is spent or the strip at rest."""
+        """Iterations of one tick: one without a budget, otherwise until it is spent or the strip is at rest."""
         count = 0
         while True:
             began = self.clock.elapsed
@@ -414,7 +416,7 @@ class BaseDeformer(OneThread, ABC, Generic[R]):
         self, kind: type[R], scene: Scene, result: TickResult, queries: int, detail: bool, *,
         status: DeformStatus, reason: str, hulls: ProtectiveHulls | None,
     ) -> R:  # fmt: skip
-        """A report with what those of all presets have."""
+        """A report with the fields that all presets have in common."""
         clearance = self.workspace.obstacles.least_clearance()
         strip = self.workspace.strip()
         self.clock.mark("report")

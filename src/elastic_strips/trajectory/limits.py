@@ -1,4 +1,4 @@
-"""Limits: how fast wheels and joints may turn and how fast that may change; drive coordinates and wheels of a URDF.
+"""Limits: largest speeds and accelerations of wheels and joints; drive coordinates and wheels of a URDF.
 
 A path is timed in *drive coordinates*: the travel of each wheel's rim for a differential drive, the three components
 of the body's travel for an omnidirectional base, nothing for a fixed one; then the joints. In them every limit of the
@@ -32,11 +32,11 @@ _SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
 
 @dataclass(frozen=True, slots=True)
 class _Wheels:
-    """The driven pair.
+    """The driven pair of wheels.
 
     Attributes:
         track: distance between the wheels [m].
-        radius: [m].
+        radius: radius of the wheels [m].
         speed: the lower of their speed limits [rad/s], as the file states it.
         joints: names of their joints.
     """
@@ -50,8 +50,8 @@ class _Wheels:
 def _read_wheels(robot: RobotModel) -> _Wheels:
     """The driven wheels of a robot's URDF: two continuous joints named ``*wheel*``, about ±y, mirror images in y.
 
-    Where none is named so, two of those that are not planned. Casters, which may be named so too, are left out: what is
-    called a caster, or is carried by a joint that moves, where the others are not.
+    Where none is named so, they are two of the joints that are not planned. Casters, which may be named so too, are
+    left out: what is called a caster, or is carried by a joint that moves where the others are not.
 
     Raises:
         ParameterError: no URDF, no such pair, pairs that differ, or a wheel without a round shape.
@@ -104,7 +104,7 @@ def _read_wheels(robot: RobotModel) -> _Wheels:
 
 
 def _driven(wheels: list[etree._Element], model: pin.Model) -> list[etree._Element]:
-    """The wheels that are no casters; all of them where none is left."""
+    """The wheels that are not casters; all of them where none is left."""
     for caster in (lambda name: "cast" in name.lower(), lambda name: model.parents[model.getJointId(name)] != 0):
         wheels = [joint for joint in wheels if not caster(joint.get("name"))] or wheels
     return wheels
@@ -158,7 +158,7 @@ def _radius(root: etree._Element, link_name: str, path: Path) -> float | None:
 
 
 _UNLIMITED = 1e6
-"""Speeds [rad/s or m/s] above this mean in a description that there is no limit."""
+"""Speeds [rad/s or m/s] above this in a description mean that there is no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -166,13 +166,13 @@ class MotionLimits(Summary):
     """Symmetric box limits of a robot's motors.
 
     Attributes:
-        track: distance between the driven wheels [m]; 0 where the base is no differential drive.
-        wheel_radius: radius of the driven wheels [m]; 0 where the base is no differential drive.
+        track: distance between the driven wheels [m]; 0 where the base is not a differential drive.
+        wheel_radius: radius of the driven wheels [m]; 0 where the base is not a differential drive.
         drive_speed: (k,) limits of the drive coordinates: rims left, right [m/s] (k = 2), or the body's x, y, yaw
             [m/s, m/s, rad/s] (k = 3), or none (k = 0).
         drive_acceleration: (k,) limits of their change [m/s² or rad/s²].
-        joint_speed: (n,) [rad/s or m/s].
-        joint_acceleration: (n,) [rad/s² or m/s²].
+        joint_speed: (n,) limits of the joints' speeds [rad/s or m/s].
+        joint_acceleration: (n,) limits of their accelerations [rad/s² or m/s²].
     """
 
     track: NonNegative
@@ -233,15 +233,18 @@ class MotionLimits(Summary):
             wheel_speed: largest speed of a driven wheel's rim [m/s]; from the URDF's wheels where None.
             wheel_acceleration: largest acceleration of a rim [m/s²].
             track: distance between the driven wheels [m]; from the URDF where None.
-            wheel_radius: [m]; from the URDF where None.
-            base_speed: x, y, yaw [m/s, m/s, rad/s] of an omnidirectional base, in its own frame.
-            base_acceleration: the same of their change [m/s², m/s², rad/s²].
-            joint_speed: of all joints, or joint → value [rad/s or m/s]; what is not given is the model's.
-            joint_acceleration: of all revolute joints [rad/s²], or joint → value; what is not given: 4 rad/s².
-            prismatic_acceleration: of the prismatic joints that ``joint_acceleration`` does not name [m/s²].
+            wheel_radius: radius of the driven wheels [m]; from the URDF where None.
+            base_speed: largest speeds x, y, yaw [m/s, m/s, rad/s] of an omnidirectional base, in its own frame.
+            base_acceleration: its largest accelerations [m/s², m/s², rad/s²].
+            joint_speed: largest speed of all joints, or joint → value [rad/s or m/s]; joints not named keep the
+                model's.
+            joint_acceleration: accelerations of all revolute joints [rad/s²], or joint → value; what is not given: 4
+                rad/s².
+            prismatic_acceleration: accelerations of the prismatic joints that ``joint_acceleration`` does not name
+                [m/s²].
 
         Raises:
-            ParameterError: a limit that is neither stated by the robot's description nor given, or is out of range.
+            ParameterError: a limit that neither the robot's description nor the caller gives, or that is out of range.
         """
         check_type("robot", robot, RobotModel, RobotError)
         speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
@@ -322,7 +325,7 @@ class MotionLimits(Summary):
         return np.concatenate([self.to_twist(y[..., :k]), y[..., k:]], axis=-1)
 
     def scaled(self, speed: float, acceleration: float) -> MotionLimits:
-        """The same limits times a factor of the speeds and one of the accelerations, each > 0."""
+        """The limits with speeds and accelerations each multiplied by a factor > 0."""
         return replace(
             self,
             drive_speed=self.drive_speed * speed,

@@ -21,8 +21,8 @@ class Drag:
 
     Attributes:
         kind: which of them.
-        name: of the obstacle; None for the goal.
-        hand: of the goal, whether it is the hand's; else it is the base's.
+        name: name of the obstacle; None for the goal.
+        hand: for the goal, whether it is the hand's; else it is the base's.
         shift: (3,) displacement since it was grabbed [m], world frame.
         turn: about the vertical through its own origin since it was grabbed [rad].
     """

@@ -63,7 +63,7 @@ class LiveStrip:
             viewer: shows it and is dragged in; none where None.
             params: the deformer's.
             rate: ticks a second.
-            speed: of what is moved [m/s].
+            speed: speed of what is moved [m/s].
             thread: False leaves it to the caller to call :meth:`tick`, and time goes on by 1 / ``rate`` each.
 
         Raises:

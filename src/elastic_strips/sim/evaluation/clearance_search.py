@@ -29,7 +29,7 @@ class _Link:
     """A convex piece of the robot with what bounds it.
 
     Attributes:
-        name: of the piece; joint: that carries it; placement: (4, 4) in the joint's frame.
+        name: name of the piece; joint: that carries it; placement: (4, 4) in the joint's frame.
         shape: Coal's; rounded: the same, a sphere as a capsule of no length.
         corners: (8, 3) of its box; centre (3,), radius [m]: of a sphere about it; all in the shape's frame.
         lever: (nv,) most that any of its points moves for one unit of each velocity [m].

@@ -68,7 +68,7 @@ class Evaluation(Summary):
             ``*_acceleration``; ``command_*`` are commands. Empty without limits.
         path_m: length of the base's true path; of the joints' path [rad] for a fixed base.
         time_s: between the first and the last sample.
-        rest_s: of it at rest, see `REST_SPEED`.
+        rest_s: part of that time at rest, see `REST_SPEED`.
         reached: whether the last sample is at the goal; None without a goal.
         reached_s: time since the first sample from which on the robot was at the goal; None if it is not at the end.
         queries: number of measured exact distances.
@@ -148,7 +148,7 @@ def evaluate(
         limits: to compare with; not compared where None.
         goal: coordinate row (nv,) of the goal; the record's where None.
         tolerance: how near counts as reached.
-        accuracy: of the least distance [m].
+        accuracy: accuracy of the least distance [m].
 
     Raises:
         RecordError: another robot than the recorded one, or a motion that is not finite or not ascending in time.
@@ -331,10 +331,10 @@ def protective_separation(
     the errors of the sensed position and of its own. It is for comparison, not a claim of conformity.
 
     Args:
-        limits: of the motors.
-        params: of the drive.
+        limits: limits of the motors.
+        params: parameters of the drive.
         perception: delay of the sensed scene.
-        speed: of the base [m/s]; its largest where None.
+        speed: speed of the base [m/s]; its largest where None.
         approach: speed of the person [m/s].
     """
     v = float(limits.drive_speed[:2].max(initial=0.0)) * params.speed_scale if speed is None else speed

@@ -25,7 +25,7 @@ class Visibility:
     """Visibility of an obstacle to a laser.
 
     Attributes:
-        name: of the obstacle.
+        name: name of the obstacle.
         low, high: its range of heights [m].
         in_plane: whether the scan's plane cuts it.
         in_view: share of its parts that the plane cuts of which the middle or a corner of the bounding box
@@ -48,7 +48,7 @@ def visible_to(points: Array, scan: LaserScan, base_pose: ArrayLike, *, thicknes
         points: (n, 3) in the world [m].
         scan: whose sensor it is; its ranges do not matter.
         base_pose: (x [m], y [m], yaw [rad]) of the base.
-        thickness: of the plane, to either side [m].
+        thickness: thickness of the plane, to either side [m].
 
     Returns:
         (n,) true where a point is at the plane's height, in the field of view, and within range.
@@ -122,10 +122,10 @@ def unseen_contacts(
     (above or below its plane, or behind the robot) are no failures of its processing.
 
     Args:
-        record, evaluation: of the run.
+        record, evaluation: record and evaluation of the run.
         robot: that drove.
         world: the true obstacles.
-        sensors: of the robot; only its lasers count.
+        sensors: the robot's sensors; only its lasers count.
     """
     lasers = tuple(
         replace(sensor, noise=0.0, noise_ratio=0.0, dropout=0.0, latency=0.0)

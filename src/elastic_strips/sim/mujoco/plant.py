@@ -28,10 +28,10 @@ class Touch:
     """A present contact of a robot's link.
 
     Attributes:
-        link: of the robot.
+        link: the robot's link.
         other: obstacle, or ``"floor"``.
         depth: how deep they are in one another [m].
-        speed: of the link at the point of contact [m/s]; 0 for a robot at rest.
+        speed: speed of the link at the point of contact [m/s]; 0 for a robot at rest.
     """
 
     link: str
@@ -48,7 +48,7 @@ class TouchEvent:
         link, other: in contact.
         start, end: first and last time [s].
         depth: largest depth [m].
-        speed: of the link at the point of contact when it began [m/s].
+        speed: speed of the link at the point of contact when it began [m/s].
     """
 
     link: str
@@ -75,8 +75,8 @@ class MujocoPlant:
         limits: what its motions are planned with.
         scene: obstacles, or a world of them over time; None for an empty floor.
         params: lags, jitter, speed margin and sensors.
-        seed: of all noise, or a generator.
-        timestep: of the simulation [s].
+        seed: seed of all noise, or a generator.
+        timestep: time step of the simulation [s].
 
     Raises:
         MissingExtraError: mujoco (extra ``sim``) is not installed.

@@ -56,7 +56,7 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
     straight line beside it. Start (0, 0) and goal (8, 0) have a free disc.
 
     Args:
-        seed: of the generator.
+        seed: seed of the generator.
         obstacles: number of obstacles, walls included.
 
     Raises:

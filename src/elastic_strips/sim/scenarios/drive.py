@@ -53,8 +53,8 @@ class DriveOutcome(Summary):
     """Result of driving a scenario.
 
     Attributes:
-        scenario, robot, plant, seed: of the drive.
-        result: of the loop, with its record.
+        scenario, robot, plant, seed: what was driven.
+        result: result of the loop, with its record.
         evaluation: from the true states.
         separation: protective separation distance [m] at the robot's largest speed; None for a method without certified
             stops.
@@ -125,7 +125,7 @@ def make_simulation(
     Args:
         scenario: the problem.
         robot: another robot than the scenario's.
-        seed: of plan, plant and noise; the scenario's where None.
+        seed: seed of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
         evade: whether to leave the strip to avoid moving obstacles, rather than only to brake and wait; where
             ``params`` are given, they say so.
@@ -133,11 +133,11 @@ def make_simulation(
         alternatives: number of strips on different sides of the obstacles that are deformed in parallel; the robot
             switches to another one where its strip is given up.
         level: a frame of the robot that is to stay as level as it is at the start; none where empty.
-        params: of the drive; the defaults with the scenario's parameters of the strip where None.
-        limits: of the robot; those of its description where None.
+        params: parameters of the drive; the defaults with the scenario's parameters of the strip where None.
+        limits: limits of the robot; those of its description where None.
         faults: injected faults.
         perception: noise and delay of a known scene.
-        watch, realtime, compute: of :func:`~elastic_strips.sim.simulation`.
+        watch, realtime, compute: as for :func:`~elastic_strips.sim.simulation`.
 
     Raises:
         InputError: start or goal in collision, an unknown plant, …
@@ -170,8 +170,9 @@ def make_realtime(
     """As :func:`make_simulation`, but against the wall clock: machine and executor run in processes of their own.
 
     Args:
-        scenario, robot, seed, evade, sensors, alternatives, level, params, limits, faults: of :func:`make_simulation`.
-        watch, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
+        scenario, robot, seed, evade, sensors, alternatives, level, params, limits, faults: as for
+            :func:`make_simulation`.
+        watch, eager: as for :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
         log: file that the executor writes while it drives; a temporary one where None.
 
     Raises:
@@ -213,7 +214,7 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
     Args:
         scenario: the problem, with its own parameters of the strip.
         evade: whether to leave the strip to avoid moving obstacles.
-        sensors: of the robot; a known scene where None.
+        sensors: the robot's sensors; a known scene where None.
     """
     deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
     params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)

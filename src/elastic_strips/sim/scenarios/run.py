@@ -33,13 +33,13 @@ class RunResult(Summary):
     """Result of running a scenario.
 
     Attributes:
-        scenario, robot, params: of the run.
+        scenario, robot, params: what was run.
         initial: the strip before its deformation.
         report: last report; its strip is the result.
         method: source of the initial strip: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
-        reason: of the result, in words.
+        reason: reason of the result, in words.
         passing_side: see :func:`passing_side`.
-        seed: of the planner.
+        seed: seed of the planner.
         ticks: all ticks; tick_seconds: the duration of each.
         time_to_certified: time until the first certified strip [s], or None.
         frames: strips along the deformation, for animation (first and last included).
@@ -100,7 +100,7 @@ def run_scenario(
         scenario: the problem.
         robot: another robot than the scenario's.
         preset: ``"default"`` or ``"paper"``; the scenario's where None.
-        seed: of the planner; the scenario's where None.
+        seed: seed of the planner; the scenario's where None.
         overrides: further parameter overrides.
         watch: called with every tick's report.
         timeout: longest planning [s].

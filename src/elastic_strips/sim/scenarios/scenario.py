@@ -37,7 +37,7 @@ class Scenario(Summary):
         postures: robot name → joint values of both ends, for robots that the joints of ``start`` and ``goal`` do not
             fit.
         gap: names of two obstacles that define the passing side (between, around-left, around-right), or None.
-        seed: of everything random.
+        seed: seed of everything random.
         timeline: all obstacles with the times at which they appear and vanish; None where ``scene`` holds all of them;
             use :attr:`world`.
         speed_class: bound of the speeds of moving obstacles [m/s], or None where none is stated.

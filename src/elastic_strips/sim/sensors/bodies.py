@@ -96,7 +96,7 @@ class SensorMount:
     """Sensors that are fixed to links of a robot.
 
     Args:
-        posture: of the robot.
+        posture: posture of the robot.
         frames: names of the links.
 
     Attributes:
@@ -248,7 +248,7 @@ class ObstacleRays:
     """Workspace: the obstacles of a world, to cast rays against.
 
     Args:
-        world: of the obstacles.
+        world: the obstacles over time.
 
     Raises:
         MissingExtraError: an obstacle is a hull, a mesh, voxels or points, and Embree is not installed.
@@ -322,10 +322,10 @@ class SelfFilter:
     others are thicker by the padding. A body in which a ray begins is the sensor's housing, and ignored.
 
     Args:
-        posture: of the robot.
+        posture: posture of the robot.
         joint: (R,) joints that carry the rays.
         local: the rays in the joints' frames.
-        padding: of the bodies that move before the sensor [m].
+        padding: padding of the bodies that move before the sensor [m].
 
     Raises:
         MissingExtraError: a body is no primitive, and Embree is not installed.

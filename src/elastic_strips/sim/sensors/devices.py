@@ -30,7 +30,7 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
 
     Args:
         distance: (R,) true ones [m]; infinite without a hit, NaN where unknown.
-        params: of the device.
+        params: parameters of the device.
         rng: source of noise and dropouts.
 
     Returns:
@@ -91,7 +91,7 @@ def cone_rays(half_angle: float, count: int) -> Array:
     """Directions (count, 3) that fill a cone about the x axis evenly; the first is the axis, the last on the rim.
 
     Args:
-        half_angle: of the cone [rad].
+        half_angle: half angle of the cone [rad].
         count: how many.
     """
     k = np.arange(count)
@@ -103,11 +103,11 @@ class SonarArray:
     """Workspace: one ring of sonars or infrared sensors on a robot; one group of them fires at a time.
 
     Args:
-        params: of the devices.
-        posture: of the robot, placed by the caller before a reading.
-        obstacles: of the world.
+        params: parameters of the devices.
+        posture: posture of the robot, placed by the caller before a reading.
+        obstacles: the world's obstacles.
         rng: source of noise, dropouts and crosstalk.
-        self_padding: of the links that move before the sensors [m].
+        self_padding: padding of the links that move before the sensors [m].
 
     Raises:
         RobotError: the robot has no such link.
@@ -199,10 +199,10 @@ class SensorSuite:
 
     Args:
         robot: that carries them.
-        world: of obstacles.
-        config: of the sensors.
-        seed: of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of its
-            own.
+        world: the obstacles over time.
+        config: configuration of the sensors.
+        seed: seed of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of
+            its own.
         time: at which the sensors begin [s].
 
     Raises:

@@ -34,7 +34,7 @@ class RangeParams:
     """What all range sensors have in common.
 
     Attributes:
-        name: of the sensor; its readings carry it.
+        name: name of the sensor; its readings carry it.
         range_min, range_max: shortest and longest range that it can tell [m].
         rate: firings per second [Hz].
         latency: from a measurement to the time at which it can be read [s].
@@ -93,7 +93,7 @@ class RingParams(RangeParams):
     Attributes:
         kind: ``"sonar"`` or ``"infrared"``.
         frames: links of the URDF, one for each sensor, which looks along its x axis; in order around the robot.
-        half_angle: of the cone that a sensor sees [rad].
+        half_angle: half angle of the cone that a sensor sees [rad].
         rays: rays in that cone; the nearest echo counts.
         max_incidence: angle between a ray and the normal of a surface beyond which the surface reflects it away [rad].
         crosstalk: probability that a sensor hears the echo of its neighbour in the group that fires with it [-].
@@ -244,7 +244,7 @@ def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
     """The range sensors that a YAML file describes.
 
     Args:
-        path: of the file; None for the Silvermate's.
+        path: the file; None for the Silvermate's.
 
     Returns:
         The sensors in the order of the file; what it leaves out is as `LaserParams`, `SonarParams` and

@@ -50,12 +50,12 @@ class Sweep:
     """Everything that a sweep runs.
 
     Attributes:
-        path: of its file.
+        path: its file.
         kind: ``"plan"``, as ``elastic-strips run`` does it, or ``"drive"``, as ``elastic-strips drive`` does.
         scenarios: names, or files relative to the sweep's.
         robots: names or URDF files; None: that of the scenario.
-        presets: of the parameters, for plans; None: that of the scenario.
-        seeds: of everything random.
+        presets: presets of the parameters, for plans; None: that of the scenario.
+        seeds: seeds of everything random.
         grid: parameter → its values; every combination is run.
         fixed: parameter → its value in every run.
         plot: what is drawn.

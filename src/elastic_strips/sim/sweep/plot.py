@@ -27,8 +27,8 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
 
     Args:
         sweep: that the rows are of.
-        rows: of the runs that are done.
-        path: of the picture: PNG, or what else Matplotlib writes by the ending.
+        rows: rows of the runs that are done.
+        path: the picture's file: PNG, or whatever else Matplotlib writes by the ending.
         plot: columns; what it leaves out comes from the sweep's file, and else from what varies: x is the first
             parameter (or scenario, robot, preset, seed) with several values, hue the next one, y ``clearance_m`` of
             plans and ``time_s`` of drives.

@@ -59,8 +59,8 @@ class Run:
         kind: one of `KINDS`.
         scenario: name or file of the scenario, as the sweep's file has it.
         robot: name or file of the robot; the scenario's where None.
-        preset: of the parameters, of a plan; the scenario's where None.
-        seed: of everything random.
+        preset: preset of the parameters, of a plan; the scenario's where None.
+        seed: seed of everything random.
         values: names of parameters, and their values.
         folder: that files are relative to.
         axes: how many of the values, the first ones, the sweep varies; they are columns.

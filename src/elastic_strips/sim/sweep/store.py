@@ -45,7 +45,7 @@ class SweepStore:
 
     Args:
         sweep: what is swept.
-        path: of the table: ``.csv``, ``.parquet`` (extra ``sweep``) or ``.jsonl``.
+        path: the table's file: ``.csv``, ``.parquet`` (extra ``sweep``) or ``.jsonl``.
 
     Attributes:
         rows: run → its last row.
@@ -304,7 +304,7 @@ def run_sweep(
     """Run what a store has no rows of; each row after it has been kept. A run that fails is a row with its error.
 
     Args:
-        store: of the sweep.
+        store: store of the sweep.
         processes: how many; one for each core where None.
         scheduler: address of a Dask scheduler; processes of this machine where None.
         retry_failed: whether to run again what ended in an error.
