@@ -64,7 +64,7 @@ class BaseController(ControlLoop[Sequence[Reading]]):
     ends at the goal, at a contact, or when the method has been blocked for :attr:`patience`.
 
     Args:
-        robot: with a differential drive.
+        robot: the robot, with a differential drive.
         start: configuration (nq,).
         goal: configuration (nq,); only the base's pose counts.
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
@@ -78,7 +78,7 @@ class BaseController(ControlLoop[Sequence[Reading]]):
     """
 
     tolerance: Tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
-    """How near counts as reached; of the base alone."""
+    """How near counts as reached, for the base alone."""
 
     def __init__(
         self,

@@ -124,8 +124,8 @@ class GoalParams(Checked):
     Attributes:
         position_tolerance: distance from the goal that counts as reached [m].
         yaw_tolerance: tolerance of the heading [rad].
-        progress: the remaining way has to become shorter by this much [m] …
-        patience: … within this time [s]; else the base counts as blocked.
+        progress: length [m] by which the remaining way has to become shorter within ``patience``.
+        patience: time [s] after which a base without such progress counts as blocked.
     """
 
     position_tolerance: Positive = 0.1

@@ -1,4 +1,4 @@
-"""Base methods in the scenarios of the package, and what steers by name."""
+"""Base methods in the scenarios of the package, and all steering methods by name."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def make_base_simulation(
     Args:
         scenario: the problem.
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
-        robot: another robot than the scenario's.
+        robot: a robot other than the scenario's.
         seed: seed of plant and sensors; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"``.
         sensors: sensors of the method; the Silvermate's where None.
@@ -65,7 +65,7 @@ def drive_by(
 
     Args:
         scenario, robot, seed, plant, time_limit: what is driven.
-        method: what steers.
+        method: the method that steers.
         **options: as for :func:`~elastic_strips.sim.scenarios.make_simulation` or :func:`make_base_simulation`.
     """
     check_choice("method", method, DRIVE_METHODS)

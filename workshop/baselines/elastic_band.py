@@ -104,7 +104,7 @@ def relaxed(chain: Array, free: FreeDistance, *, contraction: float, repulsion: 
 def connected(chain: Array, free: FreeDistance, *, least: float, overlap: float, most: int) -> Array | None:
     """The chain with inserted bubbles where neighbours do not overlap; None where it is broken.
 
-    It is broken where a bubble (but for the first, where the base is) is smaller than ``least``, or where it would
+    It is broken where a bubble (except the first, where the base is) is smaller than ``least``, or where it would
     need more than ``most`` bubbles.
 
     Args:
@@ -168,8 +168,8 @@ class ElasticBandParams:
         bubbles: largest number of bubbles.
         iterations: iterations of the forces per command.
         look_ahead: largest distance of the point that is driven to [m]; in a small bubble it is that bubble's size,
-            but at least ``look_least`` [m].
-        look_least: see there.
+            but at least ``look_least``.
+        look_least: least distance of that point [m].
         bubble_time: the base takes at least this long to cross the radius of the bubble that it is in, or of the next
             ones [s].
         min_speed: least speed along the band [m/s].

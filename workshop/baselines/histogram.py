@@ -39,7 +39,7 @@ def primary_histogram(
         sectors: K = 2π/α.
         cell: edge of a cell [m]; d counts in cells.
         reach: d_max [cells].
-        a: see above.
+        a: a of the formula.
         enlarged: r: radius of the base plus the distance it keeps [m].
     """
     distance = np.hypot(offsets[:, 0], offsets[:, 1])

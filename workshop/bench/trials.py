@@ -51,7 +51,7 @@ def bench_trials(
     Args:
         robot: name or URDF file.
         seeds: seeds of corridors, noise and times.
-        step: told of each trial.
+        step: called after each trial.
         kinds: kinds of `KINDS`; all where None.
     """
     rows = []

@@ -57,7 +57,8 @@ class PaperStudy(Summary):
 
     Attributes:
         runs: case → run with preset ``paper``.
-        rows: rows of the comparison; cells: of the parameter map.
+        rows: rows of the comparison.
+        cells: cells of the parameter map.
         files: paths of the written files.
     """
 
@@ -94,7 +95,7 @@ def paper_study(
         cases: the cases of Figs. 5 to 11.
         compared, methods: cases and methods of the comparison; none where empty.
         mapped: the case of the parameter map; none where empty.
-        processes: how many; one for each core where None.
+        processes: number of processes; one for each core where None.
         step: called after every run with its name.
 
     Raises:

@@ -31,10 +31,10 @@ def robot(
     name: str, base: str | None, described: LoadOptions, limits: options.GivenLimits, html_file: str | None,
     png_file: str | None, json_file: str | None,
 ) -> int:  # fmt: skip
-    """What is known of a robot, what is assumed and what is not looked at: joints, limits, shapes, pairs, meshes and
+    """What is known about a robot, what is assumed and what is not checked: joints, limits, shapes, pairs, meshes and
     frames.
 
-    Its URDF is read a second time, by yourdfpy; what that finds otherwise is said.
+    Its URDF is read a second time, by yourdfpy; differences are reported.
 
     Exit code 0: there is a card, whatever it says. 2: wrong input.
     """
@@ -76,7 +76,7 @@ def _draw(model: RobotModel, card: RobotCard, html_file: str | None, png_file: s
 
 
 def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
-    """How fast it may move: by whom that is said."""
+    """How fast the robot may move, and where that is stated."""
     from elastic_strips.robot.card import CardSection
     from elastic_strips.trajectory import MotionLimits
     from elastic_strips.trajectory.limits import sliding_joints

@@ -285,7 +285,7 @@ class _Loop:
         elif what in ("brake", "reject", "log", "stop", "resume"):
             getattr(executor, what)(*map(str, values))
         elif what != "beat":
-            raise ConfigurationError(f"{what!r} is no message")
+            raise ConfigurationError(f"{what!r} is not a message")
 
     def tell(self, t: float, command: Command, began: float, sent: float) -> None:
         """Tell planning and the log what has happened in this period."""

@@ -101,7 +101,7 @@ class Monitor:
                 faults.append("a fix is misread")
                 pose = None
             elif covariance is not None and not _is_covariance(covariance):
-                faults.append("the covariance of a fix is none")
+                faults.append("the covariance of a fix is not valid")
                 covariance = None
         self._last = replace(raw, drive=drive, joints=joints, pose=pose, pose_covariance=covariance)
         if drive is not None:

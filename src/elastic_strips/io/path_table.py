@@ -1,6 +1,6 @@
-"""IO room, path tables: rows of numbers become configurations: which column is what of the robot, and in what unit.
+"""IO room, path tables: rows of numbers become configurations: what each column is of the robot, and in which unit.
 
-What a file says and the robot does not follow is a *doubt*: what is proven then is not what the file holds.
+Something that a file says and the robot does not follow is a *doubt*: a proof would not be about the file's path.
 """
 
 from __future__ import annotations
@@ -81,20 +81,20 @@ _SUFFIX = re.compile(rf"(?P<stem>.+)[_\s](?P<unit>{'|'.join(map(re.escape, _UNIT
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathTable:
-    """What a file holds, before it is known what that is of a robot.
+    """The content of a file, before its columns are assigned to a robot.
 
     Attributes:
         source: the file.
-        names: (C,) of the columns, or None.
+        names: (C,) names of the columns, or None.
         rows: (N, C) numbers.
-        place: what to call row ``k`` in messages, and its line where that is known.
-        times: (N,) [s], or None.
-        units: (C,) units of the columns that a line below the names has; empty where there is none.
-        from_start: whether times are counted from where the robot sets off, as in a JointTrajectory.
+        place: name of row ``k`` in messages, and its line if that is known.
+        times: (N,) times [s], or None.
+        units: (C,) units of the columns from a line below the names; empty without such a line.
+        from_start: whether times are counted from when the robot sets off, as in a JointTrajectory.
         metres: whether lengths are in metres, as in messages of ROS.
         stamp: when it sets off, in the file's own time [s].
-        start: names of which the file has the start state alone.
-        notes, doubts, time_doubts: what the reader has to say, as of ``PathFile``.
+        start: names for which the file has only a start state.
+        notes, doubts, time_doubts: the reader's own, as for ``PathFile``.
     """
 
     source: Source
@@ -119,13 +119,14 @@ class PathTable:
 
 @dataclass(slots=True)
 class PlacedPath:
-    """Coordinates of a robot, and what was found on the way.
+    """Coordinates of a robot, and findings on the way.
 
     Attributes:
         coordinates: (N, nv), as in the file: angles are not wrapped.
         valued: whether the file has values of angles, and not their (cos, sin).
-        times: (N,) [s], or None; from_start: as of `PathTable`.
-        notes, doubts, time_doubts, held: as of ``PathFile``.
+        times: (N,) times [s], or None.
+        from_start: as for `PathTable`.
+        notes, doubts, time_doubts, held: as for ``PathFile``.
     """
 
     coordinates: Array
@@ -164,7 +165,7 @@ def place_table(
 ) -> PlacedPath:
     """Configurations of the robot from columns, by their names where there are any.
 
-    Args: as of ``load_path``.
+    Args: as for ``load_path``.
 
     Raises:
         ConfigurationError: the columns or values do not fit the robot.
@@ -559,7 +560,7 @@ def _factor(table: PathTable, column: _Column, of: str, angles: Angles | None = 
     kind, factor = _UNITS.get(column.unit.lower(), ("", 0.0))
     if kind != of:
         valid = ", ".join(unit for unit, (what, _) in _UNITS.items() if what == of)
-        table.source.fail(f"column {column.name!r}: {column.unit!r} is no known unit of {of}. Valid: {valid}")
+        table.source.fail(f"column {column.name!r}: {column.unit!r} is not a known unit of {of}. Valid: {valid}")
     return factor
 
 
@@ -584,7 +585,7 @@ def _clock(table: PathTable, columns: list[_Column], placed: PlacedPath) -> None
     since = placed.times - placed.times[0]
     for column, times in found:
         if np.abs(times - times[0] - since).max() > 1e-3:
-            placed.time_doubts.append(f"the times of {column.name} go otherwise than those of {found[0][0].name}")
+            placed.time_doubts.append(f"the times of {column.name} differ from those of {found[0][0].name}")
 
 
 def _split(name: str) -> tuple[str, bool]:
@@ -624,7 +625,7 @@ def _left_out(
             if of == "time" or (
                 column.kind == "base" and column.number < 3 and (of == "angle") != (column.number == 2)
             ):
-                table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit that is known for it")
+                table.source.fail(f"column {column.name!r}: {column.unit!r} is not a known unit for it")
             values = values * factor
         if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or np.abs(at).max() <= LIMIT_TOLERANCE):
             continue
@@ -646,11 +647,11 @@ def _left_out(
 
 
 _UNLIKE = {
-    "held": "held still otherwise than in the file: {}. Hold them there (--lock NAME=VALUE, locked=), or plan those "
+    "held": "held still elsewhere than in the file: {}. Hold them there (--lock NAME=VALUE, locked=), or plan those "
     "that move (--joints, joints=)",
-    "base": "the base is fixed otherwise than in the file: {}. Let it move (--base omni or diff_drive), or say that "
+    "base": "the base is fixed elsewhere than in the file: {}. Let it move (--base omni or diff_drive), or say that "
     "these are not the base's (--ignore NAME, ignore=)",
-    "named": "columns may be joints of the robot, which are called otherwise: {}. Call them as the robot does, or say "
+    "named": "columns may be joints of the robot under other names: {}. Name them as the robot does, or say "
     "that they do not matter (--ignore NAME, ignore=)",
     "other": "columns that are left out change: {}. Plan what they move (--joints, joints=), or say that they do not "
     "matter (--ignore NAME, ignore=)",

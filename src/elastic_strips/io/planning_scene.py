@@ -2,7 +2,7 @@
 
 Objects have a frame, a pose in it, and shapes with poses in the object; older messages have no pose of the object. The
 frame is the planning frame, one of ``fixed_frame_transforms``, another object, or a subframe ``object/name`` of one.
-What the robot holds is no obstacle: it moves with a link of the robot, as `AttachedObject` says.
+A held object is not an obstacle: it moves with a link of the robot, see `AttachedObject`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _BOX, _SPHERE, _CYLINDER, _CONE, _PRISM = range(1, 6)  # types of a SolidPrimiti
 _DIMENSIONS = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2, _CONE: 2, _PRISM: 1}
 _USUAL_WORLDS = ("", "world", "map")
 _ODOMETRY = ("odom", "odom_combined")
-"""Frames that are taken for the world, as those of a path's poses are."""
+"""Frames that count as the world, as for a path's poses."""
 _NORM_TOLERANCE = 1e-2  # of a quaternion, as it may have been printed in few digits
 _EMPTY_NORM = 1e-9
 _AFTER = re.compile(r"\n---\s*\Z")
@@ -56,15 +56,15 @@ _Make = Callable[..., Obstacle]
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AttachedObject(Summary):
-    """What a link of the robot holds.
+    """An object that a link of the robot holds.
 
     Attributes:
         name: name of the object.
-        link: that holds it.
+        link: the link that holds it.
         touch: names of further links that may touch it.
         shapes: its shapes, as obstacles in ``frame``.
-        frame: in which they are: the link's name, or that of another frame of the robot; None: the world.
-        weight: [kg].
+        frame: frame of the shapes: the link's name, or that of another frame of the robot; None: the world.
+        weight: its mass [kg].
     """
 
     name: str
@@ -77,14 +77,14 @@ class AttachedObject(Summary):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PlanningScene(Summary):
-    """What a message holds.
+    """The content of a message.
 
     Attributes:
         scene: the obstacles.
         attached: what the robot holds.
         joints: the robot's joints in the scene's state, by name [rad or m].
         base: (x, y, yaw) of the robot's base in it [m, m, rad], or None.
-        frame: the frame that is taken as the world, "" where none is named.
+        frame: the frame that counts as the world, "" where none is named.
     """
 
     scene: Scene
@@ -98,7 +98,7 @@ class PlanningScene(Summary):
 
         Args:
             robot: the robot.
-            q: (nq,) where it stood when the scene was seen, or None.
+            q: (nq,) configuration of the robot when the scene was seen, or None.
 
         Raises:
             SceneError: the frame moves, and it is not known where it was; or it is neither the robot's nor one that
@@ -120,7 +120,7 @@ class PlanningScene(Summary):
         return robot.frame_pose(robot.home_q if q is None else q, self.frame)
 
     def attached_at(self, pose: Array) -> tuple[AttachedObject, ...]:
-        """What the robot holds, where the scene's frame has the pose (4, 4)."""
+        """The held objects, if the scene's frame has the pose (4, 4)."""
         return tuple(
             replace(thing, shapes=tuple(shape.moved(pose @ shape.pose) for shape in thing.shapes))
             if thing.frame is None else thing
@@ -128,10 +128,10 @@ class PlanningScene(Summary):
         )  # fmt: skip
 
     def held_by(self, robot: RobotModel) -> RobotModel:
-        """The robot with what it holds in the scene: `RobotModel.attached` for every shape.
+        """The robot with the objects that it holds in the scene: `RobotModel.attached` for every shape.
 
         Raises:
-            RobotError: it has no such link, or the link does not move.
+            RobotError: the robot has no such link, or the link does not move.
             ConfigurationError: an object stands in another frame than its link, and the scene's state does not fit.
         """
         held = robot
@@ -191,8 +191,8 @@ def load_message(path: str | os.PathLike[str]) -> Node:
 def read_planning_scene(path: str | os.PathLike[str], *, planes: str = "blocked") -> PlanningScene:
     """Read a ``moveit_msgs/PlanningScene``, its world alone, or the answer of the service ``get_planning_scene``.
 
-    Obstacles are called as the objects are; those of an object of several shapes have a number after it. The planning
-    frame is taken as the world. A plane has no end: it becomes a slab (`plane_slab`). Taken over are no colours,
+    Obstacles have the objects' names; those of an object of several shapes have a number after it. The planning
+    frame counts as the world. A plane has no end: it becomes a slab (`plane_slab`). Not taken over are colours,
     allowed collisions, paddings and scales of links: a warning in the log says so.
 
     Args:
@@ -270,12 +270,12 @@ class _Reader:
         self._dropped += [f"the key {shown(key)}" for key in entries if key not in known]
 
     def _say(self, entries: Mapping[str, Node]) -> None:
-        """Warn of what is not taken over."""
+        """Warn about everything that is not taken over."""
         root = self._root
         if count := len(_list(entries, "object_colors")):
             self._dropped.append(f"{count} colours")
         if _given(entries, "is_diff") and entries["is_diff"].value is True:
-            self._dropped.append("what the scene that this one is a difference to (is_diff) has")
+            self._dropped.append("the contents of the scene to which this one is a difference (is_diff)")
         for key, usual in (("link_padding", 0.0), ("link_scale", 1.0)):
             what = key.removeprefix("link_")
             values = [node[what].finite() for node in _list(entries, key)]
@@ -368,7 +368,7 @@ class _Reader:
         T = self._placed(node, entries) @ (_pose(entries["pose"]) if _given(entries, "pose") else np.eye(4))
         if operation == _MOVE:
             if name not in self._objects:
-                node.fail(f"moves the object {shown(name)}, which the scene has not")
+                node.fail(f"moves the object {shown(name)}, which the scene does not have")
             self._objects[name].pose = T
             return
         shapes, subframes = self._shapes(entries), self._subframes(entries)

@@ -31,7 +31,7 @@ from .leaving import MOST_DEPTH
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
 _FAR = 200.0  # [m] a warning is logged for a goal farther away
-_ENDLESS = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
+_ENDLESS = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside a map
 _HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
 _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
@@ -120,7 +120,7 @@ class PlanningProblem:
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
-        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
+        ConfigurationError: start or goal is not valid, in collision, too far away or outside the bounds, or does not
             satisfy the constraint; names the pair, or the distance.
         ParameterError: a seed, timeout or bounds outside its range, something that is not a deformer of this robot, or
             a constraint together with a deformer.
@@ -309,7 +309,7 @@ def ease(deformer: Deformer, nearest: list[Near]) -> str:
         if _LEAST_ROOM < near.distance <= least[near.bound]:
             least[near.bound] = 0.5 * near.distance
             said.append(
-                f"proven with {1e3 * least[near.bound]:.2g} mm, for at the {near.what} {near.one!r} is "
+                f"proven with {1e3 * least[near.bound]:.2g} mm, as at the {near.what} {near.one!r} is "
                 f"{1e3 * near.distance:.2g} mm from {near.two!r}"
             )
     if said:
@@ -434,6 +434,6 @@ def _checked_bounds(bounds: npt.ArrayLike, endpoints: Array) -> _Box:
     for what, at in zip(("start", "goal"), endpoints, strict=True):
         if (at < low).any() or (at > high).any():
             raise ConfigurationError(
-                f"{what}: the base at x={at[0]:.6g}, y={at[1]:.6g} m is outside of bounds={corners.tolist()}"
+                f"{what}: the base at x={at[0]:.6g}, y={at[1]:.6g} m is outside bounds={corners.tolist()}"
             )
     return low, high

@@ -192,8 +192,8 @@ def inverse_kinematics(
 
     Raises:
         RobotError: an unknown frame, or one that does not move.
-        ConfigurationError: ``near`` is not sound.
-        ParameterError: a target or number that is not sound.
+        ConfigurationError: ``near`` is not valid.
+        ParameterError: a target or number that is not valid.
     """
     if count < 1:
         raise ParameterError(f"count={count!r} must be at least 1")
@@ -278,7 +278,7 @@ class PoseSearch(OneThread):
         return rows[np.argsort(np.linalg.norm(space.difference(here, rows), axis=1), kind="stable")]
 
     def missed(self) -> str:
-        """Why nothing was found, for people."""
+        """Why nothing was found, in words."""
         frame = self._solver.frame
         if self.distance > _POSITION_TOLERANCE:
             return f"{self.distance:.3g} m out of reach of {frame!r}"

@@ -180,7 +180,7 @@ def load_robot(
     for joint, (leader, multiplier, offset) in source.followers.items():
         wanted = multiplier * robot.locked.get(leader, 0.0) + offset
         if abs(robot.locked.get(joint, wanted) - wanted) > LIMIT_TOLERANCE:
-            why = "; it is locked" if joint in (locked or {}) else ", outside of its limits; it is held"
+            why = "; it is locked" if joint in (locked or {}) else ", outside its limits; it is held"
             _log.warning("%s: joint %r mimics %r, which puts it at %.6g%s at %.6g",
                          name, joint, leader, wanted, why, robot.locked[joint])  # fmt: skip
     compare_states(name, semantics, robot.followers)
@@ -215,7 +215,7 @@ def _at_home(
     made: dict[tuple[tuple[str, float], ...], RobotModel] = {}
     for what, values in _homes(home, semantics, source, resting):
         if not all(within_limits(value, source, joint) for joint, value in values.items()):
-            passed.append(f"{what} is outside of the limits")
+            passed.append(f"{what} is outside the limits")
             continue
         held = tuple(sorted(still(values).items()))
         if held in made:  # only its home differs

@@ -133,7 +133,7 @@ def with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, f
             name, value = leader, (value - constant) / multiplier + 0.0  # no −0
             if not within_limits(value, source, leader):
                 low, high = source.joint_limits[leader]
-                raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
+                raise RobotError(f"{where} would be at {value:.6g}, outside its limits [{low:.6g}, {high:.6g}]")
             if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
                 raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
             above, multiplier, constant = source.followers.get(leader, ("", 0.0, 0.0))

@@ -121,7 +121,7 @@ def _states(root: etree._Element, source: Path, robot: UrdfSource, mends: Mends)
             else:
                 values[key] = _value(joint, robot, f"{source}:{joint.sourceline}: state {name!r}")
                 if not within_limits(values[key], robot, key):
-                    mends.add("joints outside of their limits in a state, which cannot be taken", f"{name}: {key}")
+                    mends.add("joints outside their limits in a state, which cannot be taken", f"{name}: {key}")
     return {name: values for name, values in states.items() if values}
 
 

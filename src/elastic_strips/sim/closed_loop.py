@@ -55,7 +55,7 @@ class Simulation(Generic[_Driver]):
         realtime: whether to wait for the wall clock.
         record: whether to record every step; without it a result has a record of the last steps only.
         metadata: plain JSON values to keep with the record.
-        computing: what the controller's computing costs, for the result.
+        computing: cost of the controller's computing, for the result.
 
     Attributes:
         time: time of the present step [s].
@@ -102,7 +102,7 @@ class Simulation(Generic[_Driver]):
         self.controller.stop()
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called.
+        """Drive until the last goal is reached, the time is up, or :meth:`stop` was called.
 
         Args:
             time_limit: longest run [s]; ``params.time_limit`` where None.
@@ -213,7 +213,7 @@ class Simulation(Generic[_Driver]):
 
 
 def sensed_by(perception: Sensing, t: float) -> tuple[object, str]:
-    """What is sensed at time ``t`` [s], or None and why not."""
+    """The scene or readings at time ``t`` [s], or None and why there are none."""
     try:
         return perception.sense(t), ""
     except PerceptionError as error:
@@ -285,7 +285,7 @@ def simulation(
             of it, ``Simulation.world``, in which the result has to be evaluated.
         start: configuration (nq,).
         goal: configuration (nq,), or several of them (G, nq), one after the other.
-        limits, params, **options: of the :class:`Controller`.
+        limits, params, **options: as for the :class:`Controller`.
         plant: the machine; a :class:`KinematicPlant` where None.
         perception: noise and delay of the sensed scene, or a perception of one's own.
         faults: injected faults.
@@ -294,8 +294,8 @@ def simulation(
         make: makes the controller, from the known scene and its other arguments; a :class:`Controller` of ``start``
             and ``goal`` where None.
         compute: what computing costs in simulated time: ``"free"``: nothing, and equal seeds give equal runs; a factor:
-            so many times the processor time that it takes here; ``"work"``: the time that is modelled for the work that
-            was counted, alike everywhere.
+            this many times the processor time that it takes here; ``"work"``: the time that is modelled for the work
+            that was counted, the same everywhere.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.

@@ -1,4 +1,4 @@
-"""Perception: what the planner senses of the world, with delay and noise."""
+"""Perception: the planner's view of the world, with delay and noise."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PerceptionParams(Checked):
 
 
 class Sensing(Protocol):
-    """What a simulated robot senses: a scene (:class:`Perception`), or readings."""
+    """The senses of a simulated robot: a scene (:class:`Perception`), or readings."""
 
     @property
     def contact(self) -> str:
@@ -50,7 +50,7 @@ class Sensing(Protocol):
         ...
 
     def sense(self, t: float) -> object:
-        """What a controller takes at time ``t`` [s]."""
+        """The input of a controller at time ``t`` [s]."""
         ...
 
 

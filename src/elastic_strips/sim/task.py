@@ -26,7 +26,7 @@ class TaskResult(Summary):
     """Result of a task.
 
     Attributes:
-        done: whether all its steps were reached.
+        done: whether all steps were reached.
         reason: why it ended.
         deliberation: its steps.
         drive: result of the drive; None where the task could not be started.
@@ -49,7 +49,7 @@ class TaskSimulation:
         robot: the robot.
         world: the obstacles over time.
         start: configuration (nq,).
-        task: to be done.
+        task: the task to do.
         keep: constraint on the strip.
         params: parameters of the drive.
         perception: perception for all three layers; see :func:`simulation`.
@@ -102,7 +102,7 @@ class TaskSimulation:
         self.control = self.simulation.controller
 
     def run(self, *, time_limit: float | None = None) -> TaskResult:
-        """Do the task; at most for ``time_limit`` [s], that of the drive's parameters where None."""
+        """Do the task, for at most ``time_limit`` [s]; where None, that of the drive's parameters."""
         control = self.control
         if self.simulation is None or control is None:
             return TaskResult(False, self.deliberation.reason, self.deliberation, None, (), ())

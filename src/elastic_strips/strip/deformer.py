@@ -493,5 +493,5 @@ def _wide_spacing(spacing: float, nodes: int, params: DeformParams) -> str:
     """A phrase that says how far apart nodes are, if that is more than ``max_spacing``; else ""."""
     if spacing <= params.max_spacing * (1.0 + 1e-6):
         return ""
-    full = f", for there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
+    full = f", because there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
     return f"; its nodes are up to {spacing:.3g} m apart, more than max_spacing={params.max_spacing:g} m{full}"

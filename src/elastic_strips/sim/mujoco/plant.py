@@ -29,8 +29,8 @@ class Touch:
 
     Attributes:
         link: the robot's link.
-        other: obstacle, or ``"floor"``.
-        depth: how deep they are in one another [m].
+        other: the obstacle, or ``"floor"``.
+        depth: depth of penetration [m].
         speed: speed of the link at the point of contact [m/s]; 0 for a robot at rest.
     """
 
@@ -45,7 +45,7 @@ class TouchEvent:
     """A contact from its beginning to its end.
 
     Attributes:
-        link, other: in contact.
+        link, other: what is in contact.
         start, end: first and last time [s].
         depth: largest depth [m].
         speed: speed of the link at the point of contact when it began [m/s].
@@ -72,7 +72,7 @@ class MujocoPlant:
 
     Args:
         robot: a robot from a URDF, with a differential drive.
-        limits: what its motions are planned with.
+        limits: limits with which its motions are planned.
         scene: obstacles, or a world of them over time; None for an empty floor.
         params: lags, jitter, speed margin and sensors.
         seed: seed of all noise, or a generator.

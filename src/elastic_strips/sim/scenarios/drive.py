@@ -55,15 +55,15 @@ class DriveOutcome(Summary):
     Attributes:
         scenario, robot, plant, seed: what was driven.
         result: result of the loop, with its record.
-        evaluation: from the true states.
+        evaluation: evaluation of the true states.
         separation: protective separation distance [m] at the robot's largest speed; None for a method without certified
             stops.
-        method: what steered: `STRIP`, or another method's name.
+        method: the method that steered: `STRIP`, or another method's name.
         sensors: names of the simulated sensors; empty where the scene was known.
         physical_contacts: contacts in a physical plant, without wheels and casters on the floor.
         unseen: touched obstacles that had not been in a laser's view.
-        seen_collisions: contacts at speed with obstacles that were in view, or known; see `unseen_contacts`.
-        constraint_error: by how much [rad] the robot missed the drive's constraint at most; None without one.
+        seen_collisions: contacts at speed with obstacles that were in view or known; see `unseen_contacts`.
+        constraint_error: largest angle [rad] by which the robot missed the drive's constraint; None without one.
     """
 
     scenario: Scenario
@@ -124,10 +124,10 @@ def make_simulation(
 
     Args:
         scenario: the problem.
-        robot: another robot than the scenario's.
+        robot: a robot other than the scenario's.
         seed: seed of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
-        evade: whether to leave the strip to avoid moving obstacles, rather than only to brake and wait; where
+        evade: whether to leave the strip to avoid moving obstacles, rather than only brake and wait; where
             ``params`` are given, they say so.
         sensors: simulated sensors, from which alone the scene is estimated; a known scene where None.
         alternatives: number of strips on different sides of the obstacles that are deformed in parallel; the robot
@@ -173,7 +173,7 @@ def make_realtime(
         scenario, robot, seed, evade, sensors, alternatives, level, params, limits, faults: as for
             :func:`make_simulation`.
         watch, eager: as for :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
-        log: file that the executor writes while it drives; a temporary one where None.
+        log: file that the executor writes while it drives; a temporary file where None.
 
     Raises:
         InputError: start or goal in collision, …
@@ -312,7 +312,7 @@ def conclude(
 
 
 def _missed(driven: Simulation[_Driver], result: DriveResult) -> float | None:
-    """By how much [rad] the true robot missed the drive's constraint at most."""
+    """Largest angle [rad] by which the true robot missed the drive's constraint."""
     constraint = getattr(driven.params, "constraint", None)
     if constraint is None:
         return None

@@ -29,7 +29,7 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
     As many random numbers are drawn whatever the distances are, so that one range does not change the noise of another.
 
     Args:
-        distance: (R,) true ones [m]; infinite without a hit, NaN where unknown.
+        distance: (R,) true ranges [m]; infinite without a hit, NaN where unknown.
         params: parameters of the device.
         rng: source of noise and dropouts.
 
@@ -92,7 +92,7 @@ def cone_rays(half_angle: float, count: int) -> Array:
 
     Args:
         half_angle: half angle of the cone [rad].
-        count: how many.
+        count: number of directions.
     """
     k = np.arange(count)
     tilt, turn = half_angle * np.sqrt(k / max(count - 1, 1)), _GOLDEN * k
@@ -198,12 +198,12 @@ class SensorSuite:
     """Workspace: simulated range sensors of a robot in a world.
 
     Args:
-        robot: that carries them.
+        robot: the robot that carries them.
         world: the obstacles over time.
         config: configuration of the sensors.
         seed: seed of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of
             its own.
-        time: at which the sensors begin [s].
+        time: time at which the sensors begin [s].
 
     Raises:
         RobotError: the robot lacks a link of a sensor.
@@ -255,7 +255,7 @@ class SensorSuite:
         several have passed.
 
         Args:
-            t: the time, not before that of the last call.
+            t: the time [s], not before that of the last call.
             coordinates: (nv,) the robot's true coordinate row then.
 
         Raises:
