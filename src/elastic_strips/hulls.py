@@ -2,7 +2,7 @@
 
 ``coal.Convex.convexHull`` ends the process on points that are nearly flat, so the triangles come from Qhull. And Coal
 counts the neighbours of a corner in 8 bits: it refuses a hull where a corner has more than 255. Its distance queries
-grow with the number of corners, and so does what is kept: a hull of very many becomes a slightly larger one of few.
+grow with the number of corners, and so does the memory: a hull of very many becomes a slightly larger one of few.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def test_what_is_missing_or_no_gzip_is_named(gantry_urdf, tmp_path):
     with pytest.raises(ScenarioError, match="no problems of robot 'pr2'"):
         load_mbm(tmp_path, "pr2")
     (tmp_path / "mbm" / "panda" / "problems.json.gz").write_bytes(b"{}")
-    with pytest.raises(ScenarioError, match="is no gzip file"):
+    with pytest.raises(ScenarioError, match="gzip"):
         load_mbm(tmp_path, "panda")
     (tmp_path / "mbm" / "panda" / "problems.json.gz").write_bytes(gzip.compress(b" " * 30_000_000))
     with pytest.raises(ScenarioError, match="more than 20000000 bytes unpacked"):

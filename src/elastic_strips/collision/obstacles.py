@@ -45,7 +45,7 @@ class ObstacleProximity(OneThread):
         bound: (N, G, P) lower bounds [m].
         exact: (N, G, P) distances [m] where they were measured, else ∞.
         direction, witness: (N, G, P, 3) direction away from the obstacle, and nearest point on the robot.
-        margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
+        margin: (N,) every part that is not a candidate is at least this far [m] from the node's bodies.
     """
 
     bound: Array

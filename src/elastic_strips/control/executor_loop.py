@@ -253,7 +253,7 @@ class _Loop:
         """Do what a message says, where it can be done.
 
         Raises:
-            Exception: it is no message, or carries what is none of its kind; nothing was changed.
+            Exception: it is not a message, or its content is of another kind; nothing was changed.
         """
         if not isinstance(message, tuple) or not message:
             raise ConfigurationError(f"{message!r} is not a message")

@@ -135,7 +135,7 @@ def _motion_document(motion: Motion, name: str | None) -> Document:
 
 
 def obstacle_entries(obstacle: Obstacle, folder: Path) -> Document:
-    """What `obstacle_from_node` reads, for a scene file in that folder.
+    """The entry that `obstacle_from_node` reads, for a scene file in that folder.
 
     Twists are written with their pose at time 0. Meshes that came from a file are written as that file's relative path.
 

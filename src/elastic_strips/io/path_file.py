@@ -253,7 +253,7 @@ def _arrays(
                 names, rows = (*names, other), np.column_stack((rows, values))
     elif names is None:
         doubts += [
-            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, for the path is {name}"
+            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, because the path is {name}"
             for other, values in beside.items()
             if np.ptp(values) > LIMIT_TOLERANCE or (of_robot(other, robot) and bool(values.any()))
         ]

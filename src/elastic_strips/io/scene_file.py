@@ -170,7 +170,7 @@ def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, readi
     found = _scene_from_node(root, inner)
     if "at" in options:
         if found.held or found.areas:
-            raise SceneError(f"{path}: 'at' has to be said of its sources: maps and what a robot holds are among them")
+            raise SceneError(f"{path}: 'at' has to be given for its sources: maps or held objects are among them")
         found = replace(found, world=placed(found.world, pose_from(options["at"])))
     return found
 

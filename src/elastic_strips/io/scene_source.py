@@ -354,7 +354,7 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
 
 
 def bounded(found: SceneFile) -> SceneFile:
-    """The same with what stands for the outside its maps."""
+    """The same with obstacles that stand for the outside of its maps."""
     if not found.areas:
         return found
     world = joined([SceneFile(World(Scene(outside_of(found.areas))))], found.world).world

@@ -23,7 +23,7 @@ class SceneEstimatorParams:
             stretched.
         range_noise: standard deviation of a range.
         pose_noise: standard deviation of the base's position estimate from scan to scan.
-        padding: by which everything sensed is grown to each side, for the noise; at most a cell of the map.
+        padding: length by which everything sensed is grown to each side, for the noise; at most a cell of the map.
         break_angle: neighbouring points belong together where their line meets the ray at more than this angle.
         min_points: clusters of fewer points are not tracked (they are in the map all the same).
         max_round_radius: round things with a larger radius do not become cylinders.

@@ -173,7 +173,7 @@ def _troubles(robot: RobotModel) -> list[str]:
     found = []
     if robot.bare_links:
         found.append(
-            f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven of them: "
+            f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven about them: "
             f"{', '.join(robot.bare_links)}"
         )
     hit = robot.self_collision(robot.home_q)
@@ -226,14 +226,14 @@ def _pieces(robot: RobotModel) -> CardSection:
     rows.sort(key=lambda row: -float(row[4].split()[0]) if row[4] != "not known" else 0.0)
     return CardSection(
         "Convex pieces", ("piece", "kind", "links", "moved by", "reaches out of its shapes by"), tuple(rows),
-        "what is kept apart; a piece that reaches far out of its mesh refuses more than necessary",
+        "the pieces that are kept apart; a piece that reaches far out of its mesh refuses more than necessary",
     )  # fmt: skip
 
 
 def _bare(robot: RobotModel) -> CardSection:
     return CardSection(
         "Links that are drawn and have no collision shape", ("link",), tuple((link,) for link in robot.bare_links),
-        "nothing is proven of them; visual_as_collision takes what is drawn" if robot.bare_links else "",
+        "nothing is proven about them; visual_as_collision takes their drawn shapes" if robot.bare_links else "",
     )  # fmt: skip
 
 
@@ -265,7 +265,7 @@ def _meshes(robot: RobotModel) -> CardSection:
 
 def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
     """What a second reader reads differently: as troubles, and as a table."""
-    title, columns = "What another reader (yourdfpy) reads differently", ("difference",)
+    title, columns = "What another reader (yourdfpy) finds otherwise", ("difference",)
     source = robot.description
     if source is None:
         return [], CardSection(title, columns, (), "not asked: there is no URDF file")

@@ -1,4 +1,4 @@
-"""What a robot holds: another robot value, with a shape that a frame carries among its pieces and self pairs."""
+"""Held objects: another robot value, with a shape that a frame carries among its pieces and self pairs."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def followers_of(model: pin.Model) -> dict[str, Following]:
 
 
 def carrier_name(leader: str) -> str:
-    """What a leader's own joint is called in a model where another one has its name and moves it."""
+    """Name of a leader's own joint in a model where another joint has its name and moves it."""
     return f"{leader} (moved)"
 
 

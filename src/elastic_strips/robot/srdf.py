@@ -176,14 +176,14 @@ def _group(
                 mends.add("joints in <group> that the robot does not have", member.get("name"))
         elif member.tag == "link":
             if member.get("name") not in robot.links:
-                mends.add("links in <group> that the robot has not", member.get("name"))
+                mends.add("links in <group> that the robot does not have", member.get("name"))
             elif member.get("name") in robot.parents:
                 joints.append(robot.parents[member.get("name")][0])
         elif member.tag == "chain":
             ends = [member.get("base_link"), member.get("tip_link")]
             missing = [end for end in ends if end not in robot.links]
             for end in missing:
-                mends.add("links in <group> that the robot has not", end)
+                mends.add("links in <group> that the robot does not have", end)
             if not missing:
                 base, tip = (_joints_above(robot, end) for end in ends)
                 joints += [j for j in reversed(tip) if j not in base] + [j for j in base if j not in tip]

@@ -252,14 +252,14 @@ def test_what_is_no_record_is_refused(tmp_path):
         read_record(tmp_path)
     for content in (b"", b"P", b"time,state\n0.0,moving\n", b"\x93NUMPY\x01\x00"):
         target.write_bytes(content)
-        with pytest.raises(RecordError, match=r"no \.npz file at all"):
+        with pytest.raises(RecordError, match=r"\.npz file"):
             read_record(target)
     np.savez(target, time=np.zeros(3))
     with pytest.raises(RecordError, match="no array 'metadata'"):
         read_record(target)
     for metadata in (np.array("{"), np.array("[]"), np.zeros(3), np.array('{"format": "other"}')):
         np.savez(target, metadata=metadata)
-        with pytest.raises(RecordError, match="is no record"):
+        with pytest.raises(RecordError, match=r"elastic-strips-record|metadata"):
             read_record(target)
     np.savez(target, metadata=np.array([{"a": 1}], dtype=object))
     with pytest.raises(RecordError, match="cannot read"):
