@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--start-depth", type=options.Finite(0.0, 0.05), default=0.0, metavar="M",
-    help="A start that touches by at most so much [m] is left along growing distance, and certified from where it is "
+    help="A start that touches by at most this much [m] is left along growing distance, and certified from where it is "
     "free: the result has both parts, and is not certified as a whole.",
 )  # fmt: skip
 @options.json_option("Write the result.")
