@@ -31,7 +31,7 @@ from .leaving import MOST_DEPTH
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
 _FAR = 200.0  # [m] a warning is logged for a goal farther away
-_ENDLESS = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside a map
+_ENDLESS = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
 _HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
 _ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
 _LEAST = 2.0  # [m] about start and goal, to turn and to back up
