@@ -1,1 +1,1 @@
-"""What this project is measured with, and compared with: ``python -m workshop``. Nothing of the package imports it."""
+"""The means of measuring this project and of comparing it: ``python -m workshop``. The package never imports it."""

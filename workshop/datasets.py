@@ -52,10 +52,10 @@ class DriveProblem(Summary):
     """Drive from a start to one goal after another.
 
     Attributes:
-        name: Of the problem.
+        name: Name of the problem.
         world: The obstacles over time.
-        start: Of the robot.
-        goals: Of the robot, in this order.
+        start: Start of the robot.
+        goals: Goals of the robot, in this order.
         goal_tolerance: Largest distance [m] of the base from a reached goal's position.
         heading_free: Whether a goal is reached with any heading; its yaw is then a suggestion.
         timeout: Longest time [s], or None.
@@ -96,7 +96,7 @@ def barn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
         path: The file, or the folder that holds ``barn_worlds.json``.
 
     Raises:
-        ScenarioError: The file is missing or no JSON, or an entry does not fit; the message names file and place.
+        ScenarioError: The file is missing or not JSON, or an entry does not fit; the message names file and place.
     """
     return _ids(path, _BARN_FILE)
 
@@ -202,7 +202,7 @@ def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
         path: The file, or the folder that holds ``bridge.json``.
 
     Raises:
-        ScenarioError: The file is missing or no JSON, or an entry does not fit; the message names file and place.
+        ScenarioError: The file is missing or not JSON, or an entry does not fit; the message names file and place.
     """
     root = load_json(path, _BRIDGE_FILE)
     boxes = [
@@ -234,15 +234,15 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
     """The house with one of many pairs of start and goal: the robot at home, anywhere where it keeps 5 cm of clearance.
 
     A way leads from one to the other for a disc a little smaller than the base; whether for the robot is not known.
-    Left out is what no robot could do: the corners of the ground lie outside of the walls.
+    The corners of the ground are left out, because they lie outside the walls.
 
     Args:
         path: The file, or the folder that holds ``house.json``.
-        robot: That has to fit there; its base moves.
-        seed: Of the pair.
+        robot: The robot that has to fit there; its base moves.
+        seed: Seed of the pair.
 
     Raises:
-        ScenarioError: The file is missing or no JSON, an entry does not fit, or no place is found.
+        ScenarioError: The file is missing or not JSON, an entry does not fit, or no place is found.
         RobotError: A fixed base.
     """
     if not robot.space.planar:

@@ -26,7 +26,7 @@ class ReachProblem(Summary):
 
     Attributes:
         name: the scene's kind and the problem's number in it.
-        kind: of scene, such as ``"cage"``.
+        kind: kind of scene, such as ``"cage"``.
         scene: the obstacles.
         start, goal: values (J,) of the joints ``joints`` [rad or m].
         joints: names of the joints, in this order.
@@ -40,9 +40,9 @@ class ReachProblem(Summary):
     joints: tuple[str, ...]
 
     def ends(self, robot: RobotModel, off: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array]:
-        """Start and goal as configurations (nq,), without the rounding by which a value is beyond its limit.
+        """Start and goal as configurations (nq,); values that rounding puts beyond a limit are at it.
 
-        A base that can move starts ``off`` [m] of where the problem has it.
+        A base that can move starts ``off`` [m] away from where the problem has it.
         """
         start, goal = (
             robot.home(joints=dict(zip(self.joints, values.tolist(), strict=True)))
@@ -62,11 +62,11 @@ def load_mbm(
         root: folder with ``mbm``, or that folder itself: a folder for each robot, with URDF, SRDF, meshes and
             ``problems.json.gz``.
         robot: ``"fetch"`` (lift and arm) or ``"panda"``.
-        base: of the robot.
+        base: the robot's base kind.
 
     Raises:
-        ScenarioError: a robot that is not there, or a file that is missing or does not fit; the message names place.
-        RobotError: the URDF or SRDF is not sound.
+        ScenarioError: there is no such robot, or a file is missing or does not fit; the message names the place.
+        RobotError: the URDF or SRDF has a fault.
     """
     folder = next((f for f in (Path(root, "mbm", robot), Path(root, robot)) if Path(f, _PROBLEMS).is_file()), None)
     if robot not in MBM_ROBOTS or folder is None:

@@ -1,4 +1,4 @@
-"""Coal's shapes: the one module that knows their kinds, and what follows from a kind.
+"""Coal's shapes: the only module that knows their kinds, and what follows from a kind.
 
 ``BVHModel`` of Coal is hollow, so no mesh may reach the distance queries as such; :func:`convex_from_vertices` makes
 the convex hull that contains it.
@@ -58,8 +58,8 @@ LONG_ROUND = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.CONE)
 def shape_of(geometry: coal.CollisionGeometry | None) -> tuple[ShapeKind, tuple[float, ...]]:
     """Kind and half sizes [m] of a shape.
 
-    They are (x, y, z) of a box and of an ellipsoid, (radius,) of a sphere, (radius, half length) of cylinder, capsule
-    and cone; none for the other kinds. The kind of None, a block of boxes, is ``OTHER``.
+    The sizes are (x, y, z) of a box or an ellipsoid, (radius,) of a sphere, (radius, half length) of a cylinder,
+    capsule or cone; other kinds have none. The kind of None, a block of boxes, is ``OTHER``.
     """
     if geometry is None:
         return ShapeKind.OTHER, ()
@@ -95,7 +95,7 @@ def sphere_as_capsule(geometry: coal.CollisionGeometry) -> coal.CollisionGeometr
 def for_penetration(
     one: coal.CollisionGeometry, two: coal.CollisionGeometry
 ) -> tuple[coal.CollisionGeometry, coal.CollisionGeometry]:
-    """Two shapes as Coal finds their depth of penetration.
+    """Two shapes in the form in which Coal finds their depth of penetration.
 
     Its closed form for a sphere and a cylinder forgets the cylinder's caps once the sphere's centre is inside.
     """
@@ -189,7 +189,7 @@ def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
 
 
 def outside(geometry: coal.CollisionGeometry, points: Array) -> Array:
-    """How far (V,) [m] points (V, 3) in a convex shape's frame are out of it, at least; negative within."""
+    """Lower bounds (V,) [m] of how far points (V, 3) in a convex shape's frame lie outside it; negative inside."""
     kind, size = shape_of(geometry)
     around, up = np.hypot(points[:, 0], points[:, 1]), np.abs(points[:, 2])
     if kind is ShapeKind.BOX:

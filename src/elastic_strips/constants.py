@@ -20,13 +20,13 @@ UNIT_EXCESS = 1e-9
 NORMAL_EXCESS = 5e-6
 """A distance may be this much [m] above what its normal proves."""
 GJK_EXCESS = 1e-5
-"""Every bound subtracts this much [m]: twice what a distance may be above its proof, and what rounding adds."""
+"""Every bound subtracts this much [m]: twice the most that a distance may be above its proof, and the rounding."""
 FAR = 1e9
 """Of what nothing is known: its bound is −FAR, and it has moved by FAR [m]."""
 CAPSULE_LOOSE = 0.15
-"""A lower bound may lie below the distance by the capsule's length and about this [m]; decides only what to measure."""
+"""A lower bound may lie below the distance by the capsule's length and about this [m]; it decides what to measure."""
 EXACT_WITHIN = 1e-4
-"""What a lower bound decides by less than this [m] is measured exactly all the same."""
+"""A pair that a lower bound decides by less than this [m] is measured exactly all the same."""
 POINT_LENGTH2 = 1e-18
 """A line segment whose squared length [m²] is less is a point."""
 SLIDING_TURN = 1e-9

@@ -1,11 +1,11 @@
 """Covering: convex pieces grow until they hold a body's surface and what it encloses.
 
-Space is cut into cubes, and the surface along their faces. What lies of a closed body in one cube is held by the convex
+Space is cut into cubes, and the surface along their faces. The part of a closed body in one cube is held by the convex
 hull of the surface in it and of those of its corners that are inside. So the pieces hold the body where each cube's
 points all lie in one of them: each cube is given to the piece that it sticks out of least, and that piece grows.
 
-Inside is what is not reached from outside through cubes without surface. Of a body with holes the surface alone is
-held.
+A place is inside if it is not reached from outside through cubes without surface. Of a body with holes only the surface
+is held.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class _Cells:
         members: (M,) numbers of points, cube by cube.
         starts: (C,) where the members of each cube begin.
         centers: (C, 3) [m].
-        radius: [m] of a ball about a cube.
+        radius: radius [m] of a ball about a cube.
     """
 
     points: Array
@@ -47,13 +47,13 @@ class _Cells:
 
 
 def grown_pieces(vertices: Array, faces: _Faces, pieces: list[Array], *, closed: bool) -> tuple[list[Array], float]:
-    """Points whose hulls hold a body, and how far [m] it stuck out of the given ones at most.
+    """Points whose hulls hold a body, and how far [m] it stuck out of the given pieces at most.
 
     Args:
         vertices: (V, 3) [m].
-        faces: (F, 3), none of them without an area.
+        faces: (F, 3) triangles, each with an area.
         pieces: corners (C_k, 3) [m] of the convex pieces to grow, none of them flat.
-        closed: whether the surface encloses something: whether each edge belongs to two triangles.
+        closed: whether the surface encloses something, that is, each edge belongs to two triangles.
     """
     cells = _cells_of(vertices, faces, closed)
     planes = [convex_hull(piece).equations for piece in pieces]
@@ -209,7 +209,7 @@ def _enclosed(filled: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
 
 
 def _outside(points: Array, planes: Array) -> Array:
-    """How far [m] points lie outside of planes (K, 4); negative inside of all."""
+    """How far [m] points lie outside planes (K, 4); negative inside of all."""
     out = np.empty(len(points))
     for begin in range(0, len(points), _POINTS_AT_ONCE):
         rows = slice(begin, begin + _POINTS_AT_ONCE)

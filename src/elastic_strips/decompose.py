@@ -46,7 +46,7 @@ from elastic_strips.progress import LoggedProgress
 _log = logging.getLogger(__name__)
 
 SURFACE_TOLERANCE = 1e-7
-"""A surface point lies at most this far [m] (per metre of the mesh's size) outside of the union of the pieces."""
+"""A surface point lies at most this far [m] (per metre of the mesh's size) outside the union of the pieces."""
 
 PLATE_REACH = 1e-3
 """A flat body becomes a plate that reaches this far [m] to either side."""
@@ -95,7 +95,7 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
 
 
 def _once(vertices: Array, faces: _Faces, most: int, make: Callable[[Array, _Faces], list[Array]]) -> tuple[Array, ...]:
-    """The pieces of a mesh, of which there are ``most`` if it is not 0: made, or still in memory."""
+    """The pieces of a mesh, at most ``most`` if that is not 0: made, or still in memory."""
     digest = hashlib.sha256(np.array([len(vertices), most], dtype=np.int64).tobytes())
     digest.update(np.ascontiguousarray(vertices, dtype=np.float64).tobytes())
     digest.update(np.ascontiguousarray(faces, dtype=np.int64).tobytes())
@@ -117,13 +117,13 @@ def _once(vertices: Array, faces: _Faces, most: int, make: Callable[[Array, _Fac
 def few_pieces(vertices: Array, faces: _Faces, most: int) -> tuple[Array, ...]:
     """Corners (V_i, 3) [m] of at most ``most`` convex pieces that together hold a mesh's surface, and its inside.
 
-    All bodies of the mesh are taken together. Inside is what cannot be reached from outside through an opening of about
-    a thirtieth of the mesh's size, be it closed or not.
+    All bodies of the mesh are taken together. A place is inside if it cannot be reached from outside through an opening
+    of about a thirtieth of the mesh's size, whether the mesh is closed or not.
 
     Args:
         vertices: (V, 3) [m], which are not flat.
         faces: triangles (F, 3).
-        most: pieces.
+        most: largest number of pieces.
     """
     return _once(vertices, faces, most, lambda points, triangles: _few(points, triangles, most))
 
@@ -141,7 +141,8 @@ def load_mesh(path: Path) -> tuple[Array, _Faces]:
     """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file.
 
     Raises:
-        SceneError: missing, unreadable, empty, of another kind, without triangles, or with vertices not finite.
+        SceneError: the file is missing, unreadable, empty, of another kind, without triangles, or has vertices that are
+            not finite.
     """
     import trimesh
 
@@ -221,8 +222,8 @@ def _merged(vertices: Array, faces: _Faces) -> tuple[Array, _Faces, NDArray[np.b
 class Surface:
     """The triangles of a mesh, each once, and neighbours turned the same way round.
 
-    So a body that is drawn from both sides, or whose triangles lie either way, encloses what it does. Which way a body
-    is turned as a whole stays as it is: that tells a hollow in another body from a body of its own.
+    So a body that is drawn from both sides, or whose triangles lie either way, still encloses its inside. Which way a
+    body is turned as a whole stays as it is: that distinguishes a hollow in another body from a body of its own.
 
     Attributes:
         corners: (T, 3, 3) [m].
@@ -234,7 +235,7 @@ class Surface:
 
     @classmethod
     def of(cls, vertices: Array, faces: _Faces) -> Surface:
-        """That of vertices (V, 3) [m] and triangles (F, 3)."""
+        """The surface of vertices (V, 3) [m] and triangles (F, 3)."""
         import trimesh
 
         points, triangles, kept = _merged(vertices, faces)
@@ -248,7 +249,7 @@ class Surface:
     def encloses(self, point: Array) -> bool:
         """Whether a point (3,) is inside: an open surface has to be about it on nearly all sides.
 
-        The surface goes about once around a point inside, and about 0 times around one outside.
+        The surface winds about once around a point inside, and about 0 times around one outside.
         """
         a, b, c = np.moveaxis(self.corners - point, 1, 0)
         la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))

@@ -2,7 +2,7 @@
 
 ``coal.Convex.convexHull`` ends the process on points that are nearly flat, so the triangles come from Qhull. And Coal
 counts the neighbours of a corner in 8 bits: it refuses a hull where a corner has more than 255. Its distance queries
-grow with the number of corners, and so does what is kept: a hull of very many becomes a slightly larger one of few.
+grow with the number of corners, and so does the memory: a hull of very many becomes a slightly larger one of few.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def _outermost(points: Array, directions: Array) -> Indices:
 
 
 def _largest(points: Array, planes: Array) -> Array:
-    """How far (V,) [m] each point lies outside of the farthest of planes (K, 4); negative inside of all."""
+    """How far (V,) [m] each point lies outside the farthest of planes (K, 4); negative inside of all."""
     blocks = np.array_split(points, 1 + len(points) * len(planes) // 1_000_000)  # each stays in the processor's cache
     return np.concatenate([(block @ planes[:, :3].T + planes[:, 3]).max(axis=1) for block in blocks])
 
@@ -182,7 +182,7 @@ def _cut_out(normals: Array, reach: Array, within: Array) -> Array:
 
 
 def _ways_to(body: coal.Convex, points: Array) -> Array:
-    """The shortest ways (K, 3) [m] from a convex body to points outside of it."""
+    """The shortest ways (K, 3) [m] from a convex body to points outside it."""
     dot, still, point = coal.Sphere(0.0), coal.Transform3s.Identity(), coal.Transform3s()
     request, result = coal.DistanceRequest(True), coal.DistanceResult()
     ways = []

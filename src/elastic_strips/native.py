@@ -1,4 +1,4 @@
-"""The native kernel: the inner loops compiled, where they are; the NumPy code beside each is its readable twin.
+"""The native kernel: the inner loops in compiled form, if installed; the NumPy code beside each is its readable twin.
 
 ``ELASTIC_STRIPS_NATIVE=0`` turns it off, and a file's path takes that one. Without a compiled part, or with one that
 was made for another Coal or with other constants, the twin runs, and a notice is logged once.
@@ -37,7 +37,7 @@ def _load() -> tuple[ModuleType | None, str]:
     if native.coal_version != coal.__version__:  # its shapes would be laid out in another way
         _log.warning(
             "the native kernel was compiled for Coal %s, and this is %s: NumPy computes, several times slower; "
-            "install elastic-strips anew",
+            "reinstall elastic-strips",
             native.coal_version,
             coal.__version__,
         )
@@ -80,7 +80,7 @@ def kernel() -> ModuleType | None:
 
 @contextmanager
 def twin() -> Iterator[None]:
-    """What is made meanwhile computes in NumPy."""
+    """Workspaces that are made within this context compute in NumPy."""
     global _kernel
     before, _kernel = _kernel, None
     try:

@@ -1,4 +1,4 @@
-"""Progress of what may take long, as lines of the log: the library never prints."""
+"""Progress of long work, as lines of the log: the library never prints."""
 
 from __future__ import annotations
 

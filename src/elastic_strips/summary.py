@@ -15,11 +15,11 @@ class Summary:
     __slots__ = ()
 
     def _summary(self) -> Mapping[str, object]:
-        """What to say, by name: the fields of the dataclass where a subclass says nothing else."""
+        """Values of the summary by name: the fields of the dataclass unless a subclass returns others."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.repr}  # type: ignore[arg-type]
 
     def _measured(self) -> Mapping[str, object]:
-        """What else a table says, and takes time to find out."""
+        """Further rows of a table, which take time to find out."""
         return {}
 
     def __repr__(self) -> str:
@@ -54,5 +54,5 @@ def _brief(value: object, most: int = _VALUE_LENGTH) -> str:
 
 
 def shortened(text: str, most: int = _LINE_LENGTH) -> str:
-    """A text of at most so many characters."""
+    """A text shortened to a number of characters."""
     return text if len(text) <= most else text[: most - 1] + "…"

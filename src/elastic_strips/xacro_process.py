@@ -33,15 +33,15 @@ _CHILD = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from elastic_
 
 
 def expanded(source: Path, mappings: Mapping[str, str], folders: Sequence[Path]) -> tuple[str, list[str]]:
-    """What xacro makes of a file, and the lines that it says about it.
+    """The URDF that xacro makes of a file, and the lines of its messages.
 
     Args:
         source: the file.
         mappings: arguments by name.
-        folders: in which packages lie.
+        folders: folders in which packages lie.
 
     Raises:
-        RobotError: xacro refuses it, or it takes too much time or memory.
+        RobotError: xacro refuses the file, or needs too much time or memory.
         MissingExtraError: xacro is not installed.
     """
     try:
@@ -148,7 +148,7 @@ class _Arguments(dict[str, str]):
 
 
 def _assumed(mappings: Mapping[str, str], arguments: _Arguments) -> list[str]:
-    """What to say of arguments that nobody gave, and of those that nobody asked for: the robot may be another one."""
+    """Notes about arguments that nobody gave, and about those that the file does not use: it may be another robot."""
     said = []
     defaults = [f"{name} = {value!r}" for name, value in arguments.items() if name not in mappings]
     if defaults:

@@ -94,7 +94,7 @@ def test_a_run_that_fails_ends_nothing(folder: Path, capsys: pytest.CaptureFixtu
         (("s.yaml", "--y", "nodes"), "--plot"),
         (("s.yaml", "--processes", "2", "--scheduler", "tcp://127.0.0.1:9"), "--processes"),
         (("s.yaml", "--processes", "0"), "--processes"),
-        (("s.yaml", "--out", ""), "no file name"),
+        (("s.yaml", "--out", ""), "file name"),
         (("s.yaml", "--plot", "p.xyz"), "unknown ending '.xyz'"),
         (("s.yaml", "--json", "s.csv.journal"), "named twice"),
         (("s.yaml", "--scheduler", "here"), "no Dask scheduler"),

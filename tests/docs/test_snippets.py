@@ -106,9 +106,10 @@ def test_pictures_are_small() -> None:
         assert picture.stat().st_size < 250_000, picture.name
 
 
-def test_named_code_exists() -> None:
-    """Every `room.name` that the design points to is there; test_paper_map.py does that for the paper's map."""
-    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("document", ["design.md", "decisions.md"])
+def test_named_code_exists(document: str) -> None:
+    """Every `room.name` that these pages point to is there; test_paper_map.py does that for the paper's map."""
+    text = (ROOT / "docs" / document).read_text(encoding="utf-8")
     rooms = {p.stem for p in (ROOT / "src" / "elastic_strips").iterdir() if not p.name.startswith("_")}
     names = {name for name in re.findall(r"`([a-z_]+(?:\.\w+)+)", text) if name.split(".")[0] in rooms}
     for name in names:

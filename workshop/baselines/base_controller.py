@@ -71,12 +71,12 @@ class BaseController:
     ends at the goal, at a contact, or when the method has been blocked for :attr:`patience`.
 
     Args:
-        robot: with a differential drive.
+        robot: the robot, with a differential drive.
         start: configuration (nq,).
         goal: configuration (nq,); only the base's pose counts.
         method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
         params: periods of the drive.
-        limits: of the motors; read off the robot where None.
+        limits: limits of the motors; read off the robot where None.
         patience: time [s] after which a blocked method is given up.
 
     Raises:
@@ -85,7 +85,7 @@ class BaseController:
     """
 
     tolerance: Tolerance = Tolerance(position=0.15, yaw=0.2, joints=np.inf)
-    """How near counts as reached; of the base alone."""
+    """How near counts as reached, for the base alone."""
 
     def __init__(
         self,
@@ -135,17 +135,17 @@ class BaseController:
 
     @property
     def state(self) -> RunState:
-        """What the robot is doing."""
+        """State of the robot."""
         return self._run.state
 
     @property
     def reason(self) -> str:
-        """Why it does so."""
+        """Reason of the state."""
         return self._run.reason
 
     @property
     def events(self) -> list[Event]:
-        """What happened, in order of time."""
+        """Events so far, in order of time."""
         return self._run.events
 
     @property
@@ -277,12 +277,12 @@ def base_simulation(
     """A base method in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
-        robot, start, goal, method, params, limits, patience: of the :class:`BaseController`.
+        robot, start, goal, method, params, limits, patience: as for the :class:`BaseController`.
         world: the true obstacles over time.
         sensors: their parameters; the Silvermate's where None.
         plant: the machine; a :class:`KinematicPlant` where None.
-        seed: of the plant and the sensors.
-        watch, realtime, metadata: of the :class:`~elastic_strips.sim.Simulation`.
+        seed: seed of the plant and the sensors.
+        watch, realtime, metadata: as for the :class:`~elastic_strips.sim.Simulation`.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.

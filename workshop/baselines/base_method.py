@@ -25,7 +25,7 @@ class BaseLimits(Checked):
     """The base that a method steers.
 
     Attributes:
-        radius: of a circle about the base's origin that holds the base [m]; 0.27 holds the Silvermate's.
+        radius: radius of a circle about the base's origin that holds the base [m]; 0.27 holds the Silvermate's.
         max_speed: largest speed forwards [m/s]; no method drives backwards.
         max_turn: largest yaw rate [rad/s].
         acceleration: largest change of the speed [m/s²], speeding up as well as braking.
@@ -70,7 +70,7 @@ class BaseCommand:
         omega: yaw rate [rad/s].
         status: ``"moving"``; ``"arrived"``: at the goal, at rest; ``"blocked"``: no path is known, or there is no
             progress for some time. A blocked method goes on trying.
-        reason: of the status, in words; may be empty.
+        reason: reason of the status, in words; may be empty.
     """
 
     v: float
@@ -89,7 +89,7 @@ class BaseMethod(Protocol):
         """Take in a reading.
 
         Args:
-            reading: of any sensor.
+            reading: reading of any sensor.
             pose: (3,) estimated x, y [m], yaw [rad] of the base when it was measured.
         """
         ...
@@ -123,9 +123,9 @@ class GoalParams(Checked):
 
     Attributes:
         position_tolerance: distance from the goal that counts as reached [m].
-        yaw_tolerance: of the heading [rad].
-        progress: the remaining way has to become shorter by this much [m] …
-        patience: … within this time [s]; else the base counts as blocked.
+        yaw_tolerance: tolerance of the heading [rad].
+        progress: length [m] by which the remaining way has to become shorter within ``patience``.
+        patience: time [s] after which a base without such progress counts as blocked.
     """
 
     position_tolerance: Positive = 0.1
@@ -138,7 +138,7 @@ class CommandLimiter:
     """Workspace: limits the wanted speeds of a method to those that the base can follow.
 
     Args:
-        limits: of the base.
+        limits: limits of the base.
         goal: when a goal is reached.
     """
 

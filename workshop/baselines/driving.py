@@ -1,4 +1,4 @@
-"""Base methods in the scenarios of the package, and what steers by name."""
+"""Base methods in the scenarios of the package, and all steering methods by name."""
 
 from __future__ import annotations
 

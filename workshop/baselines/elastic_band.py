@@ -28,7 +28,7 @@ class FreeDistance:
 
     Args:
         points: (P, 2) sensed points [m].
-        radius: of the base [m].
+        radius: radius of the base [m].
         most: largest ρ [m].
     """
 
@@ -104,7 +104,7 @@ def relaxed(chain: Array, free: FreeDistance, *, contraction: float, repulsion: 
 def connected(chain: Array, free: FreeDistance, *, least: float, overlap: float, most: int) -> Array | None:
     """The chain with inserted bubbles where neighbours do not overlap; None where it is broken.
 
-    It is broken where a bubble (but for the first, where the base is) is smaller than ``least``, or where it would
+    It is broken where a bubble (except the first, where the base is) is smaller than ``least``, or where it would
     need more than ``most`` bubbles.
 
     Args:
@@ -166,10 +166,10 @@ class ElasticBandParams:
         largest, least: largest and smallest bubble [m].
         overlap: neighbours are at most this times the sum of their sizes apart [−].
         bubbles: largest number of bubbles.
-        iterations: of the forces per command.
+        iterations: iterations of the forces per command.
         look_ahead: largest distance of the point that is driven to [m]; in a small bubble it is that bubble's size,
-            but at least ``look_least`` [m].
-        look_least: see there.
+            but at least ``look_least``.
+        look_least: least distance of that point [m].
         bubble_time: the base takes at least this long to cross the radius of the bubble that it is in, or of the next
             ones [s].
         min_speed: least speed along the band [m/s].
@@ -204,7 +204,7 @@ class SensedPath:
     """Plans a path on a grid among the sensed points; unseen space counts as free.
 
     Args:
-        radius: of the base [m].
+        radius: radius of the base [m].
     """
 
     def __init__(self, radius: float) -> None:
@@ -229,8 +229,8 @@ class ElasticBand:
     made to overlap) another path is planned; without one the base stands, is blocked, and tries again.
 
     Args:
-        limits: of the base.
-        params: of the band.
+        limits: limits of the base.
+        params: parameters of the band.
         planner: plans a path where the band is broken.
         goal: when a goal is reached.
     """

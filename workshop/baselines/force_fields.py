@@ -95,8 +95,8 @@ class PotentialField:
     base turns towards that velocity and drives by its component along the heading.
 
     Args:
-        limits: of the base.
-        params: of the field.
+        limits: limits of the base.
+        params: parameters of the field.
         goal: when a goal is reached.
     """
 
@@ -210,9 +210,9 @@ class VirtualForceField:
     milder where the repulsion is weak.
 
     Args:
-        limits: of the base.
-        params: of the field.
-        grid: of the certainty grid.
+        limits: limits of the base.
+        params: parameters of the field.
+        grid: parameters of the certainty grid.
         goal: when a goal is reached.
     """
 

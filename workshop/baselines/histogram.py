@@ -39,7 +39,7 @@ def primary_histogram(
         sectors: K = 2π/α.
         cell: edge of a cell [m]; d counts in cells.
         reach: d_max [cells].
-        a: see above.
+        a: a of the formula.
         enlarged: r: radius of the base plus the distance it keeps [m].
     """
     distance = np.hypot(offsets[:, 0], offsets[:, 1])
@@ -87,7 +87,7 @@ def masked_histogram(
     Args:
         blocked: (K,) the binary histogram.
         offsets: (C, 2) from the base to the middles of the occupied cells [m].
-        heading: of the base [rad].
+        heading: heading of the base [rad].
         turning_radius: smallest radius of its turns [m]; at 0 it turns in place, and nothing is masked.
         enlarged: radius of the base plus the distance it keeps [m].
     """
@@ -233,9 +233,9 @@ class VectorFieldHistogram:
     present speed, it stops and turns in place.
 
     Args:
-        limits: of the base.
-        params: of the histograms.
-        grid: of the certainty grid.
+        limits: limits of the base.
+        params: parameters of the histograms.
+        grid: parameters of the certainty grid.
         goal: when a goal is reached.
     """
 

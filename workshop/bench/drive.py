@@ -43,7 +43,7 @@ _RESTS = 0.01
 _TICK = 20.0
 """Time [ms] that a planning tick may take, by default."""
 _SLOW = "late tick"
-"""Said of planning on a slow machine, whatever else is wrong."""
+"""Reported of planning on a slow machine, whatever else is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,9 +193,9 @@ def bench_drive(
 
     Args:
         robot: name or URDF file.
-        seeds: of the runs.
-        step: told of each finished run.
-        scenario, plant, evade, method, sensors, compute, alternatives, level, time_limit: of the drive.
+        seeds: seeds of the runs.
+        step: called after each finished run.
+        scenario, plant, evade, method, sensors, compute, alternatives, level, time_limit: as for the drive.
         root: folder that holds ``house``: its pairs are driven then.
         processes: runs at once.
 
@@ -251,15 +251,15 @@ def bench_disturb(
     compute: str = "1",
     processes: int | None = None,
 ) -> Figures:
-    """Each kind of fault in many seeded runs: reached after it, no contact at speed, fault named in the log.
+    """Put each kind of fault into many seeded runs: goal reached after it, no contact at speed, fault named in the log.
 
     Args:
         robot: name or URDF file.
-        seeds: of the runs.
-        step: told of each finished run.
-        kinds: of `FAULTS`; all where None.
-        scenario: that is driven.
-        compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
+        seeds: seeds of the runs.
+        step: called after each finished run.
+        kinds: kinds of `FAULTS`; all where None.
+        scenario: the scenario that is driven.
+        compute: cost of computing; see :func:`~elastic_strips.sim.simulation`.
         processes: runs at once.
     """
     kinds = tuple(FAULTS) if kinds is None else tuple(kinds)

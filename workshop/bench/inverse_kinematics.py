@@ -30,8 +30,8 @@ def bench_inverse_kinematics(
         robot: the robot.
         frame: name of its frame.
         step: called after each with a note, for a progress bar.
-        poses: so many.
-        seed: of the configurations.
+        poses: number of poses.
+        seed: seed of the configurations.
 
     Raises:
         RobotError: an unknown frame.

@@ -36,10 +36,10 @@ def bench_page(
     """Pictures a second of a live strip among obstacles, some of which move, in Chromium without a window.
 
     Args:
-        robot: whose strip it is.
-        seconds: of measuring, after 10 s in which the page finds how plain it has to draw.
+        robot: the robot of the strip.
+        seconds: duration of measuring, after 10 s in which the page finds how plain it has to draw.
         step: called with a note.
-        obstacles: number of them that stand.
+        obstacles: number of obstacles that stand.
         movers: number of spheres that move.
         size: width and height of the page [pixels].
 

@@ -48,7 +48,7 @@ REQUIREMENTS: dict[str, tuple[str, ...]] = {
     "drake": ("drake>=1.51,<2",),
     "trajopt": ("tesseract-robotics>=0.5.1,<0.6",),
 }
-"""What pip installs for each peer."""
+"""Packages that pip installs for each peer."""
 _LIKE = {"ompl_simplified": "ompl"}  # the same program in the same environment, told to do more
 OURS = "elastic_strips"
 _BASE = ("base_x", "base_y", "base_yaw")
@@ -126,9 +126,9 @@ def bench_peers(
         scenario: name of a seeded scenario.
         peers: names of ``REQUIREMENTS``.
         environments: folder for the peers' environments; made where it is missing.
-        timeout: for each path [s].
-        pushes: so many for each problem.
-        into: how deep [m].
+        timeout: longest time for each path [s].
+        pushes: number of pushes for each problem.
+        into: how deep each obstacle is pushed [m].
 
     Raises:
         ParameterError: an unknown peer.
@@ -355,7 +355,7 @@ def export_robot(folder: Path, robot: RobotModel, problems: Sequence[Problem]) -
     """Write ``robot.urdf``, ``robot.srdf`` and their meshes; names of the joints, in the order of the coordinates.
 
     Raises:
-        RobotError: a shape that cannot be said in numbers.
+        RobotError: a shape that cannot be given in numbers.
     """
     stated = cast("_StatedRobot", robot_statement(robot))
     low, high = robot.space.lower.copy(), robot.space.upper.copy()

@@ -128,10 +128,10 @@ def bench_problems(
         kind: ``"barn"`` or ``"dynabarn"``.
         root: folder that holds ``barn`` and ``dynabarn``.
         step: called after each run.
-        robot: by name or URDF.
+        robot: name or URDF of the robot.
         seeds: runs of each problem.
-        ids: which problems; the official ones of BARN (divisible by 6), all of DynaBARN where None.
-        processes: one for each core where None.
+        ids: numbers of the problems; where None the official ones of BARN (divisible by 6), or all of DynaBARN.
+        processes: number of processes; one for each core where None.
 
     Raises:
         ScenarioError: the data are missing or damaged.

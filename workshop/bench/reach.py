@@ -27,19 +27,19 @@ def bench_mbm(
 
     A problem is not valid where its start or goal is in collision. One problem that is not counted is planned first.
     The time is all of :func:`plan_report`, from robot and scene to a certified strip. A base that can move begins two
-    metres off: behind where it is to stand, or in the next of eight directions in which nothing is in the way.
+    metres away: behind where it is to stand, or in the next of eight directions in which nothing is in the way.
 
     Args:
         root: folder with ``mbm``.
         robot: ``"fetch"`` or ``"panda"``.
         step: called after each with a note, for a progress bar.
-        stride: every so many problems alone.
+        stride: only every problem of this number is planned.
         timeout: longest time for each [s].
-        seed: of the planner's random numbers.
+        seed: seed of the planner's random numbers.
         base: ``"fixed"``, ``"diff_drive"`` or ``"omni"``.
 
     Raises:
-        ScenarioError, RobotError: the data is missing or not sound.
+        ScenarioError, RobotError: the data are missing or faulty.
     """
     model, problems = load_mbm(root, robot, base=base)
     chosen = problems[::stride]

@@ -50,10 +50,10 @@ def bench_realtime(
 
     Args:
         robot: the robot.
-        minutes: how long.
-        step: told now and then.
-        inline: control and planning in one thread instead, as of ``Simulation(realtime=True)``.
-        seed: of movers, plant and noise.
+        minutes: duration.
+        step: called now and then.
+        inline: control and planning in one thread instead, as with ``Simulation(realtime=True)``.
+        seed: seed of movers, plant and noise.
 
     Returns:
         Figures: gaps between commands and durations of control steps [ms], legs, stops, contacts at speed.

@@ -45,8 +45,8 @@ def robot_cases(names: Sequence[str] = (), data: str | Path | None = None) -> li
     """The robots to try.
 
     Args:
-        names: named robots; all that there are where empty.
-        data: folder of which every URDF is tried as well, with the SRDF of the same name beside it.
+        names: named robots; all robots where empty.
+        data: folder whose URDFs are all tried as well, each with the SRDF of the same name beside it.
 
     Raises:
         ScenarioError: the folder holds no URDF.

@@ -1,4 +1,4 @@
-"""Settling benchmark: what a planned strip loses and gains on its way to rest, and how long that takes."""
+"""Settling benchmark: gains and losses of a planned strip on its way to rest, and how long that takes."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = silent, *, scal
     """A whole tick, certificate included, with an obstacle that moves 2 cm in each, on 64 nodes and 32 obstacles.
 
     After every tenth tick, in the same loop: ``pin.computeDistances`` over every pair on the nodes of the same strip.
-    That empties the processor's caches, so the tick after it does not count: what is measured is a tick among ticks.
+    That empties the processor's caches, so the tick after it does not count: the benchmark measures a tick among ticks.
 
     Args:
         robot: the robot.

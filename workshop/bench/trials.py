@@ -50,9 +50,9 @@ def bench_trials(
 
     Args:
         robot: name or URDF file.
-        seeds: of corridors, noise and times.
-        step: told of each trial.
-        kinds: of `KINDS`; all where None.
+        seeds: seeds of corridors, noise and times.
+        step: called after each trial.
+        kinds: kinds of `KINDS`; all where None.
     """
     rows = []
     for kind in kinds or KINDS:

@@ -15,7 +15,7 @@ from .bench_options import BASE_METHOD
 @click.command(short_help="One drive by a method for a base alone.")
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
 @click.option("--method", type=BASE_METHOD, default="vfh", show_default=True, help="What steers.")
-@options.robot_option(help="Another robot than the scenario's.")
+@options.robot_option(help="A robot other than the scenario's.")
 @click.option("--seed", type=options.SEED, help="Seed of plant, noise and generated scenes.")
 @click.option("--plant", type=options.PLANT, default="kinematic", show_default=True, help="The machine.")
 @options.sensors_option

@@ -183,11 +183,11 @@ def robots(
     help="The arm.",
 )
 @click.option("--stride", type=click.IntRange(1, 1000), default=1, show_default=True, help="Every so many problems.")
-@click.option("--timeout", type=options.Finite(0.01, 600), default=2.0, show_default=True, help="For each [s].")
+@click.option("--timeout", type=options.Finite(0.01, 600), default=2.0, show_default=True, help="Limit for each [s].")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
 @click.option(
     "--base", type=options.BASE, default="fixed", show_default=True,
-    help="One that can move starts two metres off.",
+    help="A base that can move starts two metres away.",
 )  # fmt: skip
 @runs_option
 def mbm(

@@ -41,14 +41,15 @@ class TrialResult:
     """Result of a trial.
 
     Attributes:
-        case, method, seed: of the trial.
+        case, method, seed: what was tried.
         reached: whether the robot truly is at the goal: a base within 0.15 m, a strip within 0.05 m.
         contacts: obstacles that were touched, each once.
         clearance: least distance of the whole robot to an obstacle [m]; ∞ without any, NaN where it did not start.
-        path: length of the base's path [m]; time: [s].
+        path: length of the base's path [m].
+        time: duration [s].
         turning: sum of all turns of the base [rad].
         roughness: root mean square of the base's yaw acceleration [rad/s²].
-        reason: of the final state.
+        reason: reason of the final state.
     """
 
     case: str
@@ -75,9 +76,10 @@ def compare(
     """Drive every case by every method, in the order of cases and methods.
 
     Args:
-        cases: names of scenarios; methods: of :data:`METHODS`.
-        seeds: of the scenarios and the noise.
-        processes: how many; one for each core where None.
+        cases: names of scenarios.
+        methods: names of :data:`METHODS`.
+        seeds: seeds of the scenarios and the noise.
+        processes: number of processes; one for each core where None.
         step: called after every trial with its name.
 
     Raises:

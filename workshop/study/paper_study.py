@@ -57,7 +57,8 @@ class PaperStudy(Summary):
 
     Attributes:
         runs: case → run with preset ``paper``.
-        rows: of the comparison; cells: of the parameter map.
+        rows: rows of the comparison.
+        cells: cells of the parameter map.
         files: paths of the written files.
     """
 
@@ -90,11 +91,11 @@ def paper_study(
     """Run the study and write it as ``paper.md`` and ``paper.html`` with its pictures: at the end, all or nothing.
 
     Args:
-        folder: of the report; made if it does not exist.
-        cases: of Figs. 5 to 11.
-        compared, methods: of the comparison; none where empty.
+        folder: the report's folder; made if it does not exist.
+        cases: the cases of Figs. 5 to 11.
+        compared, methods: cases and methods of the comparison; none where empty.
         mapped: the case of the parameter map; none where empty.
-        processes: how many; one for each core where None.
+        processes: number of processes; one for each core where None.
         step: called after every run with its name.
 
     Raises:
@@ -133,7 +134,7 @@ class Document:
     """Workspace: a report that grows from top to bottom.
 
     Attributes:
-        title: of the report.
+        title: title of the report.
     """
 
     title: str

@@ -28,7 +28,7 @@ from elastic_strips.summary import Summary
 SPACING = 0.216
 """From posture to posture of the initial line [m]; 59 segments for its 12.7 m."""
 LONGEST_STEP = 0.4
-"""Most that the robot moves in a sampling time [m]: about two of these."""
+"""Largest motion of the robot in a sampling time [m]: about two of these."""
 _PATIENCE = 40  # sampling times at one place until it counts as blocked
 _MAX_SAMPLES = 400  # sampling times
 _CAP = 1.0  # clearances are not measured beyond [m]
@@ -55,10 +55,10 @@ class Detection:
 
     Attributes:
         sample: sampling time.
-        name: of the obstacle.
+        name: name of the obstacle.
         robot: (x, y) of the mobile then [m].
         point: (x, y, z) of the obstacle's point that is nearest to a control point [m].
-        distance: between the two [m].
+        distance: distance between the two [m].
     """
 
     sample: int
@@ -73,13 +73,13 @@ class PaperRun(Summary):
     """Result of a run.
 
     Attributes:
-        scenario, params: of the run.
+        scenario, params: what was run.
         robot: the robot.
         line: (N, 2) the original line of the mobile [m].
         coordinates: (T, nv) coordinate rows of the robot at the sampling times.
         ahead: (M, nv) coordinate rows of the strip ahead of it at the end.
-        detections: of obstacles.
-        outcome, reason: of the run.
+        detections: the detected obstacles.
+        outcome, reason: outcome of the run, and why.
         clearance: least distance of any link to any obstacle, at and between the sampling times [m]; capped at 1.
     """
 
@@ -113,7 +113,7 @@ def simulate_paper(
 
     Args:
         scenario: the problem.
-        robot: another robot than the scenario's.
+        robot: a robot other than the scenario's.
         overrides: further parameters.
 
     Raises:
@@ -228,8 +228,10 @@ class MapCell:
     """One run.
 
     Attributes:
-        case: name of the scenario; k_r, k_c: gains; safe: distance d_r [m].
-        outcome, reason: of the run.
+        case: name of the scenario.
+        k_r, k_c: gains.
+        safe: safe distance d_r [m].
+        outcome, reason: outcome of the run, and why.
         clearance: least distance to an obstacle [m]; capped at 1.
     """
 
@@ -255,8 +257,9 @@ def parameter_map(
 
     Args:
         case: name of a scenario.
-        k_r, k_c: gains; safe: safe distances [m].
-        processes: how many; one for each core where None.
+        k_r, k_c: gains.
+        safe: safe distances [m].
+        processes: number of processes; one for each core where None.
         step: called after every run with its parameters.
 
     Returns:

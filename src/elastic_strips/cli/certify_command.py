@@ -1,4 +1,4 @@
-"""``elastic-strips certify``: prove that a path from anywhere is free of collisions, or show where it is not."""
+"""``elastic-strips certify``: prove that a path of any planner is free of collisions, or show where it is not."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _JOINTS_LISTED = 12  # joints in a note
 
 @click.command()
 @click.argument("path", metavar="PATH", type=options.FILE)
-@click.option("--robot", required=True, metavar=options.ROBOT_FILES, type=options.ROBOT, help="Whose path it is.")
+@click.option("--robot", required=True, metavar=options.ROBOT_FILES, type=options.ROBOT, help="The robot of the path.")
 @click.option(
     "--scene",
     "scene_files",
@@ -37,36 +37,36 @@ _JOINTS_LISTED = 12  # joints in a note
 @options.base_option()
 @robot_options
 @click.option(
-    "--clearance", type=options.Finite(0.0, 10.0), default=0.0, show_default=True, help="To prove to obstacles [m]."
+    "--clearance", type=options.Finite(0.0, 10.0), default=0.0, show_default=True, help="From obstacles, to prove [m]."
 )
 @click.option(
     "--self-clearance",
     type=options.Finite(0.0, 1.0),
     default=0.0,
     show_default=True,
-    help="To prove of the robot's own links [m].",
+    help="Between the robot's own links, to prove [m].",
 )
 @click.option(
     "--interpolation",
     default="line",
     type=options.LateChoice("elastic_strips.collision.path_certificate", "INTERPOLATIONS"),
     show_default=True,
-    help="Between two configurations. line: base and joints go linearly; arc: a base on an arc, as wheels do. Where an "
-    "angle's values change by more than half a turn, they do not say which way: values (linearly by the numbers) and "
-    "shortest do.",
+    help="The way between two configurations. line: base and joints go linearly; arc: a base goes on an arc, as wheels "
+    "do. Neither says which way an angle goes that changes by more than half a turn: values (linearly by the numbers) "
+    "and shortest do.",
 )
 @click.option(
     "--scene-time",
     "moment",
     metavar="SECONDS",
     type=options.Finite(-1e9, 1e9),
-    help="Take what moves, appears or vanishes as it stands then, whatever the path's times.",
+    help="Take the scene as it stands then, whatever times the path has.",
 )
 @click.option(
     "--base-at",
     type=(options.Finite(), options.Finite(), options.Finite()),
     metavar="X Y YAW",
-    help="Where the base stands, where the path does not say so [m, m, rad].",
+    help="Where the base stands, if the path does not say so [m, m, rad].",
 )
 @click.option(
     "--angles",
@@ -108,7 +108,7 @@ def certify(
     is certified against the obstacles that move, appear and vanish, where the scene has some; a path without times
     needs --scene-time then.
 
-    A path that is not all that its file says, such as one whose gripper moves and is held still here, is not certified:
+    A path that differs from its file, such as one whose gripper moves and is held still here, is not certified:
     the answer is unknown, and says what settles it.
 
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
@@ -137,7 +137,7 @@ def certify(
             )
         if repaired or proof:
             raise click.UsageError(
-                f"{said}--repair and --proof are of obstacles that stand still: give --scene-time SECONDS"
+                f"{said}--repair and --proof need obstacles that stand still: give --scene-time SECONDS"
             )
     timed = bool(moving) and moment is None
     scene = world.at(world.scene.time if moment is None else moment)
@@ -218,19 +218,19 @@ def certify(
 
 
 def _left_map(robot: RobotModel, scene: SceneFile, q: Array) -> str | None:
-    """What to say of a path whose base stands where no map shows anything; None where it does not."""
+    """A note about a path whose base stands where no map shows anything; None where it does not."""
     base = robot.space.to_coordinates(q)[:, :2].tolist() if robot.space.planar else [[0.0, 0.0]]
     beyond = scene.outside(base)
     if not len(beyond):
         return None
     x, y = base[beyond[0]]
-    return f"configuration {beyond[0]} at ({x:.3g}, {y:.3g}) is outside of the map, of which nothing is known"
+    return f"configuration {beyond[0]} at ({x:.3g}, {y:.3g}) is outside the map, where nothing is known"
 
 
 def _document(
     robot: RobotModel, found: PathCertificate, notes: tuple[str, ...], doubts: tuple[str, ...], interpolation: str
 ) -> dict[str, object]:
-    """The answer as JSON has it."""
+    """The answer as plain values for JSON."""
     broken = found.broken
     least = found.least if found.least is None or math.isfinite(found.least) else None
     return {

@@ -31,7 +31,7 @@ _COMPUTING = {
 
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
-@options.robot_option(help="Another robot than the scenario's.")
+@options.robot_option(help="A robot other than the scenario's.")
 @robot_options
 @options.base_option()
 @options.limit_options
@@ -73,7 +73,7 @@ _COMPUTING = {
     multiple=True,
     type=options.FAULT,
     metavar="KIND[=SIZE]@START[+DURATION]",
-    help="Put in a fault, say slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
+    help="Inject a fault, such as slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
     + ", ".join(kind.replace("_", "-") for kind in FAULTS)
     + ".",
 )
@@ -114,10 +114,10 @@ def drive(
     view: bool,
     no_browser: bool,
 ) -> int:
-    """Plan a strip and drive it in a closed loop: at every tick the strip gives way to what is sensed, the motion ahead
-    is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
+    """Plan a strip and drive it in a closed loop: at every tick the strip gives way to sensed obstacles, the motion
+    ahead is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
 
-    Ctrl-C brings the robot to rest, and what was recorded is written; a second one ends at once, without.
+    Ctrl-C brings the robot to rest, and the record is written; a second one ends at once and writes nothing.
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
@@ -138,7 +138,7 @@ def drive(
             "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
         )
     if log and not realtime:
-        raise click.UsageError("--log is of --realtime; --record has everything of other drives")
+        raise click.UsageError("--log is for --realtime; --record has everything about other drives")
     setup = DriveSetup(
         robot=model, seed=number, plant=plant, evade=evade is not False, sensors=config, alternatives=alternatives,
         level=level, faults=wrong, limits=allowed, compute="free" if realtime else compute or "1",
@@ -152,7 +152,7 @@ def drive(
 
 
 class Outputs(NamedTuple):
-    """Files that a drive writes; None where it does not."""
+    """Files that a drive writes; None for those that it does not write."""
 
     json_file: str | None = None
     record_file: str | None = None
@@ -171,7 +171,7 @@ def drive_and_report(
     view: bool = False,
     no_browser: bool = False,
 ) -> int:
-    """Make a simulation, which is watched, run it, and write and say what came of it; returns the exit code."""
+    """Make a simulation, run and watch it, write and print its result; returns the exit code."""
     from elastic_strips.io.record_file import write_record
     from elastic_strips.sim.scenarios import drive_document
     from elastic_strips.sim.scenarios.drive import conclude
@@ -257,7 +257,7 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     if outcome.reached:
         end, why = "reached", ""
     elif result.state is RunState.REACHED:
-        end, why = "not reached", ": the robot believes to be at the goal, but is not"
+        end, why = "not reached", ": the robot believes that it is at the goal, but it is not"
     else:
         end, why = "not reached", f": {result.state.label}, {reason}"
     output.say(

@@ -1,4 +1,4 @@
-"""What several commands have in common: options, the progress bar, and the viewer that they open."""
+"""The common parts of several commands: options, the progress bar, and the viewer that they open."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class OutputFile(click.Path):
 
 
 class PictureFile(OutputFile):
-    """A file that can be written, whose ending is one of those given: said before anything is planned."""
+    """A file that can be written and whose ending is one of those given; checked before anything is planned."""
 
     def __init__(self, *endings: str) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class PictureFile(OutputFile):
 
 
 class JsonFile(OutputFile):
-    """A file that can be written, or ``-``: standard output, from which everything else goes away then."""
+    """A file that can be written, or ``-`` for standard output, which then carries nothing else."""
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value != output.STDOUT:
@@ -93,7 +93,7 @@ class JointValue(_ValueType):
     """``NAME=VALUE``: a joint and a number.
 
     Args:
-        number: the type of that.
+        number: type of the number.
     """
 
     name = "text"
@@ -116,8 +116,8 @@ class LateChoice(_TextType):
     """One of the names that a module has; it is imported when they are asked for.
 
     Args:
-        module: where they are.
-        name: of a tuple, a mapping or an enumeration of them.
+        module: module of the names.
+        name: name in a tuple, a mapping or an enumeration of names.
     """
 
     name = "choice"
@@ -191,7 +191,7 @@ def base_option(help: str = "How the base moves; the robot's own by default.") -
 
 @dataclass(frozen=True, slots=True)
 class GivenLimits:
-    """What a command line says of a robot's limits: as of ``MotionLimits.for_robot``."""
+    """Limits of a robot from the command line, as for ``MotionLimits.for_robot``."""
 
     joint_speed: Mapping[str, float]
     wheel_speed: float | None
@@ -211,7 +211,7 @@ class GivenLimits:
 
         if robot.base_kind.value != "diff_drive" and any((self.wheel_speed, self.track, self.wheel_radius)):
             raise click.UsageError(
-                f"--wheel-speed, --track and --wheel-radius are of a diff_drive base; that of {robot.name!r} is "
+                f"--wheel-speed, --track and --wheel-radius are for a diff_drive base; that of {robot.name!r} is "
                 f"{robot.base_kind.value}"
             )
         return MotionLimits.for_robot(
@@ -284,8 +284,8 @@ processes_option = click.option(
 compute_option = click.option(
     "--compute",
     metavar="FACTOR|work|free",
-    help="What computing costs in simulated time: so many times the processor time that it takes here [default: 1]; "
-    "work: the time that is modelled for the work that was counted, alike everywhere; free: nothing.",
+    help="What computing costs in simulated time: this many times the processor time that it takes here [default: 1]; "
+    "work: the time that is modelled for the counted work, the same everywhere; free: nothing.",
 )
 evade_option = click.option(
     "--evade/--no-evade",
@@ -315,7 +315,7 @@ def sensors_of(text: str | None, robot: str) -> SensorConfig | None:
     """The sensors that the option names, of a robot that is named; None where it was not given.
 
     Raises:
-        ParameterError: no such sensor, or a file that is none of sensors.
+        ParameterError: no such sensor, or a file that does not describe sensors.
     """
     if text is None:
         return None
@@ -373,7 +373,7 @@ class LateProgress:
     Args:
         label: what is being done.
         total: number of steps, or None where it is not known.
-        lines: whether the same is said elsewhere than on a terminal, as a line every ten seconds.
+        lines: whether the same is said without a terminal, as a line every ten seconds.
     """
 
     def __init__(self, label: str, total: int | None = None, *, lines: bool = False) -> None:
@@ -427,7 +427,7 @@ class LateProgress:
 
 
 def duration(seconds: float) -> str:
-    """Such as 40 s, 3 min 20 s or 2 h 5 min."""
+    """A duration, such as 40 s, 3 min 20 s or 2 h 5 min."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -437,7 +437,7 @@ def duration(seconds: float) -> str:
 
 
 class ViewerFailure(ElasticStripsError):
-    """There is no picture, through no fault of the input."""
+    """There is no picture, and the input is not the cause."""
 
 
 def open_viewer(*, no_browser: bool, title: str = TITLE) -> Viewer:
@@ -468,7 +468,7 @@ def write_pictures(
     Raises:
         ViewerFailure: it cannot be drawn.
         BrowserError: there is no Chromium for picture and film.
-        MissingExtraError: what writes films is not installed.
+        MissingExtraError: the packages that write films are not installed.
         InputError: a file cannot be written.
     """
     if html_file is None and png_file is None and film_file is None:
@@ -489,7 +489,7 @@ def write_pictures(
 
 
 def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TITLE) -> None:
-    """Serve what ``draw`` shows on this machine until Ctrl-C.
+    """Serve the picture of ``draw`` on this machine until Ctrl-C.
 
     Raises:
         ViewerFailure: the server does not start.

@@ -39,7 +39,7 @@ def robot(
     """What is known of a robot, what is assumed and what is not looked at: joints, limits, shapes, pairs, meshes and
     frames.
 
-    Its URDF is read a second time, by yourdfpy; what that finds otherwise is said.
+    Its URDF is read a second time, by yourdfpy; differences are reported.
 
     Exit code 0: there is a card, whatever it says. 2: wrong input.
     """
@@ -82,7 +82,7 @@ def _draw(model: RobotModel, card: RobotCard, html_file: str | None, png_file: s
 
 
 def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
-    """How fast it may move: by whom that is said."""
+    """How fast the robot may move, and where that is stated."""
     from elastic_strips.robot.card import CardSection
     from elastic_strips.trajectory import MotionLimits
     from elastic_strips.trajectory.limits import sliding_joints

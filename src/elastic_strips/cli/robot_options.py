@@ -1,4 +1,4 @@
-"""What a command line says of the user's own robot: which joints are planned, which held still, and where files are."""
+"""Options of the user's own robot: which joints are planned, which are held still, and where files are."""
 
 from __future__ import annotations
 
@@ -73,14 +73,14 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
         help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
         "given again.",
     )
-    planned = click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; no others then.")
+    planned = click.option("--joints", metavar="NAMES", help="The joints to plan, separated by commas, and no others.")
     return planned(still(pairs(folder(shapes(with_options)))))
 
 
 def load_robot(
     problem: Scenario, robot: str | None, described: LoadOptions, preset: str | None = None, base: str | None = None
 ) -> RobotModel:
-    """The scenario's robot, or another one; of one from a file it is said what is planned, and what is not.
+    """The scenario's robot, or another one; for a robot from a file it prints what is planned, and what is not.
 
     Raises:
         RobotError: unknown robot, or an error in its files.

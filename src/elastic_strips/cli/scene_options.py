@@ -1,4 +1,4 @@
-"""What a command line says of how the files of a scene are read: poses, heights, and what is not known."""
+"""Options of how the files of a scene are read: poses, heights, and unknown space."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def scene_options(command: Callable[..., int]) -> Callable[..., int]:
         ),
         click.option("--voxel", metavar="M", type=_LENGTH, help="Edge of the cells that a cloud's points fill [m]."),
         click.option(
-            "--outside", type=click.Choice(["blocked", "free"]), help="What is outside of a map.  [default: blocked]"
+            "--outside", type=click.Choice(["blocked", "free"]), help="What is outside a map.  [default: blocked]"
         ),
         click.option(
             "--unknown", type=click.Choice(["free", "occupied"]), help="A map's unknown cells.  [default: free]"

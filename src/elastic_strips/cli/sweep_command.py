@@ -74,15 +74,15 @@ def sweep(
     their dotted names (evasion.horizon); of plans also timeout and base; of drives plant, method, sensors, evade,
     alternatives, level, compute, time_limit, base. A wrong name is answered with the right ones.
 
-    Each run is a row of the table, one that fails too. The same command again goes on where it was interrupted, by
+    Each run is a row of the table, even if it fails. The same command again goes on where it was interrupted, by
     Ctrl-C, kill -9 or the end of the machine, and runs nothing twice.
 
     Exit code 0: every run has a result. 2: wrong input. 3: some ended in an error. 130: interrupted.
     """
     if scheduler and processes:
-        raise click.UsageError("--processes is of this machine; the cluster of --scheduler has its own workers")
+        raise click.UsageError("--processes is for this machine; the cluster of --scheduler has its own workers")
     if not plot_file and (x or y or hue):
-        raise click.UsageError("--x, --y and --hue are of the picture: --plot FILE.png")
+        raise click.UsageError("--x, --y and --hue are for the picture: give --plot FILE.png")
     found = read_sweep(file)
     plot = Plot(x, y, hue)
     if plot_file:
@@ -150,7 +150,7 @@ def sweep(
 
 
 def _quieten_dask() -> None:
-    """Where a worker or the scheduler ends, Dask logs tracebacks of its own; what came of it is said here in a line."""
+    """Where a worker or the scheduler ends, Dask logs tracebacks of its own; here one line says what happened."""
     with suppress(ImportError):
         import distributed  # noqa: F401 -- which sets the levels of its loggers
 
@@ -160,7 +160,7 @@ def _quieten_dask() -> None:
 
 
 def _document(found: Sweep, store: SweepStore | None) -> dict[str, object]:
-    """What ``--json`` writes; without a store of a sweep that is not run."""
+    """The document of ``--json``; without a store it is that of a sweep that is not run."""
     document: dict[str, object] = {
         "format": "elastic-strips-sweep-answer",
         "version": 1,

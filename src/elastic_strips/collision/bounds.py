@@ -1,9 +1,9 @@
 """Bounds: bodies of a robot as capsules, and how far any of their points moves between two configurations.
 
 The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of
-freedom: 1 for sliding, the distance from the axis for turning; of one that joints follow, the sum of what its joints
-do, each times its multiplier. Static radii hold for all postures within the joint limits; tight ones for one posture
-and the motion to the next.
+freedom: 1 for sliding, the distance from the axis for turning. Of one that joints follow it is the sum of what its
+joints do, each times its multiplier. Static radii hold for all postures within the joint limits; tight ones for one
+posture and the motion to the next.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class BodySet:
 
     Attributes:
         names: (G,) names.
-        labels: (G,) what messages call them.
+        labels: (G,) their names in messages.
         geometries: Coal shapes.
         joint: (G,) Pinocchio joint index.
         rotation: (G, 3, 3), translation: (G, 3) pose of the shape in the aligned joint frame.
         ends: (G, 2, 3) end points of a capsule that contains the body, in the aligned joint frame [m].
         radius: (G,) radius of that capsule [m].
-        skin: distance [m] to add to what Coal says (control points are tiny spheres).
+        skin: distance [m] to add to Coal's distances (control points are tiny spheres).
     """
 
     tree: KinematicTree
@@ -63,7 +63,7 @@ class BodySet:
 
     @staticmethod
     def links(robot: RobotModel) -> BodySet:
-        """The robot's convex links; made once for each robot."""
+        """The robot's convex pieces; made once for each robot."""
         known = _LINKS.get(robot)
         if known is not None:
             return known
@@ -142,12 +142,12 @@ class MotionBounds:
     """Bounds on how far bodies move between configurations; see Schwarzer, Saha and Latombe.
 
     Args:
-        bodies: whose motion is bounded, for all postures within the joint limits.
+        bodies: the bodies whose motion is bounded, for all postures within the joint limits.
 
     Attributes:
         radius: (nv, G) static radii; zero where the degree of freedom does not move the body.
             Rows 0 and 1 of a planar root are 0: its translation counts once, as ‖(v_x, v_y)‖.
-        of_motion: (M, G) the same of each motion, for a unit of its coordinate; ``radius`` where no joint follows.
+        of_motion: (M, G) the same for each motion, per unit of its coordinate; ``radius`` where no joint follows.
     """
 
     def __init__(self, bodies: BodySet) -> None:
@@ -203,7 +203,7 @@ class MotionBounds:
 
         Args:
             kin: kinematics of the nodes, with Jacobians.
-            node, body: (K,) where each motion starts, and whose it is.
+            node, body: (K,) the node where each motion starts, and the body that moves.
             v: (K, nv) tangent vectors of the motions.
         """
         bodies, tree = self.bodies, self.bodies.tree
@@ -228,7 +228,7 @@ class MotionBounds:
         return (tight * speed).sum(axis=1)
 
     def pair_radius(self, pairs: Indices) -> Array:
-        """Radii (nv, S) for the distance between two bodies: the joints that move one of them and not the other."""
+        """Radii (nv, S) for the distance of two bodies: only joints that move one of them and not the other count."""
         support = self.bodies.tree.support[self.bodies.joint]
         one, two = support[pairs[:, 0]], support[pairs[:, 1]]
         only_one, only_two = one & ~two, two & ~one

@@ -1,8 +1,8 @@
-"""Candidate parts: the few obstacle parts that can come near a strip, and where those that move will be.
+"""Candidate parts: the few obstacle parts that can come near a strip, and where moving ones will be.
 
 Coal's broadphase returns to Python only the nearest object of a query (the pairs that its collecting callback
-gathers have no Python converter), and the repulsive field needs all within the influence distance; so parts are
-first culled by boxes here, in numpy, and what remains goes to Coal.
+gathers have no Python converter), and the repulsive field needs all parts within the influence distance; so parts are
+first culled by boxes here, in numpy, and Coal is asked about the others.
 
 A node that is reached at time t meets an obstacle that has moved by then. Seen from the obstacle, the robot is moved
 the other way: so the distance at the node is measured with the robot shifted by minus the obstacle's displacement,
@@ -33,7 +33,7 @@ class CandidateParts:
     Attributes:
         scene: the snapshot that it was made from.
         rows: (P,) rows of ``scene.table``, ascending.
-        cover_low, cover_high: (N, 3) boxes about the nodes, grown; a node inside one needs no others.
+        cover_low, cover_high: (N, 3) grown boxes about the nodes; a node inside one needs no other candidates.
         parts: the P parts.
         rotation: (P, 3, 3), translation: (P, 3) world poses.
         box_center: (P, 3) centre of each part's box in the part's frame; box_half: (P, 3) its half sizes.
@@ -56,7 +56,7 @@ class CandidateParts:
     def build(scene: Scene, low: Array, high: Array, slack: float, *, always: Indices | None = None) -> CandidateParts:
         """Collect the parts near the boxes ``low``, ``high`` (N, 3) of the nodes, each grown by ``slack`` [m].
 
-        The parts of the obstacles ``always`` are in it wherever they are.
+        The parts of the obstacles ``always`` are included wherever they are.
         """
         low, high = low - slack, high + slack
         table = scene.table
@@ -98,8 +98,8 @@ class CandidateParts:
         """Move to another snapshot of the same obstacles.
 
         Returns:
-            Those of its columns whose pose changed, or None where they must be collected anew: other obstacles, or
-            one that came in from outside.
+            The columns whose pose changed, or None where candidates must be collected anew: there are other obstacles,
+            or one that came in from outside.
         """
         changed = scene.rows_changed_since(self.scene)
         if changed is None:
@@ -174,7 +174,7 @@ class NodePrediction:
         obstacles: (M,) indices in the scene.
         shift: (N, M, 3) displacement [m] of each obstacle since the snapshot.
         uncertainty: (N, M) how far [m] it can be from there.
-        ignored: (N,) nodes that are reached too late to say anything; moving obstacles do not count there.
+        ignored: (N,) nodes that are reached too late for a forecast; moving obstacles do not count there.
     """
 
     obstacles: Indices
@@ -205,11 +205,11 @@ class Forecast:
     a motion may have begun when the scene was still older.
 
     Attributes:
-        obstacles: (M,) indices in the scene that it belongs to.
+        obstacles: (M,) indices in the scene of the forecast.
         velocity: (M, 3) expected velocity [m/s], world frame.
-        offset: (M,) error of the pose [m]; speed: (M,) of the velocity [m/s], or the bound of an unknown motion;
+        offset: (M,) error of the pose [m]; speed: (M,) error of the velocity [m/s], or the bound of an unknown motion;
             acceleration: (M,) largest acceleration [m/s²].
-        horizon: longest time [s] after the snapshot that it is for; moving obstacles are ignored beyond.
+        horizon: longest time [s] after the snapshot for which it holds; beyond it moving obstacles are ignored.
     """
 
     obstacles: Indices
@@ -266,13 +266,13 @@ class MovingParts:
         return False
 
     def remap(self, source: Indices | slice) -> None:
-        """Carry the last forecast over to nodes that were these of it."""
+        """Carry the last forecast over to nodes that were nodes ``source`` of it."""
         a = self.prediction
         if a is not None:
             self.prediction = NodePrediction(a.obstacles, a.shift[source], a.uncertainty[source], a.ignored[source])
 
     def begin(self, prediction: NodePrediction | None, candidates: CandidateParts) -> None:
-        """Take a forecast for candidates of which nothing is known yet."""
+        """Take a forecast for candidates about which nothing is known yet."""
         self.prediction = prediction if prediction is not None and len(prediction.obstacles) else None
         lookup = np.full(len(candidates.scene), -1, dtype=np.intp)
         if self.prediction is not None:
@@ -289,7 +289,7 @@ class MovingParts:
         Args:
             prediction: the forecast, or None where nothing moves.
             candidates: with the new snapshot.
-            changed: its columns whose pose is another than in the last.
+            changed: the columns whose pose differs from that in the last snapshot.
 
         Returns:
             Columns (C,), how far (N, C) [m] any point of each has moved as seen from a node, and by how much (N, C)
@@ -337,7 +337,7 @@ class MovingParts:
         return _with_still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
 
     def between(self, place: Array, part: Indices) -> tuple[Array, Array] | None:
-        """The same at places, which are node numbers with fractions."""
+        """Shift (K, 3) and uncertainty (K,) of parts at places, which are node numbers with fractions."""
         if self.prediction is None:
             return None
         mover = self.mover[part]
@@ -352,7 +352,7 @@ def _of_columns(prediction: NodePrediction | None, mover: Indices) -> tuple[Arra
 
 
 def _with_still(mover: Indices, shift: Array, uncertainty: Array) -> tuple[Array, Array]:
-    """Shift (…, K, 3) and uncertainty (…, K), set to zero where ``mover`` (K,) is −1: what does not move."""
+    """Shift (…, K, 3) and uncertainty (…, K), set to zero where ``mover`` (K,) is −1, as for parts that stand."""
     still = mover < 0
     shift[..., still, :], uncertainty[..., still] = 0.0, 0.0
     return shift, uncertainty

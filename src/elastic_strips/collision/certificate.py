@@ -6,7 +6,7 @@ Latombe). Where that fails for a pair of body and obstacle part, or of two bodie
 and the halves are tested again. At the depth floor the answer is *unknown*, never *safe*.
 
 A proof gives three things to the :class:`Bisection`: the pairs and how they are measured (:class:`Pairs`), the
-intervals that are open at first, with what is known of them, and what the distances are for (:class:`Search`).
+intervals that are open at first, with what is known about them, and the purpose of the distances (:class:`Search`).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HALF_TURN = "half turn"
 
 
 class SegmentState(int, Enum):
-    """What is known of a segment."""
+    """What is known about a segment."""
 
     CERTIFIED = 0
     UNKNOWN = 1
@@ -48,10 +48,10 @@ class BrokenSegment:
         segment: index j of the segment between nodes j and j + 1.
         link: name of the robot's collision piece.
         obstacle: name of the obstacle, or of the other link for self-collision.
-        clearance: smallest distance measured there [m]; below the required one, or too small to decide.
+        clearance: smallest distance measured there [m]; it is below the required one, or too small to decide.
         kind: ``"obstacle"``, ``"self"``, or ``"half turn"`` where the segment's path is not defined.
         certain: True where a configuration below the required clearance was found, False where the depth floor was met.
-        labels: what messages call link and obstacle; a link that is one piece has the URDF's name there.
+        labels: names of link and obstacle in messages; a link that is one piece has the URDF's name there.
     """
 
     segment: int
@@ -115,7 +115,7 @@ class Pairs(Protocol):
         ...
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
-        """Distances, less what Coal may say too much."""
+        """Distances, less the most by which Coal's may be too large."""
         ...
 
     def loose(self, pair: Indices) -> Array:
@@ -123,7 +123,7 @@ class Pairs(Protocol):
         ...
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
-        """Name a pair that is too near, or that could not be decided."""
+        """The report of a pair that is too near, or that could not be decided."""
         ...
 
 
@@ -194,8 +194,8 @@ class OpenIntervals:
         low, high: (K,) places on the path: node numbers with fractions. An interval lies within one segment or goes
             from a node to a node.
         d_low, d_high: (K,) lower bounds of the distances there [m].
-        exact_low, exact_high: (K,) whether these were measured exactly.
-        travel: (K,) Λ, how far the two of a pair can come nearer to each other on it [m].
+        exact_low, exact_high: (K,) whether ``d_low`` and ``d_high`` were measured exactly.
+        travel: (K,) Λ, how far the two of a pair can come nearer to each other on the interval [m].
     """
 
     pair: Indices
@@ -219,7 +219,7 @@ class OpenIntervals:
         return self.low.astype(np.intp)
 
     def take(self, which: Mask | Indices) -> OpenIntervals:
-        """Some of the intervals."""
+        """The intervals of a selection."""
         return OpenIntervals(*(getattr(self, name)[which] for name in self.__slots__))
 
     def joined(self, other: OpenIntervals) -> OpenIntervals:
@@ -227,7 +227,7 @@ class OpenIntervals:
         return OpenIntervals(*(np.concatenate((getattr(self, x), getattr(other, x))) for x in self.__slots__))
 
     def open(self, clearance: float) -> Mask:
-        """Which of them the lemma does not prove; what is not a number proves nothing."""
+        """Which intervals the lemma does not prove; a value that is not a number proves nothing."""
         return ~(self.d_low + self.d_high > self.travel + 2.0 * clearance)
 
     def __len__(self) -> int:
@@ -235,7 +235,7 @@ class OpenIntervals:
 
 
 class Search(Protocol):
-    """What distances are wanted for."""
+    """The purpose of a search, which says which distances are wanted."""
 
     @property
     def clearance(self) -> float:
@@ -244,12 +244,12 @@ class Search(Protocol):
 
     @property
     def exact_below(self) -> float:
-        """What may be below this [m] is measured exactly, even where a lower bound closes the interval."""
+        """Distances that may be below this [m] are measured exactly, even where a lower bound closes the interval."""
         ...
 
     @property
     def decided(self) -> Mask | None:
-        """(N−1,) segments of which nothing more is wanted, or None where all are wanted to the end."""
+        """(N−1,) segments about which nothing more is wanted, or None where all are wanted to the end."""
         ...
 
     def found(self, place: Array, pair: Indices, d: Array) -> bool:
@@ -276,13 +276,13 @@ class Bisection:
     def run(
         self, pairs: Pairs, todo: OpenIntervals, search: Search, depth: int, total: Array | None = None
     ) -> OpenIntervals:
-        """Halve what is open, level by level; returns what still is open after ``depth`` levels.
+        """Halve the open intervals, level by level; returns those that are still open after ``depth`` levels.
 
         Args:
             pairs: how the intervals' pairs are measured.
-            todo: the intervals; one of more than a segment is halved at nodes first.
-            search: what takes the distances.
-            depth: most levels.
+            todo: the intervals; one that spans several segments is halved at nodes first.
+            search: the search that takes the distances.
+            depth: largest number of levels.
             total: (N, pairs) how far the two of each pair can have come nearer to each other since the first node [m];
                 None where all intervals lie in one segment.
         """
@@ -344,7 +344,7 @@ class Bisection:
         return search.found(place[ask], todo.pair[ask], d[ask])
 
     def _locate(self, place: Array) -> tuple[Indices, Mask | None]:
-        """Where places are: numbers of nodes, or of configurations between nodes where the mask says so or is None."""
+        """Locate places: numbers of nodes, or of configurations between nodes where the mask says so or is None."""
         node = place.astype(np.intp)
         between = place != node
         if between.all():

@@ -1,7 +1,7 @@
 """The certificate of a motion: the motion-bound proof over intervals of many samples at once.
 
-A pair that is far for the whole motion needs two distances, not two a sample: what a body may travel between two
-samples is the sum over the segments between them. Only where that does not suffice is the interval halved, first at
+A pair that is far for the whole motion needs two distances, not two for each sample: what a body may travel between two
+samples is the sum over the segments between them. Only where that is not enough is the interval halved, first at
 samples, then between two of them. The first distance below the clearance ends the search.
 """
 
@@ -69,7 +69,7 @@ class MotionCertifier(OneThread):
 
     @exclusive
     def reset(self) -> None:
-        """Forget the obstacles; for after an exception."""
+        """Forget the obstacles, as is needed after an exception."""
         self.candidates = None
 
     @exclusive
@@ -89,12 +89,13 @@ class MotionCertifier(OneThread):
             coordinates: (N, nv) samples, N ≥ 2.
             v: (N−1, nv) tangents from each to the next: base and joints go on arcs and lines between them.
             scene: snapshot of the obstacles.
-            prediction: where the moving ones are at each sample.
+            prediction: where the moving obstacles are at each sample.
             clearance: required distance [m], > 0, to obstacles.
             self_clearance: required distance [m], > 0, between the robot's own links.
 
         Returns:
-            Its ``broken`` is the first pair found too near; then nothing is said of the other segments.
+            The certificate. Its ``broken`` is the first pair found too near; then nothing is said about the other
+            segments.
         """
         (v,) = by_rows(v)
         count_work(batches=1)
@@ -114,7 +115,7 @@ class MotionCertifier(OneThread):
         return Certificate(clearance, states == SegmentState.CERTIFIED, states, broken, self.checks)
 
     def _look(self, scene: Scene, prediction: NodePrediction, clearance: float, travel: Array) -> None:
-        """Candidates: all that comes within the clearance of the motion, and all that moves."""
+        """Candidates: all parts that come within the clearance of the motion, and all that move."""
         ends = self.bodies.capsule_ends(self._kin)
         radius = self.bodies.radius[:, None]
         # a point between two samples is no further from the nearer of them than half its travel
@@ -157,7 +158,7 @@ class MotionCertifier(OneThread):
         return self._prove(pairs, v, total, clearance)
 
     def _proof(self, pairs: Pairs, found: _native.Proof, segments: int) -> BrokenSegment | None:
-        """What the native kernel found."""
+        """The certificate of the native kernel's findings."""
         broken, checks, (bounded, queries) = found
         self.checks += checks
         count_work(pairs=bounded, queries=queries)
@@ -190,7 +191,7 @@ class MotionCertifier(OneThread):
 
 
 def _depth(segments: int) -> int:
-    """Most halvings of a motion of so many segments."""
+    """Largest number of halvings of a motion with this many segments."""
     return segments.bit_length() + _MAX_DEPTH + 1
 
 

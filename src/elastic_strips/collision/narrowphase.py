@@ -96,7 +96,7 @@ class PairSolver:
     def ask(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
         """Signed distance [m] of two shapes at poses; ``result`` then holds the normal and the witness points.
 
-        It is at most 5e-6 m more than the shapes are apart, whatever Coal says.
+        It exceeds the true distance by at most 5e-6 m, whatever Coal says.
         """
         result = self.result
         result.clear()
@@ -129,9 +129,9 @@ class PairSolver:
 
 
 def _gap(pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s, normal: Array) -> float:
-    """How far two shapes are apart [m] along a unit vector from one to the other; −inf where it is none.
+    """How far two shapes are apart [m] along a unit vector from one to the other; −inf where it is not a unit vector.
 
-    It is no more than their distance, wherever the vector comes from.
+    This is at most their distance, wherever the vector comes from.
     """
     x, y, z = normal.tolist()
     if not x * x + y * y + z * z < 1.0 + UNIT_EXCESS:
@@ -204,7 +204,7 @@ class Narrowphase(OneThread):
             node, body, part: (K,) index arrays, best sorted by node and body.
             candidates: the parts that ``part`` indexes.
             reach: witness and direction are read only where the distance is below this [m].
-            shift: (K, 3) displacement of the part at the node [m]; none of them moves where None.
+            shift: (K, 3) displacement of the part at the node [m]; None where no part moves.
 
         Returns:
             distance (K,), direction (K, 3), witness (K, 3) in the world frame; the last two are zero beyond ``reach``.

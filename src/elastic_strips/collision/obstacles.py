@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from elastic_strips.native import _native
 
 _MOVING_TOLERANCE = 2e-3
-"""What is predicted is never as exact as that [m]: distances to moving parts are measured again only beyond."""
+"""Predictions are never as exact as this [m]: distances to moving parts are measured again only beyond it."""
 
 
 class ObstacleProximity(OneThread):
     """Workspace: distances of a strip's bodies to a scene's parts, kept from tick to tick.
 
     Args:
-        bodies: what of the robot is measured.
+        bodies: the bodies of the robot that are measured.
         influence: distances below this [m] are computed exactly.
         tolerance: an exact distance is measured again once its body or part has moved by more than this [m].
         slack: how far [m] the strip may drift before the candidates are collected anew.
@@ -43,8 +43,8 @@ class ObstacleProximity(OneThread):
     Attributes:
         bound: (N, G, P) lower bounds [m].
         exact: (N, G, P) distances [m] where they were measured, else ∞.
-        direction, witness: (N, G, P, 3) away from the obstacle, and nearest point on the robot.
-        margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
+        direction, witness: (N, G, P, 3) direction away from the obstacle, and nearest point on the robot.
+        margin: (N,) every part that is not a candidate is at least this far [m] from the node's bodies.
     """
 
     bound: Array
@@ -68,7 +68,7 @@ class ObstacleProximity(OneThread):
         self._allocate(0, 0)
 
     def _allocate(self, n: int, p: int) -> None:
-        """Arrays for n nodes and p parts of which nothing is known."""
+        """Arrays for n nodes and p parts about which nothing is known."""
         g = len(self.bodies)
         self.bound, self._since = np.full((n, g, p), -FAR), np.full((n, g, p), FAR)
         self.exact = np.full((n, g, p), np.inf)
@@ -115,7 +115,7 @@ class ObstacleProximity(OneThread):
         Args:
             kin: kinematics of the nodes (N).
             scene: the snapshot.
-            prediction: where some of its obstacles will be when each node is reached; all of them stay where None.
+            prediction: where some of its obstacles will be when each node is reached; None where all of them stay.
         """
         columns = None if self.candidates is None else self.candidates.follow(scene)
         same = self.candidates is not None and self._coordinates.shape == kin.coordinates[: kin.n].shape
@@ -223,7 +223,7 @@ class ObstacleProximity(OneThread):
 
     @exclusive
     def look_between(self, kin: Kinematics, between: Kinematics, reach: Array) -> bool:
-        """See that the candidates hold all that is within ``reach`` (M,) [m] of configurations between the nodes.
+        """Make sure that the candidates hold all parts within ``reach`` (M,) [m] of configurations between the nodes.
 
         Args:
             kin: kinematics of the nodes, as last given to :meth:`update`.
@@ -231,7 +231,7 @@ class ObstacleProximity(OneThread):
             reach: (M,) [m].
 
         Returns:
-            Whether they had to be collected anew; then all bounds have been measured again.
+            Whether the candidates had to be collected anew; then all bounds have been measured again.
         """
         candidates = self.candidates
         assert candidates is not None
@@ -249,9 +249,9 @@ class ObstacleProximity(OneThread):
         """Collect the candidates about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high.
 
         Args:
-            kin, scene, more: as said.
+            kin, scene, more: as described above.
             changed: the candidates' columns whose pose has changed already; None where the scene has other obstacles.
-            carry: whether what is known is of these nodes; it stays then for parts that are where they were.
+            carry: whether the known distances belong to these nodes; they stay then for parts that are where they were.
         """
         before = self.candidates
         ends = self._ends if carry else self.bodies.capsule_ends(kin)

@@ -1,7 +1,7 @@
 """The certificate of a path from anywhere: proven clear all along, refuted with a configuration that shows it, or open.
 
-What lies between two configurations of a path is part of it. A planner that looks at configurations some way apart can
-miss what lies between them; a certificate cannot (:mod:`elastic_strips.collision.certificate`).
+The way between two configurations is part of a path. A planner that looks at configurations some way apart can
+miss something between them; a certificate cannot (:mod:`elastic_strips.collision.certificate`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _TOLERANCE = 1e-4  # [m] of the clearance that is measured
 
 
 class Verdict(str, Enum):
-    """What is known of a path."""
+    """What is known about a path."""
 
     CERTIFIED = "certified"
     REFUTED = "refuted"
@@ -51,21 +51,22 @@ class Verdict(str, Enum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathCertificate(Summary):
-    """What :func:`certify` found.
+    """The result of :func:`certify`.
 
     Attributes:
-        verdict: certified; refuted, where a configuration was found that does not keep the clearance; or unknown.
-        clearance: distance [m] that was to be proven; self_clearance: of the robot's own links.
-        least: smallest distance [m] from obstacles along the whole path, at most 0.1 mm above what is said here; None
-            where it was not asked for, or where obstacles move.
+        verdict: certified; refuted, if a configuration was found that does not keep the clearance; or unknown.
+        clearance: distance [m] from obstacles that was to be proven.
+        self_clearance: distance [m] between the robot's own links that was to be proven.
+        least: smallest distance [m] from obstacles along the whole path; the true one is at most 0.1 mm larger. None
+            where it was not requested, or where obstacles move.
         segments: numbers of the segments that are not certified.
-        broken: the worst of them, with the pair of link and obstacle; None where there is none.
-        q: (nq,) a configuration on it that does not keep the clearance; None where none was found.
-        place: where on the segment that is, from 0 to 1; time: when [s], where the path is timed.
-        distance: of that pair at ``q`` [m]; below 0 by how deep it is.
-        reason: all of it for people, and what would decide what is unknown.
-        notes: what was taken to be so: which way the path turns, at which time what moves was taken.
-        seconds: that it took.
+        broken: the worst of these segments, with the pair of link and obstacle; None where there is none.
+        q: (nq,) a configuration on that segment that does not keep the clearance; None where none was found.
+        place: where ``q`` is on the segment, from 0 to 1; time: when it is reached [s], if the path has times.
+        distance: distance [m] of that pair at ``q``; negative by the depth of penetration.
+        reason: all of this in words, and what would decide an unknown answer.
+        notes: what was assumed: which way the path turns, at which time moving obstacles were taken.
+        seconds: duration [s].
     """
 
     verdict: Verdict
@@ -106,27 +107,27 @@ def certify(
 
     Args:
         robot: the robot.
-        scene: the obstacles. With ``times`` they move, and a world's appear and vanish. Without, a scene is taken as it
-            stands, and the answer says so where something in it moves; a world that changes is refused.
-        path: configurations (N, nq), coordinate rows (N, nv), a strip, or what `load_path` returns, whose doubts count.
-            Configurations have (cos, sin) of a yaw and of joints without limits, rows their values. Between two of
+        scene: the obstacles. With ``times`` they move, and those of a world appear and vanish. Without, a scene is
+            taken as it stands, and the answer says so if something in it moves; a world that changes is refused.
+        path: configurations (N, nq), coordinate rows (N, nv), a strip, or a path of `load_path`, whose doubts count.
+            Configurations have (cos, sin) of a yaw and of joints without limits; rows have their values. Between two of
             them joints go linearly.
         clearance: distance to obstacles [m] to prove; 0 proves that nothing touches.
-        self_clearance: distance of the robot's own links [m] to prove.
+        self_clearance: distance between the robot's own links [m] to prove.
         interpolation: ``"arc"``: the base goes along the tangent of SE(2), on an arc, as wheels do and as strips have
-            it; ``"line"``: x, y and yaw go linearly, as OMPL's SE(2) and most files have it. With both, angles go the
+            them; ``"line"``: x, y and yaw go linearly, as in OMPL's SE(2) and most files. With both, angles go the
             shorter way, and values that change by more than half a turn are *unknown*. ``"values"``: all go linearly,
-            angles by their values, whole turns too; *unknown* for configurations, which have none. ``"shortest"``: all
-            go linearly, angles the shorter way, whatever their values. Half a turn is *unknown* where the values do
+            angles by their values, whole turns too; *unknown* for configurations, which have no values. ``"shortest"``:
+            all go linearly, angles the shorter way, whatever their values. Half a turn is *unknown* where the values do
             not say which.
         times: (N,) when each configuration is reached [s], not decreasing.
         measure: whether to measure the least distance along a certified path.
 
     Raises:
-        RobotError, SceneError: not a robot, or no scene or world.
+        RobotError, SceneError: not a robot, or neither a scene nor a world.
         ConfigurationError: a path of another shape, or less than two configurations, or outside the joints' limits.
-        ParameterError: a clearance below 0, an unknown interpolation, times that do not fit, or none where the world
-            changes with the time.
+        ParameterError: a clearance below 0, an unknown interpolation, times that do not fit, or no times where the
+            world changes with the time.
     """
     began = perf_counter()
     check_type("robot", robot, RobotModel, RobotError)
@@ -148,7 +149,7 @@ def certify(
         least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_TOLERANCE)
     varies = changes(scene if isinstance(scene, World) else World(scene))
     if when is not None and varies:
-        notes = (*notes, f"from {when[0]:g} s to {when[-1]:g} s, and of no time before or after")
+        notes = (*notes, f"from {when[0]:g} s to {when[-1]:g} s, and for no time before or after")
     if getattr(path, "rates", False):
         notes = (*notes, "straight from configuration to configuration; splines by the file's velocities leave that")
     said = (*((arcs.way,) if arcs.way else ()), *notes, *_sideways(robot, given.rows))
@@ -162,9 +163,9 @@ def certify(
 
 
 def _sideways(robot: RobotModel, rows: Array) -> tuple[str, ...]:
-    """What to say of a path that wheels cannot follow, whether or not it is free: nothing where they can.
+    """A note about a path that wheels cannot follow, whether or not it is free; empty where they can.
 
-    Looked at is the arc from each configuration to the next: the one way between them that wheels may have.
+    It compares the arc from each configuration to the next: the only way between them that wheels may have.
     """
     if robot.base_kind is not BaseKind.DIFF_DRIVE:
         return ()
@@ -177,7 +178,7 @@ def _sideways(robot: RobotModel, rows: Array) -> tuple[str, ...]:
 
 
 def _doubted(found: PathCertificate, doubts: list[str]) -> PathCertificate:
-    """What is certified of a path that may not be what the robot does is unknown of the robot."""
+    """The answer of a path with doubts: what is certified of it is unknown of the robot, which may not follow it."""
     if not doubts or not found.certified:
         return found
     reason = f"{'; '.join(doubts)}. Of what was looked at, {found.reason}"
@@ -192,14 +193,14 @@ def _checked_times(times: npt.ArrayLike, count: int) -> Array:
 
 
 def changes(world: World) -> tuple[str, ...]:
-    """Names of what is not the same at all times: what moves, appears or vanishes."""
+    """Names of obstacles that change with time: those that move, appear or vanish."""
     return tuple(dict.fromkeys((*world.names_moving, *world.appears, *world.vanishes)))
 
 
 def _apart(
     scene: Scene | World, when: Array | None
 ) -> tuple[Scene, tuple[World, tuple[Obstacle, ...]] | None, tuple[str, ...]]:
-    """What stands still all along; the world and what of it does not; what to say of it."""
+    """The obstacles that stand still all along; the world and the names of its other obstacles; a note about them."""
     if isinstance(scene, Scene):
         moving = [o.name or "" for o in scene if o.motion is not None]
         if when is None:
@@ -230,7 +231,7 @@ def _apart(
 
 @dataclass(frozen=True, slots=True)
 class _Broken:
-    """The segment of the refined path, the place on it, what is not proven there, and among what."""
+    """A segment of the refined path, the place on it, what is not proven there, and among which obstacles."""
 
     j: int
     place: float
@@ -240,7 +241,7 @@ class _Broken:
 
     @property
     def order(self) -> tuple[bool, float]:
-        """What is certain comes first, then what is nearest."""
+        """Certain ones come first, then the nearest."""
         return not self.segment.certain, self.segment.clearance
 
 
@@ -255,7 +256,7 @@ class _Tools:
 
 
 class _Work:
-    """Workspace of one call: what was broken so far."""
+    """Workspace of one call: what has been found broken so far."""
 
     def __init__(self, robot: RobotModel, clearance: float, self_clearance: float, arcs: Arcs) -> None:
         self.robot, self.clearance, self.self_clearance = robot, clearance, self_clearance
@@ -293,7 +294,7 @@ class _Work:
     def _certified(
         self, tools: _Tools, rows: Array, known: npt.NDArray[np.bool_], scene: Scene, clearance: float
     ) -> tuple[npt.NDArray[np.int8], BrokenSegment | None]:
-        """States of the segments between rows, and the worst broken one; of what is not known, only the ends count."""
+        """States of the segments between rows, and the worst broken one; without a known way only the ends count."""
         kin, v = tools.kin, self.robot.space.difference(rows[:-1], rows[1:])
         v[~known] = 0.0
         kin.update(rows)
@@ -305,7 +306,7 @@ class _Work:
         return found.states, found.broken
 
     def changing(self, when: Array, world: World, obstacles: tuple[Obstacle, ...]) -> None:
-        """Certify all segments among what moves, appears or vanishes: in pieces of time in which nothing moves far.
+        """Certify all segments among obstacles that change with time, in pieces of time in which nothing moves far.
 
         Time is divided where something appears or vanishes, so that all through a piece the same obstacles are there.
         """
@@ -374,7 +375,7 @@ class _Work:
     def _broken_among(
         self, ends: Array, obstacles: tuple[Obstacle, ...], t: float, margin: float
     ) -> BrokenSegment | None:
-        """What is broken where these obstacles are within ``margin`` [m] of where they are at ``t``."""
+        """The broken place where these obstacles are within ``margin`` [m] of where they are at ``t``."""
         needed = self.needed + margin
         known = np.ones(1, dtype=bool)
         tools = self._with(needed, itself=False)
@@ -527,7 +528,7 @@ class _Work:
 def away(obstacle: Obstacle, seen: float, t0: float, t1: float) -> float:
     """How far [m] an obstacle of unknown motion may be, between ``t0`` and ``t1`` [s], from where it was ``seen`` [s].
 
-    It was where it is at the scene's time; and, where a sensor or a caller placed it at another time, then.
+    It was where it is at the scene's time, or at the time for which a sensor or a caller placed it.
     """
     assert isinstance(obstacle.motion, UnknownMotion)
     since = max(abs(t - at) for t in (t0, t1) for at in {seen, obstacle.anchor_time or seen})
@@ -538,7 +539,7 @@ def away(obstacle: Obstacle, seen: float, t0: float, t1: float) -> float:
 class _Found:
     """The worst of some configurations: its place, row, pair and distance, and whether that is too near for sure.
 
-    What moves as nobody knows may be ``margin`` [m] away from where it was measured.
+    Obstacles of unknown motion may be ``margin`` [m] away from where they were measured.
     """
 
     place: float
@@ -554,7 +555,7 @@ class _Found:
 
     @property
     def order(self) -> tuple[bool, float]:
-        """What is certain comes first, then what has the least to spare."""
+        """Certain ones come first, then those with the least to spare."""
         return not self.certain, self.spare
 
 

@@ -1,4 +1,4 @@
-"""Self proximity: the distances between the robot's own links along a strip, with the same kind of bounds."""
+"""Self proximity: the distances between the robot's own links along a strip, with bounds as for obstacles."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class SelfProximity(OneThread):
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
 
     def _allocate(self, n: int) -> None:
-        """Arrays for n nodes of which nothing is known."""
+        """Arrays for n nodes about which nothing is known."""
         s = len(self.pairs)
         self.bound, self.exact, self._since = np.full((n, s), -FAR), np.full((n, s), np.inf), np.full((n, s), FAR)
         self.direction, self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3)), np.zeros((n, s, 3))

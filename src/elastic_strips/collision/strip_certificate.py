@@ -1,4 +1,4 @@
-"""What is known of a strip between its nodes: its certificate, its clearance, and the paper's protective hulls."""
+"""What is known about a strip between its nodes: its certificate, its clearance, and the paper's protective hulls."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _KNOWN = np.int8(-1)  # a segment that is certified already, while others are lo
 class Certifier(OneThread):
     """Workspace: certifies strips for which the two proximities are up to date.
 
-    What the proximities know of the nodes decides most pairs; only what it leaves open is bisected.
+    The distances at the nodes decide most pairs; only the pairs that they leave open are bisected.
 
     Args:
         bodies: the robot's links.
@@ -78,8 +78,8 @@ class Certifier(OneThread):
             clearance: required distance [m], > 0, to obstacles.
             self_clearance: required distance [m], > 0, between the robot's own links.
             scene: the snapshot, as last given to the obstacle proximity.
-            known: (N−1,) segments that are certified with these very clearances, scene and ends; the others are
-                looked at.
+            known: (N−1,) segments that are already certified with these very clearances, scene and ends; only the
+                others are certified.
         """
         (v,) = by_rows(v)
         states = np.zeros(kin.n - 1, dtype=np.int8)
@@ -209,7 +209,7 @@ class Certifier(OneThread):
         return todo.take(todo.open(clearance))
 
     def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
-        """Have the candidates hold all that long segments may come near; those near the nodes do for short ones.
+        """Make sure that the candidates hold all parts that long segments may come near; short ones need no others.
 
         A point of a long segment is no further from the nearest of some configurations on it than half the travel from
         one to the next.
@@ -312,9 +312,9 @@ def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: Obstac
 
 
 class _ClearanceSearch:
-    """Branch and bound: nothing is wanted of what cannot be nearer than the nearest so far, by a tolerance [m].
+    """Branch and bound: pairs that cannot be nearer than the nearest so far, by a tolerance [m], are not looked at.
 
-    Lower bounds say nothing of how deep shapes penetrate, so what may be below 0 is measured exactly.
+    Lower bounds say nothing about how deep shapes penetrate, so distances that may be below 0 are measured exactly.
     """
 
     decided = None

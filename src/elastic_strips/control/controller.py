@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
 """Events that are kept by default: a robot may run for days."""
 _STRIP_START_OFFSET = 0.02
-"""Distance [m, rad] from the beginning of a strip that was planned while the robot braked, from which on it stands
+"""A robot at least this far [m, rad] from the beginning of a strip that was planned while it braked stands
 elsewhere."""
 _Planned = TypeVar("_Planned")
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
@@ -98,8 +98,8 @@ class Controller:
         start: configuration (nq,) of the robot at rest.
         goal: configuration (nq,), or several of them (G, nq), one after the other.
         scene: obstacles known before the first step; none where None.
-        params: of the drive.
-        limits: of the motors; read off the robot where None.
+        params: parameters of the drive.
+        limits: limits of the motors; read off the robot where None.
         strip: first strip; planned where None.
         path: waypoints (K, 2) [m] that the first plan tries first.
         grid: whether plans may use a path over a grid.
@@ -107,16 +107,17 @@ class Controller:
         workers: run plans while the control loop goes on, one after the other; an own thread where None.
         seed: of the planner.
         events: the newest events and stops that are kept at least; all where None.
-        executor: one that runs elsewhere, with the same robot, limits, start and goal; an own one where None.
+        executor: one that runs elsewhere, with the same robot, limits, start and goal; one of its own where None.
         meter: reading [s] of the clock that computing is measured with; motions begin later where planning takes
             longer. None where it takes no time.
 
     Attributes:
         first_plan: report of the first strip's plan; None where the strip was given.
-        scene: the newest one that was planned with.
+        scene: the newest scene that was planned with.
         goals: configurations (nq,) after the present goal.
-        goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
-        result: of the last planning tick; None where it gave none.
+        goal_q: configuration (nq,) of the present goal.
+        goal: its coordinate row (nv,).
+        result: result of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
         tolerance: how near counts as reached.
         time: of the last step [s].
@@ -216,17 +217,17 @@ class Controller:
 
     @property
     def state(self) -> RunState:
-        """What the robot is doing."""
+        """State of the robot."""
         return self.executor.run.state
 
     @property
     def reason(self) -> str:
-        """Why it does so."""
+        """Reason of the state."""
         return self.executor.run.reason
 
     @property
     def events(self) -> list[Event]:
-        """What happened, in order of time."""
+        """Events so far, in order of time."""
         return self.executor.run.events
 
     @property
@@ -286,7 +287,7 @@ class Controller:
         self.executor.stop(self._stopping)
 
     def resume(self) -> None:
-        """Continue after :meth:`stop`, or after an emergency stop that is pressed no longer."""
+        """Continue after :meth:`stop`, or after an emergency stop that is no longer pressed."""
         self._stopping = ""
         self.executor.resume()
 
@@ -311,8 +312,8 @@ class Controller:
         self._next_plan = self._submit(self.replanner.first(self.scene, q, self.goal_q))
 
     def warm_up(self) -> None:
-        """Plan for nothing, while the robot stands: what the first use loads is there when time is 0, and it is known
-        how long a tick takes. Garbage collection looks through what is made later only (:func:`keep_memory`)."""
+        """Plan without using the result, while the robot stands: then modules are loaded when time is 0, and it is
+        known how long a tick takes. Garbage collection only looks through later objects (:func:`keep_memory`)."""
         try:
             for warm in (False, True):
                 self.pace.begin()

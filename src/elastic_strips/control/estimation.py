@@ -57,20 +57,20 @@ _TIME_SLACK = 1e-9  # [s]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorParams(Checked):
-    """What the estimator believes about the sensors.
+    """The estimator's assumptions about the sensors.
 
     Attributes:
-        slip: standard deviation of the slip of a wheel: part of its travel.
+        slip: standard deviation of a wheel's slip, as a part of its travel.
         slip_time: correlation time of the slip [s].
         fix_noise, fix_angle_noise: standard deviations of a fix [m, rad].
-        drift: standard deviation of what else moves the base, after one second [m, rad].
+        drift: standard deviation of all other motion of the base after one second [m, rad].
         coast: after the loss of odometry the last velocity is kept this long [s]; then the estimate stands.
-        gate: a fix that is more standard deviations from what odometry says is a sign of wheels that slip, where their
-            travel can explain it; else it is not believed.
-        believe_after: a fix that is not believed is, after all, where the robot has stood for this time [s] and all
-            fixes agreed meanwhile,
-        believe_within: and it is within this distance [m]: somebody may have pushed the robot. What is further needs
-            :meth:`StateEstimator.reset`.
+        gate: a fix that is more standard deviations from odometry is a sign of wheels that slip, if their
+            travel can explain it; otherwise it is not believed.
+        believe_after: time [s] after which a fix is believed after all, if the robot has stood so long and all
+            fixes agreed meanwhile.
+        believe_within: distance [m] within which such a fix must be: somebody may have pushed the robot. One further
+            away needs :meth:`StateEstimator.reset`.
     """
 
     slip: NonNegative = 0.01
@@ -102,8 +102,8 @@ class StateEstimator:
 
     Attributes:
         doubt: why the last fix was not believed; empty where it was.
-        localized: whether a fix has ever come; else the pose is that of odometry, in a frame of its own.
-        slipped: by how much [m] odometry was off at the last fix, where only wheels that slip explain it; else 0.
+        localized: whether a fix has ever come; otherwise the pose is that of odometry, in a frame of its own.
+        slipped: by how much [m] odometry was off at the last fix, if only wheels that slip explain it; else 0.
     """
 
     doubt: str

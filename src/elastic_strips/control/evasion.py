@@ -45,10 +45,10 @@ def motion_to(
 
     Args:
         robot: the robot.
-        limits: of its motors.
+        limits: limits of its motors.
         start: first state, at ``start.time``.
         target: (k,) speeds of the drive coordinates.
-        part: of the acceleration limits.
+        part: share of the acceleration limits.
         duration: until it begins to brake [s].
         dt: time between samples [s].
 
@@ -85,19 +85,19 @@ _DETOUR_COST = 1.5
 _HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
 _LONGER = np.array([0.0, 0.2, 0.5, 0.9])
-"""Times [s] for which a manoeuvre may be followed beyond the least one, to end at a free place."""
+"""Times [s] for which a manoeuvre may be followed beyond the least time, to end at a free place."""
 _ROOM_STEP = 0.1
 """Step [s] at which the way to that place is looked at."""
 _FREE_PLACE_TIME = 0.25
 """Time [s] for which that place is to stay free."""
 _COMPARED_AT_ONCE = 8
-"""So many of the shortlist are compared with what stands at a time."""
+"""This many of the shortlist are compared with static obstacles at a time."""
 _LEAST_GAIN = 0.1
 """Gain of cost [s] for which a robot in motion, or at risk, leaves the strip."""
 _STRIP_PACE = 0.75
 """Part of the largest speed and acceleration that the strip is assumed to be followed with."""
 _STEADINESS_BONUS = 0.15
-"""Bonus [s] of the manoeuvre that was chosen last: it goes on unless another is better."""
+"""Bonus [s] of the manoeuvre that was chosen last: it goes on unless another one is better."""
 
 
 class EvasivePlanner(OneThread):
@@ -105,13 +105,13 @@ class EvasivePlanner(OneThread):
 
     Args:
         robot: the robot; a fixed base has no manoeuvres.
-        limits: of its motors.
-        params: of the comparison.
+        limits: limits of its motors.
+        params: parameters of the comparison.
         dt: time between the samples of motions [s].
         hold: least time [s] for which a motion follows its manoeuvre before it brakes.
 
     Attributes:
-        hold: see above.
+        hold: the argument ``hold``.
         time: (T,) times [s] after the start at which costs are taken.
     """
 
@@ -149,7 +149,7 @@ class EvasivePlanner(OneThread):
         """The given result, or one with a certified motion off the strip where that has a lower cost.
 
         Args:
-            result: of planning along the strip.
+            result: result of planning along the strip.
             start: first state of the next motion.
             active: the trajectory that is executed.
             outlook: of the tick.

@@ -26,7 +26,7 @@ from .strip_timer import PlanOutcome, PlanResult, StripTimer
 BROKEN_STEPS = 4
 """Steps for which a strip that has broken gets new nodes; then other means have to help."""
 _STUCK_EVERY = 4
-"""After that it is deformed in every so many ticks while the robot waits, in case that what broke it goes away."""
+"""After that it is deformed in every fourth tick while the robot waits, in case the obstacle in it goes away."""
 
 
 class LocalPlanner:
@@ -34,16 +34,16 @@ class LocalPlanner:
 
     Args:
         robot: the robot.
-        limits: of its motors.
-        params: of the drive.
+        limits: limits of its motors.
+        params: parameters of the drive.
         strip: from the start to the goal.
-        pace: how much time a tick has; enough where None.
+        pace: how much time a tick has; None: enough.
 
     Attributes:
         strip: the strip that is followed, from the robot's configuration in the last tick on.
         margins: what motions keep from obstacles at present.
         off_strip: whether the robot has left it to evade, and has not come back.
-        report: of the strip's last tick; None before the first.
+        report: report of the strip's last tick; None before the first.
         evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
     """
 
@@ -82,14 +82,14 @@ class LocalPlanner:
 
         Args:
             strip: begins where the robot is, or near it.
-            beside: whether it is only near, so that it has to be joined.
+            beside: whether it begins only near the robot, so that it has to be joined.
         """
         self.strip = strip
         self._last, self._broken = None, 0
         self.off_strip = beside
 
     def allow(self, tracking_error: float) -> None:
-        """Plan for another tracking error [m] from now on; what was certified for a smaller one is certified anew."""
+        """Plan for another tracking error [m] from now on; motions certified for a smaller one are certified anew."""
         if tracking_error > self.margins.tracking_error:
             self._proof = None
         self.margins = replace(self.margins, tracking_error=tracking_error)
@@ -214,7 +214,7 @@ class LocalPlanner:
         return replace(result, outcome=PlanOutcome.BRAKE, motion=self.timer.hard.brake(active, start.time))
 
     def _surprised(self, active: Trajectory, scene: Scene) -> bool:
-        """Whether a scene differs from what the motion's certificate allowed for, or that is not known."""
+        """Whether a scene differs from what the motion's certificate allowed for, or whether that is not known."""
         if self._proof is None:
             return True
         motion, before = self._proof

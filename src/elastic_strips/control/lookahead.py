@@ -27,13 +27,13 @@ class ObstacleLookahead:
     """The obstacles around the robot, seen from above, and their motion at constant velocities.
 
     Args:
-        footprint: of the robot.
+        footprint: footprint of the robot.
         scene: sensed.
-        forecast: of its moving obstacles.
+        forecast: forecast of its moving obstacles.
         centre: (2,) position of the robot [m].
         reach: distance from there within which static obstacles count [m].
         horizon: time within which moving obstacles count [s].
-        most: largest number of moving pieces, those first that come nearest soonest.
+        most: largest number of moving pieces, beginning with those that come nearest soonest.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class ObstacleLookahead:
         Args:
             pose: (N, T, 3) poses of the base [m, rad].
             time: (T,) times [s] after the scene.
-            lookahead: see above [s].
+            lookahead: as described above [s].
 
         Returns:
             (N, T) separations [m].

@@ -21,15 +21,15 @@ _TOO_FAST = 2.0
 """A motor that seems this many times as fast as its limit was misread."""
 _READING_SLACK = 0.05  # [m, rad] and what a reading may be off besides
 _MOST_VANISHED = 1
-"""So few obstacles may vanish at once."""
+"""This many obstacles may vanish at once."""
 
 
 class Monitor:
-    """Workspace: what sensors and motors have done so far, compared with what they can do.
+    """Workspace: compares what sensors and motors have done so far with what they can do.
 
     Args:
         robot: the robot.
-        limits: of its motors.
+        limits: limits of its motors.
         params: when an assumption counts as broken.
         dt: control period [s].
 
@@ -37,7 +37,7 @@ class Monitor:
         deviation: bound [m] of the distance of any point of the robot from its place by the reference, estimated.
         uncertainty: error [m] of any point of the estimated robot, by the estimator's standard deviations.
         silent: since when [s] no usable measurement of wheels or joints has come; None where the last one was.
-        motor_fault: what a motor does that it was not told to; empty where all obey.
+        motor_fault: how a motor disobeys; empty where all obey.
     """
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: MonitorParams, dt: float) -> None:
@@ -56,20 +56,20 @@ class Monitor:
         self._wrong_since: float | None = None
 
     def measurement(self, t: float, raw: Measurement, estimate: Array) -> tuple[Measurement | None, tuple[str, ...]]:
-        """A measurement without what cannot be true.
+        """A measurement without the parts that cannot be true.
 
         Args:
             t: time [s].
-            raw: what came.
+            raw: the measurement that came.
             estimate: (nv,) the last one; its joints stand for those that were misread.
 
         Returns:
-            The rest of it, None where nothing can be used; and what is wrong with it.
+            The rest of the measurement, None where nothing can be used; and what is wrong with it.
         """
         last, faults = self._last, []
         before = t - self._dt if last is None else last.time
         if not math.isfinite(raw.time) or raw.time > t + self.params.clock_skew:
-            faults.append(f"a measurement is of time {raw.time:g} s, which is still to come")
+            faults.append(f"a measurement has the time {raw.time:g} s, which is still to come")
             raw = replace(raw, time=t)
         if raw.time <= before:
             self._silence(t)
@@ -101,7 +101,7 @@ class Monitor:
                 faults.append("a fix is misread")
                 pose = None
             elif covariance is not None and not _is_covariance(covariance):
-                faults.append("the covariance of a fix is none")
+                faults.append("the covariance of a fix is not valid")
                 covariance = None
         self._last = replace(raw, drive=drive, joints=joints, pose=pose, pose_covariance=covariance)
         if drive is not None:
@@ -116,7 +116,7 @@ class Monitor:
         self.silent = t if self.silent is None else self.silent
 
     def commanded(self, command: Command) -> None:
-        """Take note of a command: what the motors have to do in the period that begins now."""
+        """Take note of the command for the period that begins now."""
         wanted = np.zeros_like(self._model) if command.stop else command.drive
         push = self.limits.drive_acceleration * self._dt
         change = (wanted - self._model) * (1.0 - math.exp(-self._dt / max(self.params.wheel_lag, 1e-9)))
@@ -165,7 +165,7 @@ class SceneMonitor:
         Args:
             t: time [s].
             scene: the newest one.
-            at_rest: whether the robot stands: only then a scene without what was there is believed in the end.
+            at_rest: whether the robot stands: only then is a scene that lacks obstacles believed in the end.
         """
         if not scene.time <= t + self.params.clock_skew:
             return f"the scene's time is {scene.time - t:.2f} s ahead"
@@ -179,7 +179,7 @@ class SceneMonitor:
 
 
 def _near(values: Array, others: Array, speed: Array, span: float) -> bool:
-    """Whether values can be what others have become in ``span`` [s], at speeds of at most about ``speed``."""
+    """Whether values can have become these in ``span`` [s], at speeds of at most about ``speed``."""
     return np.shape(values) == others.shape and bool(
         (
             np.abs(np.asarray(values) - others) <= _TOO_FAST * speed * span + _READING_SLACK

@@ -13,17 +13,17 @@ from .params import DriveParams
 _REMEMBERED_TICKS = 20
 """Durations of ticks that are remembered."""
 _TICK_QUANTILE, _TICK_RESERVE = 0.9, 1.1
-"""Most ticks are to be in time; those that are not cost one motion, and the held one goes on meanwhile."""
+"""Most ticks have to be in time; one that is not costs one motion, and the held one goes on meanwhile."""
 _WAITING_SHARE = 0.4
-"""Part of the time until a motion begins that what can wait for the next tick may take: certificate and timing of what
-comes out of it need the rest."""
+"""Part of the time until a motion begins that work which can wait for the next tick may take: certificate and timing of
+its result need the rest."""
 
 
 class Pace:
     """Workspace: durations of the last planning ticks, and the budget of the present one.
 
     Args:
-        params: of the drive: the least latency.
+        params: parameters of the drive, with the least latency.
         meter: reading [s] of the clock that computing is measured with; None where it takes no time.
         transfer: control periods that a motion takes to the executor.
     """
@@ -57,7 +57,7 @@ class Pace:
         return self.periods > self.params.latency + self.transfer
 
     def begin(self, spent: float = 0.0) -> None:
-        """A tick begins, and has until its motion begins; ``spent`` [s] were spent on its scene already."""
+        """A tick begins, and has time until its motion begins; ``spent`` [s] were spent on its scene already."""
         if self.meter is not None:
             self._began = self.meter() - spent
             self._end = self._began + self.latency

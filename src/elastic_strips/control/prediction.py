@@ -24,8 +24,8 @@ def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = 
         scene: a sensed snapshot; obstacles without a motion stay where they are.
         assumptions: bounds of the errors.
         horizon: longest time after the snapshot [s].
-        sure: expected motion without the bounds, for forces: a strip that avoids all possible positions would find no
-            free space.
+        sure: whether to forecast the expected motion without bounds, for forces: a strip that avoids all possible
+            positions would find no free space.
     """
     count_work(obstacles=len(scene))
     moving = [k for k, o in enumerate(scene) if o.motion is not None]
@@ -82,8 +82,8 @@ def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: Ob
     Args:
         scene: sensed.
         before: sensed earlier, of the same obstacles by name.
-        forecast: of ``before``.
-        assumptions: that the forecast was made with.
+        forecast: forecast of ``before``.
+        assumptions: the assumptions that the forecast was made with.
     """
     age = scene.time - before.time
     if age < 0.0 or scene.names != before.names:
@@ -119,7 +119,7 @@ class ArrivalTimes:
 
     Args:
         robot: the robot.
-        limits: of its motors.
+        limits: limits of its motors.
     """
 
     space: ConfigurationSpace

@@ -72,8 +72,8 @@ class StripPlanner:
 
     Args:
         robot: the robot.
-        params: of the drive.
-        seed: of the planner.
+        params: parameters of the drive.
+        seed: seed of the planner.
         grid: whether a path over a grid may be used.
     """
 
@@ -199,8 +199,8 @@ class Replanner:
 
         Args:
             t: time [s].
-            result: of the tick.
-            scene: that it was planned with.
+            result: result of the tick.
+            scene: the scene that it was planned with.
             at_rest: whether the robot stands.
 
         Returns:

@@ -1,4 +1,4 @@
-"""Roll-outs: where a base comes to in many manoeuvres at once, each of two stages."""
+"""Roll-outs: where many manoeuvres of two stages lead a base, all at once."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def lattice(limits: MotionLimits) -> Targets:
     """Grid of targets over all speeds of the base, rest included, each followed by several second targets.
 
     Args:
-        limits: of the motors.
+        limits: limits of the motors.
     """
     top = _SPEED_SHARE * limits.drive_speed
     if limits.drive_dim == 2:
@@ -89,8 +89,8 @@ class RollOuts:
     """Workspace: rolls out manoeuvres of a base in equal steps.
 
     Args:
-        limits: of the motors.
-        part: of the acceleration limits that manoeuvres use.
+        limits: limits of the motors.
+        part: share of the acceleration limits that manoeuvres use.
         dt: step [s].
     """
 

@@ -29,7 +29,7 @@ from .progress import trim_passed
 _TAKEN_OVER_SPACING = 0.04
 """Spacing [m] of nodes that are taken over from the active trajectory."""
 _SHORTEST_MOTION = 1e-3
-"""A motion of which no coordinate [m or rad] ends further than this from its beginning leads nowhere."""
+"""A motion leads nowhere if no coordinate [m or rad] ends further than this from its beginning."""
 _FOLLOWED_SHARES = (0.5, 1.0)
 """Parts of the active trajectory that are followed first, where the strip bends too sharply."""
 
@@ -60,7 +60,7 @@ class PlanResult:
         motion, certificate: the certified motion (``UNCHANGED``: the rest of the active trajectory; ``BRAKE``: the
             active trajectory, braked, which needs no certificate), or the last one that was tried; None without one.
         reason: why there is no certified motion, or "".
-        report: of the strip's tick.
+        report: report of the strip's tick.
         speed: fraction of full speed that the motion was planned for.
         timings: seconds by phase.
         late: time [s] from its tick until it is ready.
@@ -86,10 +86,10 @@ class StripTimer:
 
     Args:
         robot: the robot.
-        limits: of its motors.
-        params: of the drive.
+        limits: limits of its motors.
+        params: parameters of the drive.
         spacing_weight: (nv,) metric of the strip's node spacing.
-        pace: how long planning takes; as long as ``params`` say where None.
+        pace: how long planning takes; where None, as long as ``params`` say.
     """
 
     easy: Retimer

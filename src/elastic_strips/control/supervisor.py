@@ -21,10 +21,10 @@ _WORTHLESS_GAIN_OF_TIME = 0.01
 
 
 class RunLog:
-    """Workspace: what a robot is doing, and what happened so far.
+    """Workspace: the robot's state, and the events so far.
 
     Attributes:
-        state, reason: what the robot is doing, and why.
+        state, reason: state of the robot, and why.
         events: in order of time.
         stops: (time [s], reason) of every stop short of the goal.
     """
@@ -49,7 +49,7 @@ class Supervisor(RunLog):
     Attributes:
         active: the trajectory that is executed.
         at_goal: whether the active trajectory ends at the goal.
-        state, reason, events, stops: as of :class:`RunLog`.
+        state, reason, events, stops: as for :class:`RunLog`.
     """
 
     def __init__(self, resting: Trajectory, *, keep: int | None = None) -> None:
@@ -96,12 +96,12 @@ class Supervisor(RunLog):
 
         Args:
             motion: starts at a time after ``now``.
-            certificate: of this motion.
+            certificate: certificate of this motion.
             now: time [s].
             at_goal: whether its end is the goal.
 
         Returns:
-            Whether it was taken; else it is rejected as by :meth:`reject`.
+            Whether it was taken; otherwise it is rejected as by :meth:`reject`.
         """
         reason = self._fault(motion, now)
         if len(certificate.segments) != len(motion):  # its steps, and until it has come to rest
@@ -128,7 +128,7 @@ class Supervisor(RunLog):
             now: time [s].
 
         Returns:
-            Whether it was taken; not where it does not continue the active trajectory, or stops no earlier.
+            Whether it was taken; it is not if it does not continue the active trajectory, or stops no earlier.
         """
         if self._fault(motion, now) or motion.end_time > self.active.end_time - _WORTHLESS_GAIN_OF_TIME:
             self.reject(reason, now)

@@ -44,11 +44,11 @@ _FIELDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8
 
 
 class BagError(InputError):
-    """A bag cannot be read, or does not hold what is asked of it; the message names the file."""
+    """A bag cannot be read, or does not hold what was requested; the message names the file."""
 
 
 class BagTopic(NamedTuple):
-    """What a bag holds of a topic: the messages' type and how many there are."""
+    """A topic of a bag: the type of its messages, and how many there are."""
 
     type: str
     count: int
@@ -59,8 +59,8 @@ class BagCloud:
     """A point cloud of a bag.
 
     Attributes:
-        time: of its stamp [s].
-        frame: in which its points are.
+        time: its time stamp [s].
+        frame: frame of its points.
         cloud: the points.
     """
 
@@ -74,8 +74,8 @@ class BagJoints:
     """A JointState of a bag.
 
     Attributes:
-        time: of its stamp [s].
-        positions, velocities: of the joints that have any, by name [rad or m; rad/s or m/s].
+        time: its time stamp [s].
+        positions, velocities: those of the joints that have any, by name [rad or m; rad/s or m/s].
     """
 
     time: float
@@ -84,7 +84,7 @@ class BagJoints:
 
 
 class CloudMessage(Protocol):
-    """What is used of a ``sensor_msgs/PointCloud2``, whoever read it."""
+    """The parts of a ``sensor_msgs/PointCloud2`` that are used, whichever library read it."""
 
     height: int
     width: int
@@ -134,11 +134,11 @@ def cloud_of(message: CloudMessage) -> PointCloud:
 class BagReader:
     """Reads a bag: ``.bag`` of ROS 1; ``.mcap``, ``.db3`` or a folder with ``metadata.yaml`` of ROS 2.
 
-    Where a topic is not given, the bag must have one of the kind that is asked for.
+    Where no topic is given, the bag must have exactly one of the requested kind.
 
     Attributes:
         path: the bag.
-        topics: what it holds, by topic.
+        topics: its topics by name.
         dropped: what the iterators left out or assumed so far, and how often.
     """
 
@@ -149,8 +149,8 @@ class BagReader:
 
         Args:
             path: file or folder.
-            base_frame: the robot's base, of which poses are given and in which sensors are mounted.
-            world_frame: in which the base's poses are; where None, the frame that all others hang on.
+            base_frame: frame of the robot's base, whose poses are given and on which sensors are mounted.
+            world_frame: frame of the base's poses; where None, the frame that all others hang on.
 
         Raises:
             BagError: no such file, another format, or a damaged one.
@@ -177,25 +177,25 @@ class BagReader:
             if suffix not in _HEADS:
                 raise BagError(f"{self.path}: bags of kind {suffix!r} are not read{nearest_name(suffix, _HEADS)}")
             if stream.read(len(_HEADS[suffix])) != _HEADS[suffix]:
-                raise BagError(f"{self.path}: is no {suffix} bag: it does not begin with {_HEADS[suffix]!r}")
+                raise BagError(f"{self.path}: is not a {suffix} bag: it does not begin with {_HEADS[suffix]!r}")
 
     def scans(
         self, topic: str | None = None, *, frame: str | None = None, mount: ArrayLike | None = None
     ) -> Iterator[LoggedScan]:
         """The laser scans, each with the base's pose, as `read_laser_log` gives them.
 
-        The sensor's mount is that of the transforms. Where they do not have it, ``mount`` is taken, or, with a warning
+        The sensor's mount comes from the transforms. Where they do not have it, ``mount`` is taken, or, with a warning
         in the log that names frames like it, the base's own place. The pose is None where the transforms do not say it.
         Both are counted in ``dropped``.
 
         Args:
-            topic: of the scans.
-            frame: of the sensor, where its messages name one that the transforms do not have.
+            topic: topic of the scans.
+            frame: frame of the sensor, if its messages name one that the transforms do not have.
             mount: pose (4, 4) of the sensor in the base's frame [m], where the transforms do not say it.
 
         Raises:
             BagError: no such topic, several of them, or a damaged bag.
-            SceneError: a mount that is no pose.
+            SceneError: a mount that is not a pose.
         """
         given = None if mount is None else check_pose(mount)
         for message, stamp, frames in self._stamped(_SCAN, topic):
@@ -215,14 +215,14 @@ class BagReader:
             try:
                 yield scan_of(name or "laser", head, message.ranges, mounted), pose
             except ValueError as error:
-                self.dropped[f"scans that are none ({error})"] += 1
+                self.dropped[f"scans that are not valid ({error})"] += 1
 
     def clouds(self, topic: str | None = None, *, frame: str | None = None) -> Iterator[BagCloud]:
-        """The point clouds; points that are not finite, and all but x, y and z, are left out.
+        """The point clouds; points that are not finite, and all fields except x, y and z, are left out.
 
         Args:
-            topic: of the clouds.
-            frame: into which the points are brought; the sensor's where None. Clouds are left out, and counted in
+            topic: topic of the clouds.
+            frame: frame into which the points are brought; the sensor's where None. Clouds are left out, and counted in
                 ``dropped``, where the transforms do not say how, and where their data do not fit their fields.
 
         Raises:
@@ -234,7 +234,7 @@ class BagReader:
             except InputError as error:
                 raise BagError(f"{self.path}: {error}") from None
             except ValueError as error:
-                self.dropped[f"clouds that are none ({error})"] += 1
+                self.dropped[f"clouds that are not valid ({error})"] += 1
                 continue
             points, name = cloud.points, message.header.frame_id
             if frame is not None:
@@ -255,8 +255,8 @@ class BagReader:
     def joint_states(self, topic: str | None = None) -> Iterator[BagJoints]:
         """The joint states; efforts are left out.
 
-        So are, counted in ``dropped``, values that are not finite, and the positions or velocities of a message that
-        has another number of them than of names.
+        Also left out, and counted in ``dropped``, are values that are not finite, and positions or velocities of a
+        message that has a different number of them than of names.
 
         Raises:
             BagError: no such topic, several of them, or a damaged bag.

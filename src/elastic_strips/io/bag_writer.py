@@ -59,12 +59,12 @@ def write_bag(
     """Write a motion and its obstacles as one MCAP file.
 
     Args:
-        path: the file; one that is there is replaced in one step.
-        motion: a trajectory, or the record of a drive: what was driven, and the obstacles as they moved.
-        robot: of a record; the recorded one where None.
+        path: the file; an existing one is replaced in one step.
+        motion: a trajectory, or the record of a drive with the obstacles as they moved.
+        robot: the robot of a record; the recorded one where None.
         scene: obstacles; those of the record where None.
         frame: ``frame_id`` of the world.
-        period: between two messages of what changes [s].
+        period: time between two messages of things that change [s].
 
     Raises:
         InputError: the file cannot be written, the motion begins before time 0, or the robot is not that of the record.
@@ -177,7 +177,7 @@ def _pose(pose: Array) -> dict[str, dict[str, float]]:
 
 
 def _markers(obstacle: Obstacle) -> list[Document]:
-    """What draws an obstacle."""
+    """The marker that draws an obstacle."""
     spec: dict[str, Any] = dict(obstacle.spec)
     place = _pose(obstacle.pose)
 
@@ -239,7 +239,7 @@ class _Bag:
         self.writer.write(self._connections[topic], nanoseconds(t), data)
 
     def _maker(self, kind: str) -> Callable[[Mapping[str, object]], object]:
-        """What makes a message of plain data."""
+        """A function that makes a message of plain data."""
         if kind not in self._makers:
             fields = [(name, self._field(rule)) for name, rule in self._store.fielddefs[kind][1]]
             message: Any = self._store.types[kind]
@@ -247,7 +247,7 @@ class _Bag:
         return self._makers[kind]
 
     def _field(self, rule: _Rule) -> Callable[[Any], object]:
-        """What makes a field's value of plain data, or of None."""
+        """A function that makes a field's value of plain data, or of None."""
         kind, of = int(rule[0]), rule[1]
         if kind == _NAME:
             make = self._maker(of)

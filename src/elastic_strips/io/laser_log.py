@@ -53,12 +53,12 @@ def read_laser_log(
     """Read the scans of a log, in the file's order; docs/sensed-scenes.md describes the formats.
 
     Args:
-        path: of the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines; its
-            other messages are ignored).
+        path: the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines;
+            its other messages are ignored).
         carmen_pose: which pose of a CARMEN log counts: ``"laser"``, its (usually corrected) pose, which then also is
             the base's, or ``"odometry"``, the base's own; the difference of the two is then the laser's mount.
-        carmen_range_max: range from which on nothing was hit [m]; for FLASER lines, which do not state it.
-        height: of a laser over the floor [m], where the log does not state it.
+        carmen_range_max: range from which on nothing was hit [m], for FLASER lines, which do not state it.
+        height: height of a laser over the floor [m], where the log does not state it.
         mount: (x, y, z, yaw) of the laser on the base [m, rad], where a log of JSON lines or CSV does not state it;
             without it the laser is taken to be at the base's origin, with a warning in the log.
 
@@ -115,12 +115,12 @@ def _lines(stream: BinaryIO, file: Path) -> Iterator[tuple[int, str]]:
         if not data:
             return
         if len(data) > _MAX_LINE:
-            raise LaserLogError(f"{file}:{number}: the line has more than {_MAX_LINE} bytes; at most so many are read")
+            raise LaserLogError(f"{file}:{number}: the line has more than {_MAX_LINE} bytes, the most that is read")
         try:
             line = data.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError as error:
             raise LaserLogError(
-                f"{file}:{number}: byte {error.start} of the line is no UTF-8; a log is a text file"
+                f"{file}:{number}: byte {error.start} of the line is not UTF-8; a log is a text file"
             ) from None
         if line and not line.startswith("#"):
             yield number, line
@@ -129,7 +129,7 @@ def _lines(stream: BinaryIO, file: Path) -> Iterator[tuple[int, str]]:
 def _reader(
     file: Path, number: int, first: str, carmen_pose: str, carmen_range_max: float, height: float, usual: list[float]
 ) -> Callable[[str], LoggedScan | None]:
-    """What reads the lines of a log, as its first line tells."""
+    """The reader of a log's lines, chosen by the first line."""
     if first.startswith("{"):
         return lambda line: _json(line, usual)
     if first.startswith("stamp,"):
@@ -199,7 +199,7 @@ def _carmen(line: str, which: str, range_max: float, height: float) -> LoggedSca
     elif kind in _IGNORED or (kind.isupper() and not kind.startswith(("FLASER", "RAWLASER", "ROBOTLASER"))):
         return None
     else:
-        raise ValueError(f"{kind[:40]!r} is no message of a CARMEN log")
+        raise ValueError(f"{kind[:40]!r} is not a message of a CARMEN log")
     mount, pose = [0.0, 0.0, height, 0.0], None
     if found.poses is not None:
         (lx, ly, la), pose = found.poses[:3], found.poses[:3] if which == "laser" else found.poses[3:]
@@ -251,10 +251,10 @@ def _scan(sensor: str, head: dict[str, float], ranges: list[float], mount: list[
 
 
 def scan_of(sensor: str, head: dict[str, float], ranges: ArrayLike, T_base_sensor: Array) -> LaserScan:
-    """A scan of what ROS' message holds; ranges as in REP 117: beyond ``range_max`` nothing, too near no answer.
+    """A scan of the values of ROS' message; ranges as in REP 117: beyond ``range_max`` nothing, too near no answer.
 
     Raises:
-        ValueError: numbers that make no scan.
+        ValueError: the numbers do not make a scan.
     """
     r = np.array(ranges, dtype=float)
     if len(r) < 2:

@@ -48,7 +48,7 @@ class MapArea:
     Attributes:
         T_world_map: pose (4, 4) of its lower left corner; it stands upright.
         size: (2,) its lengths along the map's x and y [m].
-        low, high: between which heights its walls are [m].
+        low, high: heights between which its walls are [m].
     """
 
     T_world_map: Array
@@ -67,7 +67,7 @@ class MapArea:
         return local @ self.T_world_map[:2, :2].T + self.T_world_map[:2, 3]
 
     def edges(self) -> list[Obstacle]:
-        """Four boxes around it, about 19 km wide: who leaves the map, or was never on it, meets one of them."""
+        """Four boxes around it, about 19 km wide: a robot that leaves the map, or was never on it, meets one."""
         return [
             self.block(f"outside-of-map-{name}", np.array([low, (low[0], high[1]), (high[0], low[1]), high]))
             for name, (low, high) in self.beyond().items()
@@ -97,7 +97,7 @@ class MapArea:
 
 
 def outside_of(areas: Sequence[MapArea]) -> list[Obstacle]:
-    """Obstacles that stand for all that no map shows: four boxes around one map; what is left of them beside others."""
+    """Obstacles for everything that no map shows: four boxes around one map; what is left of them beside others."""
     first = areas[0]
     if len(areas) == 1:
         return first.edges()
@@ -170,25 +170,25 @@ def load_nav2_map(
     is occupied where p ≥ ``occupied_thresh``, else free where p ≤ ``free_thresh``. Between, mode ``trinary`` says that
     it is unknown, and ``scale`` has it from 0 to 100 in proportion. A pixel that is not opaque is unknown. In mode
     ``raw`` it is b itself up to 100, and unknown above. Nav2 before 2025 took opacity for one more colour in mode
-    ``trinary``; what it had for occupied then is so, too.
+    ``trinary``; cells that it took for occupied then are occupied here, too.
 
     Neighbouring boxes are merged. A map without an occupied cell gives no obstacle ``map``. A warning in the log says
     how many cells are left out that are unknown, or between free and occupied, and which keys are not known.
 
-    A map says nothing of what is outside of it: four boxes, ``outside-of-map-left``, ``-right``, ``-lower`` and
+    A map says nothing about what is outside it: four boxes, ``outside-of-map-left``, ``-right``, ``-lower`` and
     ``-upper``, surround it, to about 19 km, so that nothing that leaves it or is beyond it is certified or planned.
 
     Args:
         path: The map's YAML file; it names the image, a PGM, PNG or BMP file. All but PGM need the extra ``ros``.
-        unknown: What unknown cells are: ``"free"``, as Nav2's planners take them by default, or ``"occupied"``.
-        height: Up to which the boxes reach [m]: as high as the robot's arm can get, or it passes over them.
-        lethal: Occupancy in (0, 100] from which on a cell of mode ``scale`` or ``raw`` is occupied; by default what
-            Nav2's static layer takes.
-        low: From which on they reach up [m].
-        outside: ``"blocked"``, or ``"free"``: without the four boxes.
+        unknown: How unknown cells count: ``"free"``, as in Nav2's planners by default, or ``"occupied"``.
+        height: Height [m] up to which the boxes reach: as high as the robot's arm can get, or it passes over them.
+        lethal: Occupancy in (0, 100] from which on a cell of mode ``scale`` or ``raw`` is occupied; by default the
+            value that Nav2's static layer takes.
+        low: Height [m] at which they begin.
+        outside: ``"blocked"``, or ``"free"``, which leaves out the four boxes.
 
     Raises:
-        MissingExtraError: The image is no PGM file, and Pillow is not installed.
+        MissingExtraError: The image is not a PGM file, and Pillow is not installed.
         ScenarioError: A file is missing, cannot be read, or does not fit; the message names file, line and key.
     """
     walls, area = read_map(path, unknown=unknown, height=height, lethal=lethal, low=low)
@@ -209,12 +209,12 @@ def read_map(
     """The walls of a map, and the area that it shows; see `load_nav2_map`.
 
     Args:
-        path, unknown, height, lethal, low: see there; heights are the world's.
+        path, unknown, height, lethal, low: as for `load_nav2_map`; heights are the world's.
         at: pose (4, 4) of the map's frame in the world, upright.
-        name: of the obstacle.
+        name: name of the obstacle.
 
     Raises:
-        MissingExtraError, ScenarioError: as there.
+        MissingExtraError, ScenarioError: as for `load_nav2_map`.
     """
     check_choice("unknown", unknown, ("free", "occupied"), ScenarioError)
     check_number("lethal", lethal, above=0.0, high=_FULL_OCCUPANCY, error=ScenarioError)
@@ -310,7 +310,7 @@ def _read_image(node: Node) -> tuple[Array, Array | None]:
     if data[:2] in (b"P2", b"P5"):
         return _read_pgm(node, file, data), None
     if data[:4] != b"\x89PNG" and data[:2] != b"BM":
-        node.fail(f"{file}: is no PGM (P2 or P5), PNG or BMP image")
+        node.fail(f"{file}: is not a PGM (P2 or P5), PNG or BMP image")
     try:
         pillow = importlib.import_module("PIL.Image")
     except ModuleNotFoundError:
@@ -354,7 +354,7 @@ def _read_pgm(node: Node, file: Path, data: bytes) -> Array:
         try:
             pixels = _numbers(_COMMENT.sub(b"", data[at:]), 0, width * rows)
         except ValueError:
-            node.fail(f"{file}: the image holds something that is no number")
+            node.fail(f"{file}: the image holds something that is not a number")
     else:
         kind = np.dtype(np.uint8 if top < 256 else ">u2")
         body = data[_raster(data, at, width * rows * kind.itemsize) :]
@@ -383,7 +383,7 @@ def _raster(data: bytes, at: int, size: int) -> int:
 
 
 def _numbers(data: bytes, at: int, most: int) -> Array:
-    """At most so many numbers between blanks, from a place on; piece by piece, for a word takes ten times its bytes."""
+    """At most this many numbers between blanks, from a place on; piece by piece: a word takes ten times its bytes."""
     parts, count = [np.empty(0)], 0
     while at < len(data) and count < most:
         end = min(at + 1_000_000, len(data))

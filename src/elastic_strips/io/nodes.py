@@ -3,7 +3,7 @@
 Of YAML only plain data is read: no tags, no aliases (so no alias bombs), no duplicate keys, one document, bounded size
 and depth. Numbers are YAML 1.2's: ``1e-3`` is a number, ``yes`` a string.
 
-What does not fit is refused with file, line (of YAML), key, value and bound.
+Values that do not fit are refused with file, line (of YAML), key, value and bound.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Node:
 
     @property
     def kind(self) -> str:
-        """What the node holds, for messages, such as ``'abc' (a string)``."""
+        """The node's value for messages, such as ``'abc' (a string)``."""
         if self.value is None:
             return "nothing"
         name = _KINDS[type(self.value)]
@@ -129,8 +129,8 @@ class Node:
 
         Args:
             valid: The keys that it may have; None: any.
-            needed: Those that it must have.
-            what: What it is a mapping of, for messages.
+            needed: The keys that it must have.
+            what: What the mapping describes, for messages.
         """
         of = f" of {what}" if what else ""
         if not isinstance(self.value, dict):
@@ -235,7 +235,7 @@ def load_json(
     Args:
         path: The file, or the folder that holds a file called ``name``.
         name: See ``path``.
-        what: What to call the file in messages.
+        what: Name of the file in messages.
         error: Type of the error that is raised about the file or its content.
 
     Returns:

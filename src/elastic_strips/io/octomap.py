@@ -51,15 +51,15 @@ def read_octomap(
 ) -> Scene:
     """Read the occupied space of an octree: one obstacle of voxels for each size of cells that it has.
 
-    What is unknown counts as free; a warning in the log says how much of the map that is. Colours are left out.
+    Unknown space counts as free; a warning in the log says how much of the map that is. Colours are left out.
 
     Args:
-        path: of the file; its first line says which format it has.
+        path: the file; its first line says which format it has.
         occupied: probability from which on a cell of an ``.ot`` file is occupied; a ``.bt`` file says only whether.
-        low, high: what is below or above is left out [m], in the world: the floor under the robot, the ceiling. A cell
-            that is partly there stays, or the smallest cells of it that are.
+        low, high: heights in the world [m] below and above which cells are left out: the floor under the robot, the
+            ceiling. A cell that is partly between them stays, or its smallest cells that are.
         at: pose (4, 4) of the map's frame in the world.
-        name: of the obstacle; where there are several, the edge of their cells follows.
+        name: name of the obstacle; where there are several, the edge of their cells follows.
 
     Raises:
         SceneError: no such file, another or a damaged format, nothing occupied, more cells than a scene may hold.
@@ -92,12 +92,12 @@ def octree_obstacles(
 
     Args:
         data: the nodes.
-        where: what to call it in messages.
-        binary: whether they are as in a ``.bt`` file.
-        kind: of tree.
+        where: its name in messages.
+        binary: whether the data are as in a ``.bt`` file.
+        kind: kind of the tree.
         resolution: edge of the smallest cells [m].
         at: pose (4, 4) of its frame in the world.
-        name: as of `read_octomap`.
+        name: as for `read_octomap`.
 
     Raises:
         SceneError: damaged data, or another kind of tree.
@@ -144,11 +144,11 @@ def _obstacles(
             raise SceneError(f"{where}: {error}") from None
     if not obstacles:
         raise SceneError(
-            f"{where}: nothing in the map is occupied ({left_out} cells are outside of low={low} and high={high})"
+            f"{where}: nothing in the map is occupied ({left_out} cells are outside low={low} and high={high})"
         )
     unknown = _unknown(known)
     dropped = [f"{unknown:.3g} m³ of unknown space, which counts as free"] if unknown > 0.0 else []
-    dropped += [f"{left_out} occupied cells outside of low={low} and high={high}"] if left_out else []
+    dropped += [f"{left_out} occupied cells outside low={low} and high={high}"] if left_out else []
     dropped += [f"{len(full) + len(free)} colours"] if colours else []
     if dropped:
         _log.warning("%s: left out: %s", where, ", ".join(dropped))
@@ -196,7 +196,7 @@ def _header(file: Path, data: bytes) -> tuple[bool, str, int, float, int]:
     first = data[:100].split(b"\n", 1)[0].strip()
     if first not in _HEADS:
         begin = " or ".join(repr(head.decode()) for head in _HEADS)
-        _fail(file, f"is no octree of OctoMap: it must begin with {begin}, not {first[:40]!r}")
+        _fail(file, f"is not an octree of OctoMap: it must begin with {begin}, not {first[:40]!r}")
     entries: dict[str, str] = {}
     at = 0
     while at < len(data) and len(entries) < 100:

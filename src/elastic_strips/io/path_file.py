@@ -1,7 +1,7 @@
 """Path files: configurations along a robot's path, with or without times, in the formats that planners write.
 
 ==================  ==========================================================================================
-JSON, YAML          JointTrajectory, or what holds one (RobotTrajectory, DisplayTrajectory, what MoveIt prints)
+JSON, YAML          JointTrajectory, or a message with one (RobotTrajectory, DisplayTrajectory, MoveIt's output)
 CSV                 a line of names, then numbers; or numbers alone
 NPZ, NPY            arrays called positions, path, q or qs, with times (or t, ts) and joint_names, where there are any
 text                what OMPL prints: ``printAsMatrix``, or ``print`` with its states in brackets
@@ -59,19 +59,19 @@ _OMPL = re.compile(r"path with \d+ states|State\s*\[")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathFile(Summary):
-    """What a path file holds.
+    """The content of a path file.
 
     Attributes:
         q: (N, nq) configurations.
         times: (N,) when each is reached [s], or None.
         notes: what was assumed, and what was left out.
         rows: (N, nv) values of the coordinates as the file has them, or None where it has (cos, sin) of angles.
-        robot: whose columns these are, and with whose held joints the file was compared; `certify` takes no other's.
+        robot: robot of the columns, with whose held joints the file was compared; `certify` takes no other robot.
         held: joints [rad or m] that the robot holds still and that the file does not name: nothing says whether the
-            file's robot has them there. Without wheels, which are alike wherever they are.
+            file's robot has them there. Wheels do not count, which look the same wherever they are.
         rates: whether the file has velocities or accelerations, by which it may be executed as splines.
-        doubts: why ``q`` may not be what the file's robot does; `certify` calls no such path certified.
-        time_doubts: the same of ``times``; they count among obstacles that move.
+        doubts: why the file's robot may not follow ``q``; `certify` calls no such path certified.
+        time_doubts: the same for ``times``; these count among obstacles that move.
     """
 
     q: Array
@@ -101,24 +101,24 @@ def load_path(
 ) -> PathFile:
     """Read a robot's path.
 
-    Joints that the file does not name stay at home, with a note; joints that the robot does not plan are left out. What
-    moves in the file and not here, or is held elsewhere here, a base that can move and that the file does not place:
-    such things are doubts. ``docs/formats.md`` lists all of them.
+    Joints that the file does not name stay at home, with a note; joints that the robot does not plan are left out.
+    Joints that move in the file and not here, or are held elsewhere here, and a base that can move and that the file
+    does not place: such things are doubts. ``docs/formats.md`` lists all of them.
 
     Args:
         path: the file; its name's ending says its format: ``.json``, ``.yaml``, ``.yml``, ``.csv``, ``.npz``,
             ``.npy``; anything else is text.
-        robot: whose path it is.
-        base_at: where the base stands, x, y [m], yaw [rad], of what the file does not say.
+        robot: the robot of the path.
+        base_at: where the base stands, x, y [m], yaw [rad], as far as the file does not say.
         angles: unit of angles where the file names none: ``"rad"`` or ``"deg"``; None: radians, with a doubt where
             they turn by more than two turns.
-        ignore: names of columns, of arrays (NPZ), of keys (messages) that do not matter.
+        ignore: names of columns, arrays (NPZ) or keys (messages) that do not matter.
         starts_at: when the first configuration is reached [s], in the scene's time; the others follow as in the file.
 
     Raises:
-        ConfigurationError: the file is missing, too large, or not sound; or its columns or values do not fit the robot.
+        ConfigurationError: the file is missing, too large or damaged; or its columns or values do not fit the robot.
             The message names file and place.
-        ParameterError: unknown ``angles``, or a ``starts_at`` that is no number.
+        ParameterError: unknown ``angles``, or a ``starts_at`` that is not a number.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -168,9 +168,9 @@ def write_path(
 
     Args:
         path: the file.
-        robot: whose path it is.
-        q: configurations (N, nq), or rows (N, nv), or what has either. Angles are written as values that run on, so
-            that they go the way that the path goes.
+        robot: the robot of the path.
+        q: configurations (N, nq), or rows (N, nv), or an object with either. Angles are written as continuous values,
+            so that they go the way that the path goes.
         times: (N,) when each is reached [s], or None.
 
     Raises:
@@ -359,7 +359,7 @@ class _Lines:
             else:
                 parts = line.split()
         except (csv.Error, StopIteration) as problem:
-            self.source.fail(f"is no line of a table: {problem}", number)
+            self.source.fail(f"is not a line of a table: {problem}", number)
         return [part.strip() for part in parts]
 
     def take_head(self, robot: RobotModel) -> tuple[list[str] | None, tuple[str, ...], list[str]]:
@@ -420,7 +420,7 @@ def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
     if not rows:
         source.fail("has no configurations")
     if names is None and width > 2 and head == [str(k) for k in range(width)]:
-        source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are no configuration", lines.first)
+        source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are not a configuration", lines.first)
     if comma and any("." in line for _, line in lines.rows):
         source.fail("has numbers with points and with commas")
     numbers = [number for number, _ in lines.rows]

@@ -1,8 +1,8 @@
 """IO room, path messages: the trajectories of a ROS message, one after the other, as one table of numbers.
 
-JointTrajectory and MultiDOFJointTrajectory, and what holds some: RobotTrajectory, DisplayTrajectory, a plan's response,
-a goal, lists of these. A start state (``trajectory_start``, ``start_state``) is the first row where the path does not
-begin there, and says where the joints are that no trajectory names.
+JointTrajectory and MultiDOFJointTrajectory, and messages with some: RobotTrajectory, DisplayTrajectory, a plan's
+response, a goal, lists of these. A start state (``trajectory_start``, ``start_state``) is the first row where the path
+does not begin there, and says where the joints are that no trajectory names.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
 _BASE_JOINT = re.compile(r"(?:.*[_/])?(?:base|world|virtual|planar|odom|position|mobile|root|map)\w*(?:/\w*)?", re.I)
 _WORLDS = ("", "world", "map", "odom", "odom_combined")
-"""Frames of a base's poses that are taken for the world."""
+"""Frames of a base's poses that count as the world."""
 _UNREAD = {
     "poses", "pose", "position", "positions", "transforms", "waypoints", "path", "states", "base", "odom", "odometry",
     "gripper",
@@ -111,8 +111,8 @@ def message_table(roots: list[Node], source: Source, ignore: Collection[str] = (
     if unread:
         shown = ", ".join(node.key for node in unread[:5])
         doubts.append(
-            f"the file says more of where something is, which is not read: {shown}. Make it a trajectory, or say that "
-            f"it does not matter (--ignore {_key(unread[0])}, ignore=)"
+            f"the file says more about where something is, which is not read: {shown}. Make it a trajectory, or say "
+            f"that it does not matter (--ignore {_key(unread[0])}, ignore=)"
         )
     timed = all(part.times is not None for part in trajectories)
     joined = _joined(parts, names, timed)

@@ -30,7 +30,7 @@ def place_table(
 ) -> PlacedPath:
     """Configurations of the robot from columns, by their names where there are any.
 
-    Args: as of ``load_path``.
+    Args: as for ``load_path``.
 
     Raises:
         ConfigurationError: the columns or values do not fit the robot.
@@ -181,7 +181,7 @@ def _factor(table: PathTable, column: Column, of: str, angles: Angles | None = N
     kind, factor = UNITS.get(column.unit.lower(), ("", 0.0))
     if kind != of:
         valid = ", ".join(unit for unit, (what, _) in UNITS.items() if what == of)
-        table.source.fail(f"column {column.name!r}: {column.unit!r} is no known unit of {of}. Valid: {valid}")
+        table.source.fail(f"column {column.name!r}: {column.unit!r} is not a known unit of {of}. Valid: {valid}")
     return factor
 
 
@@ -206,7 +206,7 @@ def _clock(table: PathTable, columns: list[Column], placed: PlacedPath) -> None:
     since = placed.times - placed.times[0]
     for column, times in found:
         if np.abs(times - times[0] - since).max() > 1e-3:
-            placed.time_doubts.append(f"the times of {column.name} go otherwise than those of {found[0][0].name}")
+            placed.time_doubts.append(f"the times of {column.name} differ from those of {found[0][0].name}")
 
 
 def _left_out(
@@ -264,7 +264,7 @@ def _unlike(table: PathTable, robot: RobotModel, column: Column, placed: PlacedP
     if column.unit is not None:
         of, factor = UNITS.get(column.unit.lower(), ("time", 0.0))
         if of == "time" or (column.kind == "base" and column.number < 3 and (of == "angle") != (column.number == 2)):
-            table.source.fail(f"column {column.name!r}: {column.unit!r} is no unit that is known for it")
+            table.source.fail(f"column {column.name!r}: {column.unit!r} is not a known unit for it")
         values = values * factor
     if np.abs(values - at).max() <= LIMIT_TOLERANCE and (known or np.abs(at).max() <= LIMIT_TOLERANCE):
         return ""
@@ -273,11 +273,11 @@ def _unlike(table: PathTable, robot: RobotModel, column: Column, placed: PlacedP
 
 
 _UNLIKE = {
-    "held": "held still otherwise than in the file: {}. Hold them there (--lock NAME=VALUE, locked=), or plan those "
+    "held": "held still elsewhere than in the file: {}. Hold them there (--lock NAME=VALUE, locked=), or plan those "
     "that move (--joints, joints=)",
-    "base": "the base is fixed otherwise than in the file: {}. Let it move (--base omni or diff_drive), or say that "
+    "base": "the base is fixed elsewhere than in the file: {}. Let it move (--base omni or diff_drive), or say that "
     "these are not the base's (--ignore NAME, ignore=)",
-    "named": "columns may be joints of the robot, which are called otherwise: {}. Call them as the robot does, or say "
+    "named": "columns may be joints of the robot under other names: {}. Name them as the robot does, or say "
     "that they do not matter (--ignore NAME, ignore=)",
     "other": "columns that are left out change: {}. Plan what they move (--joints, joints=), or say that they do not "
     "matter (--ignore NAME, ignore=)",

@@ -18,20 +18,20 @@ BASE_NAMES = ("x", "y", "yaw")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathTable:
-    """What a file holds, before it is known what that is of a robot.
+    """The content of a file, before its columns are assigned to a robot.
 
     Attributes:
         source: the file.
-        names: (C,) of the columns, or None.
+        names: (C,) names of the columns, or None.
         rows: (N, C) numbers.
-        place: what to call row ``k`` in messages, and its line where that is known.
-        times: (N,) [s], or None.
-        units: (C,) units of the columns that a line below the names has; empty where there is none.
-        from_start: whether times are counted from where the robot sets off, as in a JointTrajectory.
+        place: name of row ``k`` in messages, and its line if that is known.
+        times: (N,) times [s], or None.
+        units: (C,) units of the columns from a line below the names; empty without such a line.
+        from_start: whether times are counted from when the robot sets off, as in a JointTrajectory.
         metres: whether lengths are in metres, as in messages of ROS.
         stamp: when it sets off, in the file's own time [s].
-        start: names of which the file has the start state alone.
-        notes, doubts, time_doubts: what the reader has to say, as of ``PathFile``.
+        start: names for which the file has only a start state.
+        notes, doubts, time_doubts: the reader's own, as for ``PathFile``.
     """
 
     source: Source
@@ -56,13 +56,14 @@ class PathTable:
 
 @dataclass(slots=True)
 class PlacedPath:
-    """Coordinates of a robot, and what was found on the way.
+    """Coordinates of a robot, and findings on the way.
 
     Attributes:
         coordinates: (N, nv), as in the file: angles are not wrapped.
         valued: whether the file has values of angles, and not their (cos, sin).
-        times: (N,) [s], or None; from_start: as of `PathTable`.
-        notes, doubts, time_doubts, held: as of ``PathFile``.
+        times: (N,) times [s], or None.
+        from_start: as for `PathTable`.
+        notes, doubts, time_doubts, held: as for ``PathFile``.
     """
 
     coordinates: Array

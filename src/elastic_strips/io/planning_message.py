@@ -75,8 +75,8 @@ def load_message(path: str | os.PathLike[str]) -> Node:
 def read_planning_scene(path: str | os.PathLike[str], *, planes: str = "blocked") -> PlanningScene:
     """Read a ``moveit_msgs/PlanningScene``, its world alone, or the answer of the service ``get_planning_scene``.
 
-    Obstacles are called as the objects are; those of an object of several shapes have a number after it. The planning
-    frame is taken as the world. A plane has no end: it becomes a slab (`plane_slab`). Taken over are no colours,
+    Obstacles have the objects' names; those of an object of several shapes have a number after it. The planning
+    frame counts as the world. A plane has no end: it becomes a slab (`plane_slab`). Not taken over are colours,
     allowed collisions, paddings and scales of links: a warning in the log says so.
 
     Args:
@@ -152,12 +152,12 @@ class _Reader:
         self._dropped += [f"the key {shown(key)}" for key in entries if key not in known]
 
     def _say(self, entries: Mapping[str, Node]) -> None:
-        """Warn of what is not taken over."""
+        """Warn about everything that is not taken over."""
         root = self._root
         if count := len(_list(entries, "object_colors")):
             self._dropped.append(f"{count} colours")
         if _given(entries, "is_diff") and entries["is_diff"].value is True:
-            self._dropped.append("what the scene that this one is a difference to (is_diff) has")
+            self._dropped.append("the contents of the scene to which this one is a difference (is_diff)")
         for key, usual in (("link_padding", 0.0), ("link_scale", 1.0)):
             what = key.removeprefix("link_")
             values = [node[what].finite() for node in _list(entries, key)]
@@ -250,7 +250,7 @@ class _Reader:
         T = self._placed(node, entries) @ (_pose(entries["pose"]) if _given(entries, "pose") else np.eye(4))
         if operation == _MOVE:
             if name not in self._objects:
-                node.fail(f"moves the object {shown(name)}, which the scene has not")
+                node.fail(f"moves the object {shown(name)}, which the scene does not have")
             self._objects[name].pose = T
             return
         shapes, subframes = self._shapes(entries), self._subframes(entries)

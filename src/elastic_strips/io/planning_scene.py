@@ -18,20 +18,20 @@ from elastic_strips.summary import Summary
 _log = logging.getLogger(__name__)
 USUAL_WORLDS = ("", "world", "map")
 _ODOMETRY = ("odom", "odom_combined")
-"""Frames that are taken for the world, as those of a path's poses are."""
+"""Frames that count as the world, as for a path's poses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AttachedObject(Summary):
-    """What a link of the robot holds.
+    """An object that a link of the robot holds.
 
     Attributes:
-        name: of the object.
-        link: that holds it.
+        name: name of the object.
+        link: the link that holds it.
         touch: names of further links that may touch it.
         shapes: its shapes, as obstacles in ``frame``.
-        frame: in which they are: the link's name, or that of another frame of the robot; None: the world.
-        weight: [kg].
+        frame: frame of the shapes: the link's name, or that of another frame of the robot; None: the world.
+        weight: its mass [kg].
     """
 
     name: str
@@ -44,14 +44,14 @@ class AttachedObject(Summary):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PlanningScene(Summary):
-    """What a message holds.
+    """The content of a message.
 
     Attributes:
         scene: the obstacles.
         attached: what the robot holds.
         joints: the robot's joints in the scene's state, by name [rad or m].
         base: (x, y, yaw) of the robot's base in it [m, m, rad], or None.
-        frame: the frame that is taken as the world, "" where none is named.
+        frame: the frame that counts as the world, "" where none is named.
     """
 
     scene: Scene
@@ -65,7 +65,7 @@ class PlanningScene(Summary):
 
         Args:
             robot: the robot.
-            q: (nq,) where it stood when the scene was seen, or None.
+            q: (nq,) configuration of the robot when the scene was seen, or None.
 
         Raises:
             SceneError: the frame moves, and it is not known where it was; or it is neither the robot's nor one that
@@ -87,7 +87,7 @@ class PlanningScene(Summary):
         return robot.frame_pose(robot.home_q if q is None else q, self.frame)
 
     def attached_at(self, pose: Array) -> tuple[AttachedObject, ...]:
-        """What the robot holds, where the scene's frame has the pose (4, 4)."""
+        """The held objects, if the scene's frame has the pose (4, 4)."""
         return tuple(
             replace(thing, shapes=tuple(shape.moved(pose @ shape.pose) for shape in thing.shapes))
             if thing.frame is None
@@ -96,10 +96,10 @@ class PlanningScene(Summary):
         )
 
     def held_by(self, robot: RobotModel) -> RobotModel:
-        """The robot with what it holds in the scene: `RobotModel.attached` for every shape.
+        """The robot with the objects that it holds in the scene: `RobotModel.attached` for every shape.
 
         Raises:
-            RobotError: it has no such link, or the link does not move.
+            RobotError: the robot has no such link, or the link does not move.
             ConfigurationError: an object stands in another frame than its link, and the scene's state does not fit.
         """
         held = robot

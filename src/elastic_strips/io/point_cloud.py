@@ -34,9 +34,9 @@ MAX_POINTS = 5_000_000
 _MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
 LARGE_CLOUD = 100.0
-"""Extent [m] from which on a cloud is suspected to be in millimetres."""
+"""Extent [m] above which a cloud is suspected to be in millimetres."""
 LARGE_MESH = 10.0
-"""The same of a mesh, which is one thing."""
+"""The same for a mesh, which is one thing."""
 _LEAST_MARGIN = 1e-6  # [m]
 _FACES = re.compile(rb"^element\s+face\s+(\d{1,9})\s*$", re.MULTILINE)
 _PLY_TYPES = {
@@ -79,8 +79,8 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     semicolons; lines that begin with ``#`` or ``//`` are comments.
 
     Args:
-        path: of the file.
-        scale: its numbers times that are metres.
+        path: the file.
+        scale: factor that makes its numbers metres.
 
     Raises:
         SceneError: no such file, another kind, damaged or cut off, no points; the message names file and line or byte.
@@ -121,11 +121,11 @@ def read_points(path: str | os.PathLike[str], *, scale: float = 1.0) -> Array:
     must have none.
 
     Args:
-        path: of the file.
-        scale: its numbers times that are metres.
+        path: the file.
+        scale: factor that makes its numbers metres.
 
     Raises:
-        SceneError: no such file, another kind, damaged, or what it holds does not fit.
+        SceneError: no such file, another kind, damaged, or its content does not fit.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -182,17 +182,17 @@ def without_robot(points: ArrayLike | PointCloud, robot: RobotModel, q: ArrayLik
     """A cloud without the points that a sensor saw on the robot itself; the log says how many there were.
 
     Args:
-        points: (n, 3) in the world [m], or a `PointCloud`.
+        points: (n, 3) points in the world [m], or a `PointCloud`.
         robot: the robot.
         q: (nq,) its configuration when they were seen.
-        margin: points within so far [m] of one of its shapes are its own.
+        margin: points within this distance [m] of one of its shapes are its own.
 
     Returns:
         The others; those that are left out are counted in ``dropped``.
 
     Raises:
         SceneError: points of another shape or not finite, a negative margin.
-        ConfigurationError: the configuration is not sound.
+        ConfigurationError: the configuration is not valid.
     """
     cloud = np.asarray(points.points if isinstance(points, PointCloud) else points)
     cloud = check_points("points", cloud, (None, 3)) if len(cloud) else np.empty((0, 3))
@@ -234,15 +234,16 @@ def cloud_scene(
     """A scene with one obstacle: a voxel for every cell of a grid that holds points, merged where possible.
 
     Args:
-        points: (n, 3) in the world [m], or a `PointCloud`.
+        points: (n, 3) points in the world [m], or a `PointCloud`.
         voxel: edge of the cells [m]; the grid has its origin at the world's.
-        low, high: points below or above are left out [m]: the floor under the robot, the ceiling; None: all count.
+        low, high: heights [m] below and above which points are left out: the floor under the robot, the ceiling; None:
+            all count.
         min_points: cells with fewer points are left out, as noise.
-        name: of the obstacle.
-        time: of the scene [s].
+        name: name of the obstacle.
+        time: time of the scene [s].
 
     Raises:
-        SceneError: points of another shape or not finite, an edge that is no length, nothing left of the cloud.
+        SceneError: points of another shape or not finite, an edge that is not a length, or nothing left of the cloud.
     """
     cloud = np.asarray(points.points if isinstance(points, PointCloud) else points)
     check_points("points", cloud, (None, 3))
@@ -262,7 +263,7 @@ def cloud_scene(
 def _ply(data: bytes) -> Array:
     words, body, lines = _header(data, b"end_header", "PLY")
     if words[0] != ["ply"]:
-        raise ValueError(":1: is no PLY file: it must begin with 'ply'")
+        raise ValueError(":1: is not a PLY file: it must begin with 'ply'")
     order: str | None = None
     elements: list[tuple[str, int, list[tuple[str, str]], bool]] = []
     for k, line in enumerate(words[1:], start=2):
@@ -429,7 +430,7 @@ def _header(data: bytes, last: bytes, kind: str) -> tuple[list[list[str]], int, 
         if line.strip().startswith(last):
             words = [w if w != ["#"] or kind == "PCD" else ["comment"] for w in words]
             return words, at, len(words)
-    raise ValueError(f": is no {kind} file, or its header is cut off: it has no line {last.decode()!r}")
+    raise ValueError(f": is not a {kind} file, or its header is cut off: it has no line {last.decode()!r}")
 
 
 def _table(

@@ -109,7 +109,7 @@ _PLANNING = tuple(f.name for f in fields(PlanningRows) if f.name not in ("phases
 
 
 def _key(name: str) -> str:
-    """What a field of the control rows is called in files."""
+    """Name of a field of the control rows in files."""
     return "chart" if name == "coordinates" else name
 
 
@@ -121,7 +121,7 @@ def check_record_file(path: str | os.PathLike[str]) -> Path:
     """The path, if a record can be written there.
 
     Raises:
-        InputError: as of `check_writable`, or a suffix that is neither ``.npz`` nor ``.csv``.
+        InputError: as for `check_writable`, or a suffix that is neither ``.npz`` nor ``.csv``.
     """
     target = check_writable(path)
     if target.suffix.lower() not in (".npz", ".csv"):
@@ -152,7 +152,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     An obstacle of several pieces is several obstacles, ``name#0``, ``name#1``, ….
 
     Raises:
-        RecordError: no such file, no record, another version, an array that is missing or does not fit, a file that
+        RecordError: no such file, not a record, another version, an array that is missing or does not fit, a file that
             is cut off or damaged; the message names the file and what is wrong with it.
     """
     file = Path(path)
@@ -161,7 +161,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
             if stream.read(2) != b"PK":
                 if file.suffix.lower() == ".csv":
                     raise RecordError("a .csv file holds the control rows alone; a .npz file holds the whole record")
-                raise RecordError("is no record, and no .npz file at all")
+                raise RecordError("is not a record, nor a .npz file at all")
             loaded = NpzArrays(stream, size, MAX_ARRAY_BYTES)
             return _unpacked(_metadata(loaded), loaded)
         except zipfile.BadZipFile as error:
@@ -245,7 +245,7 @@ def _packed(record: Record) -> bytes:
 
 def _metadata(loaded: _Arrays) -> Document:
     if "metadata" not in loaded:
-        raise RecordError("holds no array 'metadata': it is no record")
+        raise RecordError("holds no array 'metadata': it is not a record")
     text = loaded["metadata"]
     if text.nbytes > 4 * MAX_TEXT:
         raise RecordError(f"the metadata have {text.nbytes // 4} characters; at most {MAX_TEXT} are read")
@@ -254,7 +254,7 @@ def _metadata(loaded: _Arrays) -> Document:
     except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise RecordError(f"is no record (format {FORMAT!r})")
+        raise RecordError(f"is not a record (format {FORMAT!r})")
     if document.get("version") != FORMAT_VERSION:
         raise RecordError(f"has format version {document.get('version')!r}; this program reads {FORMAT_VERSION}")
     return document

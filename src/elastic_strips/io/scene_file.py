@@ -72,8 +72,9 @@ def read_scene(
 
     Args:
         path: The file, or several, whose obstacles are one scene.
-        robot: For whom: walls of maps become as high as it reaches; without it they are `WALL_HEIGHT` high.
-        q: (nq,) Where it stood when clouds were seen.
+        robot: The robot that the scene is for: walls of maps become as high as it reaches; without it they are
+            `WALL_HEIGHT` high.
+        q: (nq,) Its configuration when clouds were seen.
         options: How files of other programs are read: see `SceneOptions`.
 
     Raises:
@@ -92,7 +93,8 @@ def read_world(
 ) -> World:
     """Read a scene file: all obstacles, and when they appear and vanish; or one of others, as `read_scene` does.
 
-    What a robot holds in a planning scene is no obstacle, and left out with a warning: `read_scene_file` has it.
+    Objects that a robot holds in a planning scene are not obstacles, and are left out with a warning: `read_scene_file`
+    has them.
 
     Args:
         path, robot, q, options: See `read_scene`.
@@ -120,7 +122,7 @@ def read_scene_file(
         path, robot, q, options: See `read_scene`.
 
     Raises:
-        SceneError: As there.
+        SceneError: As for `read_scene`.
     """
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
@@ -179,7 +181,7 @@ def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, readi
     found = _scene_from_node(root, inner)
     if "at" in options:
         if found.held or found.areas:
-            raise SceneError(f"{path}: 'at' has to be said of its sources: maps and what a robot holds are among them")
+            raise SceneError(f"{path}: 'at' has to be given for its sources: maps or held objects are among them")
         found = replace(found, world=placed(found.world, pose_from(options["at"])))
     return found
 
@@ -202,7 +204,7 @@ def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
     """What a mapping node says, as a scene file or a scenario's ``scene`` holds it; no boxes around maps yet."""
     entries = node.mapping(("version", "time", "obstacles", "sources"), what="a scene")
     if not any(key in entries and entries[key].value is not None for key in ("obstacles", "sources")):
-        node.fail("the key 'obstacles' is missing of a scene; or 'sources', files that hold some")
+        node.fail("a scene needs the key 'obstacles', or 'sources', files that hold some")
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
     time = entries["time"].number(low=-1e9, high=1e9, unit="s") if "time" in entries else 0.0
@@ -370,17 +372,17 @@ class ScenarioSpec:
         name: Name of the scenario.
         description: One or more sentences, or "".
         robot: Name of a known robot, or the absolute path of a URDF file.
-        robot_options: What else ``load_robot`` is to be told of it, by its arguments' names; paths are absolute.
+        robot_options: Further arguments of ``load_robot`` by name; paths are absolute.
         base: "diff_drive", "omni", "fixed", or None for the robot's own.
         preset: "default", "paper" or None.
         params: Overrides of parameters by name; not checked here.
-        scene: What exists at the scene's time.
+        scene: The obstacles that exist at the scene's time.
         world: All obstacles, and when they appear and vanish.
         start: Start of the strip.
         goal: Goal of the strip.
         seed: Seed of everything random.
         path: The file.
-        source: All that the scene's files say.
+        source: Everything in the scene's files.
     """
 
     name: str
@@ -436,7 +438,7 @@ def _pose_on(node: Node, found: SceneFile) -> PoseSpec:
     pose = _pose(node)
     if len(found.outside([(pose.x, pose.y)])):
         node.fail(
-            f"({pose.x:g}, {pose.y:g}) is outside of the map, of which nothing is known; 'outside: free' takes it"
+            f"({pose.x:g}, {pose.y:g}) is outside the map, where all is unknown; 'outside: free' allows it all the same"
         )
     return pose
 

@@ -5,7 +5,7 @@ CSV      a line of names, then numbers that read back to the last bit
 NPZ      ``time``, ``joint_names``, ``positions``, ``velocities``, ``accelerations``, a column for each name
 JSON     ``joint_trajectory`` and ``multi_dof_joint_trajectory`` as MoveIt's RobotTrajectory has them, and the
          base's ``path`` as nav_msgs/Path: field by field as in ROS 2's messages
-MCAP     what `write_bag` writes
+MCAP     as `write_bag` writes it
 =======  =====================================================================================================
 
 `load_path` reads the first three again.
@@ -35,7 +35,7 @@ def write_trajectory(
     """Write a timed motion; the name's ending says how: ``.csv``, ``.npz``, ``.json`` or ``.mcap``.
 
     Args:
-        path: the file; one that is there is replaced in one step.
+        path: the file; an existing one is replaced in one step.
         trajectory: the motion, such as ``retime(report.strip)``.
         scene: obstacles for an ``.mcap`` file; the other formats hold none.
         frame: ``frame_id`` of the world, in JSON and MCAP.
@@ -53,7 +53,7 @@ def check_trajectory_file(path: str | os.PathLike[str]) -> None:
     """Check that `write_trajectory` knows the ending of a name.
 
     Raises:
-        InputError: it does not; the message names those that it knows.
+        InputError: it does not; the message names the endings that it knows.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:

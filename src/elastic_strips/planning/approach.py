@@ -1,4 +1,4 @@
-"""Approaches: a drive to before a place that the hand is to reach, and from there straight to it."""
+"""Approaches: a drive to a pose before a place that the hand is to reach, and from there straight to it."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class ApproachReport(Summary):
 
     Attributes:
         certified: whether there are both strips, and both are certified.
-        drive: plan of the strip to where the hand stands before the place; the last that was tried, or None.
-        reach: plan of the hand's straight motion from there to the place; of the last that was tried and is not
-            certified the motion back, or None.
-        reason: what happened, for people.
+        drive: plan of the strip to where the hand stands before the place; the last one that was tried, or None.
+        reach: plan of the hand's straight motion from there to the place. If the last one that was tried is not
+            certified, it is that of the motion back, or None.
+        reason: what happened, in words.
     """
 
     certified: bool
@@ -64,29 +64,30 @@ def plan_approach(
     work: float = 10.0,
     timeout: float = math.inf,
 ) -> ApproachReport:
-    """A drive to before a place, from any side that is free, and the hand's straight way to it.
+    """Plan a drive to a pose before a place, on any side that is free, and the hand's straight way to the place.
 
     Args:
         robot: the robot, with what it holds.
         scene: the obstacles about the place, without what is to be grasped there.
         start: configuration (nq,).
-        places: where the hand's frame is to come to, or several of which any will do; all of the same frame.
+        places: pose that the hand's frame is to reach, or several poses of the same frame of which any will do.
         by: (3,) the hand's straight motion to the place [m].
-        axes: of that motion: the hand's own, as it is turned at the place (``"hand"``), or those of the ``"world"``.
+        axes: axes of that motion: the hand's own, as it is turned at the place (``"hand"``), or those of the
+            ``"world"``.
         beyond: the obstacles while the robot drives, with what is to be grasped; those of ``scene`` where None.
-        params: of the drive, with the clearances to prove; as of :func:`plan_report` where None.
-        near: of the reach; as of :func:`plan_straight` where None.
-        constraint: what the drive has to satisfy, as of :func:`plan_report`.
-        seed: of random numbers.
-        work: most computing for the drives' plans, as the time [s] that :mod:`elastic_strips.work` models for it, so
-            that equal seeds give equal reports on every machine; exceeded by one plan at most.
+        params: parameters of the drive, with the clearances to prove; as for :func:`plan_report` where None.
+        near: parameters of the reach; as for :func:`plan_straight` where None.
+        constraint: constraint that the drive has to satisfy, as for :func:`plan_report`.
+        seed: seed of random numbers.
+        work: largest amount of computing for the drives' plans, as the time [s] that :mod:`elastic_strips.work` models
+            for it, so that equal seeds give equal reports on every machine; exceeded by one plan at most.
         timeout: longest time [s], exceeded by one plan at most; reports may then depend on the machine.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
-        ConfigurationError: the start is not sound, in collision or too close, or does not satisfy the constraint.
-        GoalError: no configuration has the hand at a place, or none that touches nothing.
-        ParameterError: places of several frames or of none, other axes, ``by`` is not three numbers, or a work or
+        ConfigurationError: the start is not valid, in collision or too close, or does not satisfy the constraint.
+        GoalError: no configuration has the hand at a place, or every such configuration touches something.
+        ParameterError: no places or places of several frames, unknown axes, ``by`` is not three numbers, or a work or
             timeout that is not positive.
     """
     goals = [places] if isinstance(places, HandPose) else list(places)

@@ -1,7 +1,7 @@
-"""Goals as people have them: a hand's pose, a base's, a few joints, a region, alternatives; and configurations there.
+"""Goals as people state them: a hand's pose, a base's pose, a few joints, a region, alternatives; configurations there.
 
-What reaches a goal is looked for near the start first, with the joints alone before the base, and must keep the
-clearance. Where nothing does, a :class:`GoalSearch` says why, as data: how far out of reach, or what is touched.
+Configurations are looked for near the start first, with the joints alone before the base, and must keep the
+clearance. Where none is found, a :class:`GoalSearch` says why, as data: how far out of reach, or what is touched.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ class HandPose(Checked):
     """A frame of the robot at a pose in the world.
 
     Attributes:
-        frame: its name.
-        position: (3,) [m].
-        orientation: quaternion (x, y, z, w), or None where it may be turned as it likes.
-        within: (3,) it may be off by so much along the world's axes [m]: half the sides of a box.
+        frame: name of the frame.
+        position: (3,) its position [m].
+        orientation: quaternion (x, y, z, w), or None where any orientation will do.
+        within: (3,) how far it may be off along the world's axes [m]: half the sides of a box.
     """
 
     frame: str
@@ -75,15 +75,15 @@ class HandPose(Checked):
         axis: npt.ArrayLike = (0.0, 0.0, 1.0),
         count: int = 12,
     ) -> list[HandPose]:
-        """Poses of a frame with which a hand has hold of a point from all about an axis: grasps of what is round.
+        """Poses of a frame with which a hand holds a point from all sides of an axis: grasps of round things.
 
         Args:
-            frame: its name.
-            point: (3,) in the world [m].
-            held: (3,) where the hand holds it, in the frame [m].
-            rotations: (K, 3, 3) or (3, 3) of the frame, to begin with.
-            axis: (3,) in the world, about which each of them is turned.
-            count: by so many even angles.
+            frame: name of the frame.
+            point: (3,) point in the world [m].
+            held: (3,) place in the frame where the hand holds it [m].
+            rotations: (K, 3, 3) or (3, 3) first rotations of the frame.
+            axis: (3,) axis in the world about which each of them is turned.
+            count: number of even angles of these turns.
 
         Raises:
             ParameterError: an array of another shape, an axis without length, a count below 1.
@@ -116,9 +116,9 @@ class BasePose(Checked):
     """The base at a place of the floor, the joints as at the start.
 
     Attributes:
-        x, y: [m].
-        yaw: [rad], or None where it may stand as it likes.
-        within: (2,) it may be off by so much along x and y [m].
+        x, y: place in the world [m].
+        yaw: heading [rad], or None where any will do.
+        within: (2,) how far it may be off along x and y [m].
     """
 
     x: Finite
@@ -143,11 +143,12 @@ class GoalSearch(Summary):
     """Configurations that reach a goal.
 
     Attributes:
-        configurations: (K, nq), the nearest to the start first; none where ``reason`` says why.
+        configurations: (K, nq), the nearest to the start first; where there are none, ``reason`` says why.
         reason: what happened, in words.
-        distance: by which a hand misses the goal at least [m]; 0 where it reaches it.
-        angle: by which it is turned otherwise, then [rad].
-        touching: what stands in the way of configurations that reach it, the most frequent first: "link and obstacle".
+        distance: least distance by which a hand misses the goal [m]; 0 where it reaches it.
+        angle: angle by which it is turned differently there [rad].
+        touching: what is in the way of configurations that reach the goal, the most frequent first: "link and
+            obstacle".
     """
 
     configurations: Array
@@ -161,7 +162,7 @@ class GoalSearch(Summary):
 
 
 def is_goal_region(goal: object) -> bool:
-    """Whether a goal is something else than one configuration."""
+    """Whether a goal is something other than one configuration."""
     if isinstance(goal, (HandPose, BasePose, Mapping)):
         return True
     return isinstance(goal, Sequence) and not isinstance(goal, str) and (
@@ -184,25 +185,25 @@ def find_goals(
 ) -> GoalSearch:
     """Configurations that reach a goal and touch nothing, the nearest to the start first.
 
-    Where possible they keep 3 cm to the obstacles, else the least clearance.
+    Where possible they keep 3 cm from the obstacles, otherwise the least clearance.
 
     Args:
         robot: the robot.
         scene: the obstacles.
         start: configuration (nq,).
         goal: a goal, or several of which any will do.
-        count: so many configurations at most.
-        seed: of random starts.
-        params: with the clearance to keep; 1 mm where None.
+        count: largest number of configurations.
+        seed: seed of random starts.
+        params: parameters with the clearance to keep; 1 mm where None.
         timeout: longest search [s].
-        rounds: of 16 starts each, so many at most for all goals together; None where only time bounds them. With that
-            and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
-        base: whether a base that can move may, for a hand's pose that is out of the arm's reach.
+        rounds: largest number of rounds of 16 starts each, for all goals together; None where only time bounds them.
+            With that and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
+        base: whether a base that can move may be moved for a hand's pose that is out of the arm's reach.
 
     Raises:
         RobotError: a frame that the robot does not have.
-        ConfigurationError: the start, or a goal that is a configuration, is not sound; a goal for a base that is fixed.
-        ParameterError: something that is no goal.
+        ConfigurationError: the start, or a goal that is a configuration, is not valid; a goal for a base that is fixed.
+        ParameterError: something that is not a goal.
     """
     start = robot.check_q(start, what="start")
     several: Sequence[Goal] = goal if isinstance(goal, Sequence) and is_goal_region(goal) else [goal]  # type: ignore[list-item]
@@ -250,7 +251,7 @@ class _Source:
 
     @property
     def said(self) -> str:
-        """The goal, for people."""
+        """The goal in words."""
         if isinstance(self.goal, Mapping):
             return ", ".join(f"{k} = {v:g}" for k, v in self.goal.items())
         return str(self.goal) if isinstance(self.goal, (HandPose, BasePose)) else "the configuration"
@@ -400,7 +401,7 @@ def goal_configurations(
     where the deadline bounds work.
 
     Raises:
-        GoalError: none is free; the message says why, and ``search`` of the error has it as data.
+        GoalError: none is free; the message says why, and the error's ``search`` has it as data.
     """
     timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_LONGEST_GOAL_SEARCH, None)
     search = find_goals(

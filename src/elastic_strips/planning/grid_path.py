@@ -1,7 +1,7 @@
 """Paths over a grid: the cheapest one of the base among the obstacles seen from above, wide gaps before short paths.
 
 The robot is a disc to the grid, as narrow as the narrowest gap it could pass; where it is wider, and whether it can
-turn there, the relaxation and the certificate decide. So a path is an initial guess, no proof.
+turn there, the relaxation and the certificate decide. So a path is an initial guess and not a proof.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SMOOTHING_WIDTH = 0.25  # standard deviation [m] of the filter that rounds the 
 MOST_CELLS = 400_000
 """Largest grid; searching it takes about a second."""
 COMFORT = 0.35
-"""Clearance [m] beyond the inner disc from which on more of it is worth nothing."""
+"""Clearance [m] beyond the inner disc above which more of it is worth nothing."""
 _CELL_EDGE = 0.05  # [m] edge of a cell, where the grid is not too large
 GRID_MARGIN = 3.0  # [m] a grid reaches so far beyond what it is about
 _LARGEST_CELL = 0.5  # [m] a larger cell says nothing about where a robot passes
@@ -44,11 +44,11 @@ _GRID_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GridPath(Summary):
-    """What was found on the grid.
+    """The result of a search on the grid.
 
     Attributes:
         points: (K, 2) waypoints of the base from start to goal [m], a cell apart; None where there is no path.
-        reason: why there is none, else empty.
+        reason: why there is no path; empty where there is one.
     """
 
     points: Array | None
@@ -78,7 +78,7 @@ def grid_path(
         box: low and high corner (2,) of the grid [m]; 3 m beyond start and goal where None.
         inner: radius [m] of the disc that has to fit, instead of the robot's.
         most_cells: largest size of the grid; where there would be more cells of 5 cm, they are larger.
-        over: says whether the time is over; then none is found.
+        over: a function that says whether the time is over; then no path is found.
 
     Raises:
         ParameterError: the base is fixed.
@@ -143,7 +143,7 @@ def cheapest_path(
         resolution: edge of a cell [m].
         endpoints: (2, 2) start and goal [m].
         inner: clearance below which a cell is closed [m].
-        comfort: clearance beyond ``inner`` from which on more of it is worth nothing [m].
+        comfort: clearance beyond ``inner`` above which more of it is worth nothing [m].
     """
     cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
     cost = cell_cost(clear, inner, comfort, cells, resolution)
@@ -175,7 +175,7 @@ def _cheapest_route(cost: Array, ends: Indices) -> Indices | None:
 def _about_coarse_path(cost: Array, ends: Indices) -> Mask | None:
     """Cells (rows, columns) about the cheapest path on a coarse grid, each cell of which costs what its best one does.
 
-    So no gap is missed; where the path passes one that is none, there may be no path on the cells about it.
+    So no gap is missed. Where the coarse path passes a gap that does not exist, there may be no path on its cells.
     """
     from scipy.ndimage import binary_dilation  # late: slow to import
 
@@ -216,10 +216,11 @@ def owner_map(
 
     Args:
         scene: the obstacles.
-        low: (2,) middle of the first cell [m]; shape: (2,) number of cells along x and y.
+        low: (2,) middle of the first cell [m].
+        shape: (2,) number of cells along x and y.
         resolution: edge of a cell [m].
-        height: obstacles that are above it are left out [m].
-        over: says whether the time is over; then the rest of the obstacles is left out.
+        height: obstacles above this height [m] are left out.
+        over: a function that says whether the time is over; then the other obstacles are left out.
     """
     table = scene.table
     owner = np.full(tuple(shape), -1, dtype=np.intp)
@@ -247,7 +248,7 @@ _UPRIGHT_NORMAL = 1e-9  # a half plane whose normal has a smaller part along y b
 
 @cache
 def _half_planes() -> tuple[Indices, tuple[tuple[Mask, Array, Array], ...]]:
-    """Directions towards x, y, -x, -y; and those that bound y from above, from below and not at all: which they are,
+    """Directions towards x, y, -x, -y; and those that bound y from above, from below and not at all: their indices,
     the factor of their supports and the slope along x."""
     around, quarter = outline_directions(), DIRECTIONS // 4
     up, down = around[:, 1] > _UPRIGHT_NORMAL, around[:, 1] < -_UPRIGHT_NORMAL

@@ -1,4 +1,4 @@
-"""Initial strips: rows along a straight line or a path of the base, how long they are relaxed, and by whom."""
+"""Initial strips: rows along a straight line or a path of the base, and how long they are relaxed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def straight_line(
         robot: the robot.
         start, goal: configurations (nq,).
         spacing: largest distance between the base poses of neighbouring nodes [m].
-        most: rows at most, at least 4; with fewer than it takes, they are further apart.
+        most: largest number of rows, at least 4; if more would be needed, they are further apart.
         backward: whether it may drive backwards.
     """
     space = robot.space
@@ -113,11 +113,11 @@ def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayL
         robot: the robot; its base must move.
         start, goal: configurations (nq,).
         path: waypoints (K, 2) [m], from the start's to the goal's position; or rows (K, nv), which stay as they
-            are but for their ends.
+            are, except for their ends.
         spacing: distance between rows [m].
 
     Raises:
-        ParameterError: neither (K, 2) nor (K, nv), not finite, fewer than two, or a fixed base.
+        ParameterError: the path is neither (K, 2) nor (K, nv), not finite, or has fewer than two rows; or a fixed base.
     """
     space = robot.space
     try:
@@ -225,7 +225,7 @@ _LINE_LINKS, _LINE_SHARE = 4, 0.5  # an arm's line that touches with more links,
 _LINE_STRIDE, _LINE_FEWEST = 8, 3  # every eighth node is looked at before the line is, where there are so many
 _TUCKED_WITHIN = 0.05  # [rad or m] joints that differ by less from the home posture are in it
 STUCK_TICKS = 6
-"""Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
+"""Ticks in a row without becoming clearer after which a strip is given up; one that stays broken only grows nodes."""
 _LEAST_GAIN_OF_CLEARANCE = 1e-3  # [m] by which it must get clearer to count
 _MOST_TICKS = 30  # of a strip along a path, until it is certified
 _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
@@ -244,10 +244,10 @@ def rows_along(problem: PlanningProblem, path: npt.ArrayLike, make: Callable[...
 
 
 def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, str]]:
-    """Rows (N, nv) to relax along a path (K, 2) of the base, with what is particular about them.
+    """Rows (N, nv) to relax along a path (K, 2) of the base, and how they differ from others.
 
     The joints move in step with the base; and, where start or goal is in another posture than home, the robot folds
-    into that one for the drive.
+    into its home posture for the drive.
     """
     robot = problem.robot
     yield rows_along(problem, path), ""
@@ -261,7 +261,7 @@ def staged_rows(problem: PlanningProblem, path: Array, drive: Array, before: Arr
 
     Args:
         problem: start and goal, and how many nodes there may be.
-        path: (K, 2) of the base [m].
+        path: (K, 2) path of the base [m].
         drive: (2, nv) coordinates at its ends.
         before, after: rows from the start to the first of these, and from the last to the goal.
     """
@@ -304,8 +304,8 @@ def relax_path(
 ) -> DeformReport:
     """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle.
 
-    It is given up at rest, after 30 ticks, after ``stuck`` ticks in a row in which it got no clearer (None: not for
-    that), or where ``over()`` says so; the problem's deadline where None.
+    It is given up at rest, after 30 ticks, after ``stuck`` ticks in a row in which it got no clearer (None: never for
+    that), or where ``over()`` is true; ``over`` is the problem's deadline where None.
     """
     deformer, scene, over = problem.deformer, problem.scene, over or problem.deadline.over
     clearest, since = -np.inf, 0
@@ -332,7 +332,7 @@ def relax_path(
 
 
 class PathSearch:
-    """What searches for certified strips share: they relax the line and paths, and time that by phase."""
+    """Base of searches for certified strips: it relaxes the line and paths, and times that by phase."""
 
     def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
         self.problem: PlanningProblem = problem
@@ -390,7 +390,7 @@ class PathSearch:
     def relax_rows(
         self, rows: Array, stuck: int | None, over: Callable[[], bool] | None = None
     ) -> tuple[Strip, DeformReport]:
-        """The strip of rows (N, nv) along a path, and what it relaxes to: :func:`relax_path`."""
+        """The strip of rows (N, nv) along a path, and the report of :func:`relax_path` on it."""
         with self.timed("relaxation"):
             strip = path_strip(self.problem, rows)
             return strip, relax_path(self.problem, strip, stuck=stuck, over=over, watch=self.watch)
@@ -399,7 +399,7 @@ class PathSearch:
         self, attempt: int, margin: float, timeout: float, box: tuple[Array, Array] | None, deadline: Deadline,
         fineness: float = 1.0,
     ) -> PathResult:  # fmt: skip
-        """A path of OMPL, another one for each ``attempt``; for the rest see :func:`ompl_path`."""
+        """A path of OMPL, a different one for each ``attempt``; for the rest see :func:`ompl_path`."""
         problem = self.problem
         with self.timed("planner"):
             return ompl_path(

@@ -19,7 +19,7 @@ from .problem import Deadline
 from .validity import Checker
 
 PLANNERS = ("LBKPIECE1", "LBKPIECE1", "LBKPIECE1", "RRTConnect")
-"""What searches, in turns: the first is the better one in tight places, the last where there is room."""
+"""The planners that search, in turns: the first is better in tight places, the last where there is room."""
 _LONGEST_TREE_MOTION = (
     0.6  # longest motion of a tree, in scaled units: the square root of a motion radius [m] times an angle
 )
@@ -33,16 +33,16 @@ def search_joints(
     """Corners (K, nv) of a path between two configurations (2, nv) with the same base, or None.
 
     Each joint counts by the square root of how far it can move a point of the robot: a shoulder's turn is longer than
-    a wrist's. A tree that has to choose where to grow looks at where the hand is, as its motion at the goal has it.
+    a wrist's. Trees grow by where the hand is, with its Jacobian at the goal.
 
     Args:
-        valid: says what is valid.
+        valid: the checker of validity.
         endpoints: valid configurations (2, nv).
-        seed: of OMPL's random numbers.
+        seed: seed of OMPL's random numbers.
         planner: one of ``PLANNERS``.
-        step: motions are looked at wherever a point may have moved by this [m].
-        timeout: longest search [s]; of work, where the deadline bounds that.
-        deadline: when all is over.
+        step: motions are checked wherever a point may have moved by this [m].
+        timeout: longest search [s]; in seconds of work if the deadline bounds work.
+        deadline: when everything must end.
     """
     if not OMPL_LOCK.acquire(timeout=waiting(deadline.within(timeout))):
         return None
@@ -131,7 +131,7 @@ def shortened(
     seed: int,
     over: Callable[[], bool],
 ) -> Array:
-    """A path (K, nv) without detours: between two places on it, straight, wherever that is valid and shorter."""
+    """A path (K, nv) without detours: straight between two of its places wherever that is valid and shorter."""
     b = corners.shape[1] - len(scale)
     corners = corners[np.r_[True, (np.diff(corners, axis=0) != 0.0).any(axis=1)]]
     along = _along(corners[:, b:] * scale)

@@ -1,10 +1,10 @@
 """Leaving contact: a start that touches slightly is left along growing distance, until the robot is free.
 
 A robot that stands 2 mm in a table by calibration, or in a floor by a scan's noise, has no certified path: the first
-piece of any touches. What can be had is a short motion along which each distance that is too small grows, and along
+piece of any touches. But there may be a short motion along which each distance that is too small grows, and along
 which nothing else comes too near. It is made of small steps, each the smallest motion by which all of these distances
-grow, and then checked again from the robot's and the scene's shapes. What is between two steps is bounded by how far
-anything can have moved. It is no certificate, and is never called one: what is certified begins where the robot is
+grow, and then checked again from the robot's and the scene's shapes. Between two steps distances are bounded by how far
+anything can have moved. This is not a certificate and never called one: the certified strip begins where the robot is
 free.
 """
 
@@ -28,7 +28,7 @@ from elastic_strips.strip.params import DeformParams
 from elastic_strips.summary import Summary
 
 MOST_DEPTH = 0.05
-"""Depths [m] beyond this are no slight contact."""
+"""Depths [m] beyond this are not a slight contact."""
 
 _LARGEST_STEP = 2.5e-4  # [m] that any point of the robot moves in a step, at most
 _MOST_STEPS = 600
@@ -41,13 +41,13 @@ _MOST_HALVINGS = 5
 
 @dataclass(frozen=True, slots=True)
 class Contact(Summary):
-    """Two things that touch, or are nearer than they have to be, at the start.
+    """Two things that touch, or are nearer than they may be, at the start.
 
     Attributes:
         one: a link of the robot.
         two: an obstacle, or another link.
-        distance: [m]; negative by the depth that they are in each other.
-        needed: distance [m] that is asked for between them.
+        distance: their distance [m]; negative by the depth of penetration.
+        needed: distance [m] that is required between them.
     """
 
     one: str
@@ -61,12 +61,12 @@ class Departure(Summary):
     """The part of a plan that is not certified: how a start that touches is left.
 
     Attributes:
-        strip: from the start to the first configuration where everything has the distance that is asked for.
-        contacts: what is too near at the start, the deepest first. At each node of the strip all these distances are
-            larger than at the one before, until they are as large as is asked for.
+        strip: strip from the start to the first configuration where everything has the required distance.
+        contacts: contacts at the start, the deepest first. At each node of the strip all these distances are
+            larger than at the one before, until they are as large as required.
         depth: largest depth [m] at the start; 0 where things are too near and do not touch.
         tolerance: between two nodes nothing is nearer than at the nearer one of them by more than this [m]; so nothing
-            is deeper than at the start by more. A bound, by how far anything can move between them.
+            is deeper than at the start by more. It is a bound, from how far anything can move between them.
         travel: bound [m] on how far any point of the robot moves along the strip.
         rest: the certified strip from where the robot is free to the goal; None where none was found.
     """
@@ -92,7 +92,7 @@ class Departure(Summary):
         )
 
     def document(self) -> Document:
-        """As plain data: lengths [m], and the nodes' coordinates, from the start to where the robot is free."""
+        """The departure as plain data: lengths [m], and the nodes' coordinates from the start to where it is free."""
         return {
             "status": "left along growing distance",
             "rest": "not certified" if self.rest is None else "certified",
@@ -109,17 +109,18 @@ class Departure(Summary):
 def leave_contact(
     robot: RobotModel, scene: Scene, start: Array, depth: float, params: DeformParams
 ) -> Departure | None:
-    """How a start that touches by at most ``depth`` [m] is left; None where nothing is too near.
+    """The way out of a start that touches by at most ``depth`` [m]; None where nothing is too near.
 
     Args:
         robot: the robot.
         scene: the obstacles, standing still.
-        start: sound configuration (nq,).
-        depth: [m] largest depth that may be left.
-        params: with the clearances that are asked for.
+        start: valid configuration (nq,).
+        depth: largest depth [m] that may be left.
+        params: parameters with the required clearances.
 
     Raises:
-        ConfigurationError: something is deeper, or no motion leads out along growing distance; names the pair.
+        ConfigurationError: something is deeper, or no motion leads out along growing distance; the message names the
+            pair.
     """
     near = _Distances(robot, scene, params)
     rows = [robot.space.to_coordinates(start)]
@@ -172,7 +173,7 @@ class _Distances:
         self._reach = np.linalg.norm(self.bodies.ends[:, 0] - self.bodies.ends[:, 1], axis=1) / 2 + self.bodies.radius
 
     def needed(self, pair: _Pair) -> float:
-        """Distance [m] that is asked for."""
+        """Distance [m] that is required."""
         return self.own if pair[2] < 0 else self.clearance
 
     def names(self, pair: _Pair) -> tuple[str, str]:
@@ -219,7 +220,7 @@ class _Distances:
         return geometry, coal.Transform3s(np.asarray(rotation), translation + rotation @ np.asarray(at))
 
     def _near(self, middle: Array) -> Iterator[_Pair]:
-        """Pairs that may be nearer than is of interest, by balls and boxes about them."""
+        """Pairs that may be near enough to matter, by balls and boxes about them."""
         table, reach = self.table, self._reach + self.clearance + _DISTANCE_REACH
         if len(table.parts):
             apart = np.abs(middle[:, None] - table.center[None]) - table.half_extents[None]
@@ -307,7 +308,7 @@ def _least_motion(slopes: Array, least: Array) -> Array | None:
 
 
 def _checked(near: _Distances, strip: Strip, tight: set[_Pair]) -> float:
-    """The tolerance [m] of a way out, all measured again from its nodes.
+    """The tolerance [m] of a way out, with all distances measured again from its nodes.
 
     Raises:
         ConfigurationError: a distance that is too small does not grow, or another one becomes too small.

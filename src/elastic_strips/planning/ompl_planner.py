@@ -36,13 +36,13 @@ _JOINT_STEP = 0.2  # and in joint space [rad]; what lies between is proven by th
 
 @dataclass(frozen=True, slots=True)
 class PathResult:
-    """What the planner found.
+    """The result of the planner.
 
     Attributes:
         rows: (N, nv) waypoints along the path, or None where none was found.
-        reason: why there is none, else empty.
-        checks: configurations checked.
-        searched: whether it was searched at all; not where an end is too near something.
+        reason: why there is no path; empty where there is one.
+        checks: number of configurations checked.
+        searched: whether there was a search at all; there is none where an end is too near something.
     """
 
     rows: Array | None
@@ -77,14 +77,14 @@ def ompl_path(
         robot: the robot.
         scene: the obstacles.
         start, goal: valid configurations (nq,).
-        seed: of OMPL's random numbers.
+        seed: seed of OMPL's random numbers.
         margin: distance to keep to obstacles [m].
-        timeout: longest search [s]; of work, where the deadline bounds that.
+        timeout: longest search [s]; in seconds of work if the deadline bounds work.
         spacing: distance between waypoints [m].
-        box: low and high corner (2,) of where the base may go [m]; 2 m beyond start and goal where None.
-        fineness: configurations on an edge are checked so many times as densely as usual.
-        most: waypoints at most.
-        deadline: until when to wait for other threads, to search and to shorten the path; none where None.
+        box: low and high corner (2,) of the area where the base may go [m]; 2 m beyond start and goal where None.
+        fineness: how many times as densely as usual configurations on an edge are checked.
+        most: largest number of waypoints.
+        deadline: end of waiting for other threads, of the search and of shortening the path; no end where None.
 
     Raises:
         ParameterError: a fineness that is not positive.
@@ -128,7 +128,7 @@ def ended(valid: Checker, deadline: Deadline) -> bool:
 
 
 def solved(setup: SimpleSetup, valid: Checker, search: Deadline) -> bool:
-    """Whether OMPL found a whole path; a search that only time ends has OMPL's own clock, which costs nothing."""
+    """Whether OMPL found a whole path; a search that only time ends uses OMPL's own clock, which costs nothing."""
     from ompl import base as ob
 
     until = ob.PlannerTerminationCondition(lambda: ended(valid, search)) if search.of_work else search.left
@@ -281,7 +281,7 @@ def certify_path(deformer: Deformer, scene: Scene, rows: Array) -> Certificate:
     A differential drive's waypoints are first moved, as little as possible, until wheels can follow them.
 
     Args:
-        deformer: a workspace of the robot; what it knows of other strips is lost.
+        deformer: a workspace of the robot; its knowledge of other strips is lost.
         scene: the obstacles.
         rows: waypoints (N, nv).
     """

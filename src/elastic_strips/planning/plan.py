@@ -1,8 +1,8 @@
 """Plan: an initial strip, by the straight line where that relaxes to a certified strip, else by the grid or OMPL.
 
-A path that is given comes before all. The grid's path is tried with the joints in step and with the arm tucked; where
-that does not fit, so is one on which the whole robot does. The base is looked for in a box about start and goal, which
-widens as attempts fail, or within the bounds that are given.
+A given path comes first. The grid's path is tried with the joints in step and with the arm tucked; where that does not
+fit, a path is tried on which the whole robot fits. The base is looked for in a box about start and goal, which widens
+as attempts fail, or within given bounds.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def plan_report(
 ) -> PlanReport:
     """Plan an initial strip, or several that pass the obstacles on different sides, and report how it went.
 
-    Where several are asked for, the straight line, paths over a grid that differ in class, and paths of OMPL are
+    Where several are wanted, the straight line, paths over a grid that differ in class, and paths of OMPL are
     relaxed until there are enough. A fixed base has one class only.
 
     Args:
@@ -69,33 +69,35 @@ def plan_report(
         goal: configuration (nq,); or a :class:`HandPose`, a :class:`BasePose`, coordinates by name, or a list of goals
             of which any will do: then :func:`find_goals` finds configurations, and they are planned to in turns, the
             nearest to the start first, until there is a plan.
-        count: so many strips at most; with more than one they are the report's ``alternatives``.
-        seed: of the planner's random numbers.
-        params: of the relaxation, with the clearances to prove. Where None, the default preset, which asks for no more
-            clearance than half of what start and goal have (the reason says so), and looks less far about an arm.
+        count: largest number of strips; with more than one they are the report's ``alternatives``.
+        seed: seed of the planner's random numbers.
+        params: parameters of the relaxation, with the clearances to prove. Where None, the default preset, which asks
+            for no more clearance than half of what start and goal have (the reason says so), and looks less far about
+            an arm.
         timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
-        work: most computing for everything, as the time [s] that :mod:`elastic_strips.work` models for it; None where
-            only time bounds it. With that and ``timeout=math.inf`` equal seeds give equal plans on every machine.
+        work: largest amount of computing for everything, as the time [s] that :mod:`elastic_strips.work` models for it;
+            None where only time bounds it. With that and ``timeout=math.inf`` equal seeds give equal plans on every
+            machine.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave. Where None, the base is looked for
             about start and goal, ever wider as attempts fail.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         line: whether to try the straight line at all.
-        path: what to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
-        grid: whether to try what :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
-        backward: whether a differential drive may go the straight line backwards, where it turns less then. Paths over
-            the grid always go forwards; those of OMPL, the last resort, may back up.
-        constraint: what every configuration on the way, between the nodes too, has to satisfy within its tolerance,
-            such as a hand that stays level; not beside a deformer, which brings its own.
-        start_depth: [m] a start that touches by at most so much is left along growing distance, and what is planned
-            and certified begins where the robot is free: see ``departure`` of the report, which is then not certified
-            as a whole. With 0 such a start is refused. One strip only, and no constraint.
+        path: path to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
+        grid: whether to try a path of :func:`grid_path` before OMPL is asked; there is none for a fixed base.
+        backward: whether a differential drive may go along the straight line backwards, where it turns less then. Paths
+            over the grid always go forwards; those of OMPL, the last resort, may back up.
+        constraint: constraint that every configuration on the way, between the nodes too, satisfies within its
+            tolerance, such as a hand that stays level; not together with a deformer, which has its own.
+        start_depth: a start that touches by at most this much [m] is left along growing distance, and the planned and
+            certified strip begins where the robot is free: see ``departure`` of the report, which is then not certified
+            as a whole. With 0 such a start is refused. It is for one strip only, without a constraint.
         watch: called with every tick's report.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
-        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
-            satisfy the constraint; names the pair, or the distance.
-        GoalError: no configuration reaches the goal, or none that touches nothing.
+        ConfigurationError: start or goal is not valid, in collision, too far away or outside the bounds, or does not
+            satisfy the constraint; the message names the pair, or the distance.
+        GoalError: no configuration reaches the goal, or every such configuration touches something.
         ParameterError: a count, seed, timeout, bounds or start_depth outside their range, or a path of another
             shape.
     """

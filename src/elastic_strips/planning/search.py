@@ -40,7 +40,7 @@ _WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
 
 
 class PlanSearch(PathSearch):
-    """Tries one kind of path after the other; each returns the report of a certified strip, or None."""
+    """Tries one kind of path after another; each method returns the report of a certified strip, or None."""
 
     def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
         super().__init__(problem, watch)
@@ -124,7 +124,7 @@ class PlanSearch(PathSearch):
         return None
 
     def _validity(self) -> tuple[ValidityChecker, SatisfyingChecker | None]:
-        """What the joints' paths are checked by, and with the constraint where there is one."""
+        """The checker of the joints' paths, with the constraint where there is one."""
         margin = max(min(_JOINT_PATH_MARGIN, 0.5 * self.problem.room), self.params.clearance)
         valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=self.deformer.workspace.bounds)
         constraint = self.problem.constraint
@@ -133,7 +133,7 @@ class PlanSearch(PathSearch):
     def in_stages(self, path: Array) -> PlanReport | None:
         """A path (K, 2) of the base in one posture; before and after it, where the base stands, the joints find theirs.
 
-        It is tried once, and where start and goal differ in more than where the base is.
+        It is tried once, if start and goal differ in more than the place of the base.
         """
         problem, space = self.problem, self.robot.space
         b, ends = space.base_nv, space.to_coordinates(problem.endpoints)
@@ -243,7 +243,7 @@ class PlanSearch(PathSearch):
         return None
 
     def _ompl_box(self, search: int) -> tuple[Array, Array] | None:
-        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's paths."""
+        """Small boxes, in which narrow doors are hit sooner, and ever larger boxes; each holds the grid's paths."""
         if self.region is None:
             return None
         low, high = self.region.box(2.0 + 0.5 * (search % 4) if search % 3 == 0 else 2.0 * 1.6**search)
@@ -254,7 +254,7 @@ class PlanSearch(PathSearch):
         return low, high
 
     def failed(self) -> PlanReport:
-        """The report where nothing was certified: what is in the way, what was tried, and what to try."""
+        """The report if nothing was certified: what is in the way, what was tried, and what to try."""
         if self.best is None:
             assert self.initial is not None
             self._judged(self.initial, self.relax_line(self.initial, False), "line", "straight line")
@@ -281,13 +281,13 @@ class PlanSearch(PathSearch):
     def relaxed(
         self, rows: Array, method: str, what: str, stuck: int | None = None, over: Callable[[], bool] | None = None
     ) -> PlanReport | None:
-        """What rows (N, nv) along a path relax to."""
+        """The report of relaxing rows (N, nv) along a path."""
         strip, report = self.relax_rows(rows, stuck, over)
         self.ticks += report.ticks
         return self._judged(strip, report, method, what)
 
     def _judged(self, initial: Strip, report: DeformReport, method: str, what: str) -> PlanReport | None:
-        """The plan's report where a strip is certified and within the bounds; else why not is noted."""
+        """The plan's report if a strip is certified and within the bounds; otherwise the reason is noted."""
         failure = self.problem.failure(report)
         if not failure:
             self.initial = initial

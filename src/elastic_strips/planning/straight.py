@@ -1,4 +1,4 @@
-"""Straight motions of the hand: an approach or a retreat by the joints alone, the hand turned as it is."""
+"""Straight motions of the hand: an approach or a retreat by the joints alone, without turning the hand."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .problem import ARM, check_kinds, ease, nearest_things
 from .report import PlanReport
 
 AXES = ("hand", "world")
-"""Whose axes a straight motion is said in."""
+"""The axes in which a straight motion may be given."""
 _HAND_STEP = 0.01  # [m] of the hand between two nodes
 _LINE_TOLERANCE = 1e-5  # [m] that the hand may be off the line at a node
 _LARGEST_JOINT_STEP = 0.3  # [rad or m] most that a joint may move between two nodes
@@ -37,8 +37,8 @@ def plan_straight(
 ) -> PlanReport:
     """A strip along which a frame of the robot moves straight and is not turned; the base stands.
 
-    Between the nodes, which are 1 cm apart, the frame is off the line by what the joints' own straight way makes of it:
-    a tenth of a millimetre, where no joint turns fast. The way back, for an approach, is ``strip.reversed()``.
+    Between the nodes, which are 1 cm apart, the joints go straight, and so the frame is slightly off the line:
+    a tenth of a millimetre where no joint turns fast. The way back from an approach is ``strip.reversed()``.
 
     Args:
         robot: the robot.
@@ -46,17 +46,18 @@ def plan_straight(
         start: configuration (nq,).
         frame: name of the frame.
         by: (3,) how far it moves [m].
-        axes: of that motion: those of the ``"world"``, or the hand's own (``"hand"``).
-        params: with the clearances to prove; where None, those of :func:`plan_report`, and no more than half of what
-            there is at both ends.
+        axes: axes of that motion: those of the ``"world"``, or the hand's own (``"hand"``).
+        params: parameters with the clearances to prove; where None, those of :func:`plan_report`, but no more than half
+            of what both ends have.
 
     Returns:
-        The report; not certified, with the reason, where the joints end before the line does, or something is too near.
+        The report. It is not certified, and gives the reason, where the joints end before the line does or something is
+        too near.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
-        ConfigurationError: the start is not sound.
-        ParameterError: ``by`` is not three numbers, or other axes.
+        ConfigurationError: the start is not valid.
+        ParameterError: ``by`` is not three numbers, or unknown axes.
     """
     check_choice("axes", axes, AXES)
     began = perf_counter()

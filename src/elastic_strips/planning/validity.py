@@ -33,8 +33,8 @@ _LARGEST_PROJECTED_MOTION = 3.0  # times as far as a straight motion's points, t
 class ValidityChecker(OneThread):
     """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
-    Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
-    parts (voxels) stand in one Coal tree that each link asks.
+    If there are few parts, they are paired with the links in one Pinocchio geometry model, whose tree broadphase
+    answers in C++; many parts (voxels) form one Coal tree that each link asks.
 
     Args:
         robot: the robot.
@@ -42,7 +42,7 @@ class ValidityChecker(OneThread):
         margin: distance to keep to obstacles [m].
         low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
             are left out. None takes all.
-        bounds: of the robot's links, where there are some already.
+        bounds: bounds of the robot's links, if the caller has some already.
     """
 
     def __init__(
@@ -135,10 +135,10 @@ class ValidityChecker(OneThread):
 
     @exclusive
     def motion(self, a: Array, b: Array, step: float) -> bool:
-        """Whether the motion between coordinates (nv,) is valid, but for its start: its end and places between.
+        """Whether the motion between coordinates (nv,) is valid: its end and places between, but not its start.
 
-        It goes straight, along the tangent, and is looked at wherever some point of the robot may have moved by
-        ``step`` [m], the middle first. It is no proof: the certificate is.
+        It goes straight, along the tangent, and is checked wherever some point of the robot may have moved by
+        ``step`` [m], the middle first. This is not a proof; the certificate is.
         """
         if self.native is not None:
             a, b = by_rows(a, b)
@@ -183,12 +183,12 @@ class ValidityChecker(OneThread):
 class SatisfyingChecker(OneThread):
     """Workspace: checks configurations after the joints have moved to where they satisfy a constraint.
 
-    A planner of the joints asks about straight motions, on which nothing satisfies it; what is meant is the motion that
-    these are projected to, and the rows of its path are projected likewise.
+    A planner of the joints asks about straight motions, on which nothing satisfies the constraint. Instead the motion
+    is checked that they are projected to, and the rows of its path are projected as well.
 
     Args:
-        valid: says what is valid.
-        constraint: what has to be satisfied.
+        valid: the checker of validity.
+        constraint: constraint to satisfy.
     """
 
     def __init__(self, valid: ValidityChecker, constraint: ConstraintForce) -> None:

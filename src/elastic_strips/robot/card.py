@@ -1,4 +1,4 @@
-"""A robot's card: what is known of it, what is assumed, and what is not looked at, on one page."""
+"""A robot's card: what is known about it, what is assumed, and what is not checked, on one page."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class CardSection:
         title: its headline.
         columns: names of the columns.
         rows: the cells, as texts.
-        note: a sentence about it, or nothing.
+        note: a sentence about the table; empty where there is none.
     """
 
     title: str
@@ -57,7 +57,7 @@ class CardSection:
 
     @property
     def more(self) -> str:
-        """A line about the rows that are left out there, or nothing."""
+        """A line about the rows that are left out there; empty where there are none."""
         left = len(self.rows) - _ROWS_SHOWN
         return f"  … and {left} more (--json and --html have all)" if left > 0 else ""
 
@@ -71,14 +71,14 @@ class CardSection:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotCard(Summary):
-    """What is known of a robot, what is assumed, and what is not looked at.
+    """What is known about a robot, what is assumed, and what is not checked.
 
     A notebook shows it as tables; ``text()`` is for a terminal, ``document()`` for JSON.
 
     Attributes:
-        name: the robot's.
+        name: the robot's name.
         base: how it moves.
-        troubles: what its owner ought to know, one sentence each.
+        troubles: one sentence for each thing that its owner should know.
         sections: tables: joints, shapes, meshes, pairs that are not checked, frames, states, groups.
     """
 
@@ -91,7 +91,7 @@ class RobotCard(Summary):
         """The table of this title.
 
         Raises:
-            KeyError: there is none.
+            KeyError: no table has this title.
         """
         if title not in self.titles:
             raise KeyError(f"no table {title!r}; there are {', '.join(self.titles)}")
@@ -113,7 +113,7 @@ class RobotCard(Summary):
         return "\n".join([f"{self.name}: {self.base}", *troubles, *(section.text() for section in self.sections)])
 
     def document(self) -> dict[str, object]:
-        """All of it as JSON has it."""
+        """All of it, as plain values for JSON."""
         return {
             "format": "elastic-strips-robot",
             "version": 1,
@@ -182,7 +182,7 @@ def _troubles(robot: RobotValue) -> list[str]:
     found = []
     if robot.bare_links:
         found.append(
-            f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven of them: "
+            f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven about them: "
             f"{', '.join(robot.bare_links)}"
         )
     hit = robot.self_collision(robot.home_q)
@@ -242,7 +242,7 @@ def _pieces(robot: RobotValue) -> CardSection:
         "Convex pieces",
         ("piece", "kind", "links", "moved by", "reaches out of its shapes by"),
         tuple(rows),
-        "what is kept apart; a piece that reaches far out of its mesh refuses more than need be",
+        "the pieces that are kept apart; a piece that reaches far out of its mesh refuses more than necessary",
     )
 
 
@@ -251,7 +251,7 @@ def _bare(robot: RobotValue) -> CardSection:
         "Links that are drawn and have no collision shape",
         ("link",),
         tuple((link,) for link in robot.bare_links),
-        "nothing is proven of them; visual_as_collision takes what is drawn" if robot.bare_links else "",
+        "nothing is proven about them; visual_as_collision takes their drawn shapes" if robot.bare_links else "",
     )
 
 
@@ -288,7 +288,7 @@ def _meshes(robot: RobotValue) -> CardSection:
 
 
 def _read_again(robot: RobotValue) -> tuple[list[str], CardSection]:
-    """What a second reader finds otherwise: as troubles, and as a table."""
+    """What a second reader reads differently: as troubles, and as a table."""
     title, columns = "What another reader (yourdfpy) finds otherwise", ("difference",)
     source = robot.description
     if source is None:

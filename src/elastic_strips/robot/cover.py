@@ -1,6 +1,6 @@
-"""Cover: what of a robot its convex pieces do not hold, so that nothing is proven of it, and how far they stick out.
+"""Cover: parts of a robot that no convex piece holds, so that nothing is proven about them; how far pieces stick out.
 
-Both are found by points all over a surface, so the largest distance is at least what is said.
+Both are found by points all over a surface, so the largest distance is at least the one that is given.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
 
 
 def uncovered(model: pin.Model, drawn: pin.GeometryModel, pieces: Sequence[LinkGeometry]) -> tuple[str, ...]:
-    """The links of which something that is drawn reaches out of all pieces that move with it, by more than 5 mm.
+    """The links whose drawn shapes reach out of all pieces that move with them, by more than 5 mm.
 
     Args:
         model: the planned model.
@@ -81,7 +81,7 @@ def sticks_out(model: pin.Model, shapes: pin.GeometryModel, piece: LinkGeometry)
 
     Args:
         model: the planned model.
-        shapes: its collision geometry as it is described.
+        shapes: its collision geometry as the file describes it.
         piece: one of the robot's pieces.
     """
     own = [
@@ -115,7 +115,7 @@ def sticks_out(model: pin.Model, shapes: pin.GeometryModel, piece: LinkGeometry)
 
 
 def _is_part(piece: LinkGeometry, item: pin.GeometryObject) -> bool:
-    """Whether a mesh reaches beyond a piece: nothing of the surface of one that holds all of it is inside of it."""
+    """Whether a mesh reaches beyond a piece: a piece that holds all of it has none of its surface inside the mesh."""
     R, t = piece.placement[:3, :3], piece.placement[:3, 3]
     corners = vertices(item.geometry) @ np.asarray(item.placement.rotation).T + np.asarray(item.placement.translation)
     reach = support(piece.geometry, _DIRECTIONS @ R) + _DIRECTIONS @ t

@@ -20,12 +20,12 @@ def free_posture(robot: RobotValue) -> tuple[Array, str]:
     """A configuration (nq,) near home whose links keep apart, with few joints changed; and which do not, for people.
 
     The joints between two links that are in each other are moved at random, ever further and at last anywhere within
-    their limits, until less is; a pair after another. Where that ends in a corner it begins anew from the middle of the
-    limits, and from somewhere. What is found is brought back to home joint by joint, as far as it stays free. The same
-    at every call.
+    their limits, until they overlap less; one pair after another. Where that gets stuck it begins anew from the middle
+    of the limits, and from a random posture. The result is brought back to home joint by joint, as far as it stays
+    free. It is the same at every call.
 
     Returns:
-        The configuration in which least was found to be in each other, and what: empty where it is free.
+        The configuration in which the links overlap least, and which links do: empty where it is free.
     """
     space, rng, b = robot.space, np.random.default_rng(0), robot.space.base_nv
     data, geometry = robot.model.createData(), robot.collision_model.createData()
@@ -41,7 +41,7 @@ def free_posture(robot: RobotValue) -> tuple[Array, str]:
         return np.maximum(_LINK_DISTANCE - np.array([result.min_distance for result in geometry.distanceResults]), 0.0)
 
     def apart_from(row: Array) -> tuple[Array, Array]:
-        """Coordinates (nv,) that are reached from others, and what is lacking there (S,)."""
+        """Coordinates (nv,) that are reached from others, and how much each pair still lacks there (S,)."""
         now = lacking(row)
         for scale in np.tile(
             _SCALES, int(np.clip(_MOST_DISTANCES // (len(_SCALES) * max(len(now), 1)), 1, _ROUNDS_FROM_START))

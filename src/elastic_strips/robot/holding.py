@@ -1,4 +1,4 @@
-"""What a robot holds: another robot value, with a shape that a frame carries among its pieces and self pairs."""
+"""Held objects: another robot value, with a shape that a frame carries among its pieces and self pairs."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def attached(
     """The robot with a shape that one of its frames carries.
 
     The shape is part of the robot from then on: of distances and certificates, of its own collisions and of pictures.
-    It must not touch the robot's other links but those that ``touch`` names and those that move with the frame.
+    It must not touch the robot's other links, except those that ``touch`` names and those that move with the frame.
 
     Args:
         robot: the robot.
@@ -66,12 +66,12 @@ def attached(
         frame: name of the frame that carries it.
         q: (nq,) the configuration in which it is taken up.
         touch: names of links that may touch it: fingers.
-        mass: [kg] at its origin.
+        mass: its mass [kg], at its origin.
         name: what to call it; the shape's name, or ``"load"``, where None.
 
     Raises:
-        RobotError: an unknown frame or link, a name that a piece of the robot has, a negative mass.
-        ConfigurationError: ``q`` is not sound, or the shape touches another link in it.
+        RobotError: an unknown frame or link, a name that a piece of the robot has already, or a negative mass.
+        ConfigurationError: ``q`` is not valid, or the shape touches another link there.
     """
     index = find_frame(robot.model, frame)
     if index is None:

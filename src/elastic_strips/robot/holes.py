@@ -1,4 +1,4 @@
-"""Holes of a robot: links that are drawn and have no collision shape, and what is drawn as their shape."""
+"""Holes of a robot: links that are drawn and have no collision shape, and their drawn shapes in its place."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def drawn_alone(source: UrdfSource, model: pin.Model) -> pin.GeometryModel | Non
 
 
 def bare_links(source: UrdfSource, robot: RobotModel, drawn: pin.GeometryModel | None) -> tuple[str, ...]:
-    """The links that are drawn and not covered: of what cannot be read nobody knows that it is."""
+    """The links that are drawn and not covered; links whose shapes cannot be read count as not covered."""
     if drawn is None:
         return source.bare
     return tuple(link for link in source.bare if link in robot.bare_links or link in source.undrawn)
 
 
 def thicken(collision: pin.GeometryModel, source: UrdfSource) -> None:
-    """What is drawn may be a sheet, which has no hull: as a collision shape it is the box about it, 0.1 mm thick."""
+    """A drawn shape may be a sheet, which has no hull: as a collision shape it is the box about it, 0.1 mm thick."""
     for shape in collision.geometryObjects:
         if shape.name.rsplit("_", 1)[0] in source.from_visual and shape_of(shape.geometry)[0] is ShapeKind.MESH:
             points = vertices(shape.geometry)
@@ -50,7 +50,7 @@ def thicken(collision: pin.GeometryModel, source: UrdfSource) -> None:
 
 
 def say_what_grew(robot: RobotModel, links: tuple[str, ...]) -> None:
-    """Warn of the pieces of some links that reach far out of the shapes that they stand for."""
+    """Warn about pieces of some links that reach far out of the shapes that they stand for."""
     assert robot.shapes is not None
     for piece in robot.geometries if links else ():
         far = sticks_out(robot.model, robot.shapes, piece) if set(piece.links) & set(links) else 0.0

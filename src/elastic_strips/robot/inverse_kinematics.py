@@ -38,9 +38,9 @@ class ReachResult(Summary):
     """Result of inverse kinematics.
 
     Attributes:
-        q: (nq,) configuration that reaches the target, the one next to where the search began; None where none does.
-        distance: least one of the frame from its target [m].
-        angle: of its orientation from the target's [rad]; 0 where the orientation is free.
+        q: (nq,) configuration that reaches the target, the nearest to where the search began; None where none does.
+        distance: least distance of the frame from its target [m].
+        angle: angle between its orientation and the target's [rad]; 0 where the orientation is free.
         reason: what happened, in words.
         solutions: (K, nq) all that were found, ``q`` first.
     """
@@ -93,7 +93,7 @@ class PoseSolver(OneThread):
         return T[:, :, :3] @ self._translation + T[:, :, 3], T[:, :, :3] @ self._rotation
 
     def error(self, rows: Array, position: Array, turn: Array | None, within: Array) -> tuple[Array, Array]:
-        """Ways (N, 3) [m] and turns (N, 3) [rad] that the frame is off, world frame, at coordinate rows (N, nv)."""
+        """Errors of the frame's position (N, 3) [m] and rotation (N, 3) [rad] in the world, at rows (N, nv)."""
         at, rotation = self.place(rows)
         off = position - at
         off -= np.clip(off, -within, within)
@@ -154,7 +154,7 @@ class PoseSolver(OneThread):
         return best, size
 
     def _jacobians(self, n: int, turned: bool) -> Array:
-        """(n, 3 or 6, nv) of the frame at the rows that were placed last; angles count by the lever."""
+        """Jacobians (n, 3 or 6, nv) of the frame at the rows that were placed last; angles count by the lever."""
         kin = self._kin
         T = kin.T[self.joint, :n]
         at = T[:, :, :3] @ self._translation + T[:, :, 3]
@@ -182,18 +182,18 @@ def inverse_kinematics(
     Args:
         robot: the robot.
         frame: name of its frame.
-        position: (3,) of the frame in the world [m].
-        orientation: (4,) quaternion (x, y, z, w) of the frame in the world, or a rotation (3, 3); free where None.
-        near: (nq,) where the search begins, and what solutions are sorted by; home where None.
-        base: whether a base that can move may.
-        within: (3,) the frame may be off by so much along the world's axes [m]: half the sides of a box.
-        count: stop as soon as there are so many different solutions.
-        seed: of the random starts.
+        position: (3,) position of the frame in the world [m].
+        orientation: (4,) quaternion (x, y, z, w) of the frame in the world, or a rotation (3, 3); None leaves it free.
+        near: (nq,) where the search begins, and by whose distance solutions are sorted; home where None.
+        base: whether a base that can move may be moved.
+        within: (3,) how far the frame may be off along the world's axes [m]: half the sides of a box.
+        count: the search stops as soon as it has this many different solutions.
+        seed: seed of the random starts.
 
     Raises:
         RobotError: an unknown frame, or one that does not move.
-        ConfigurationError: ``near`` is not sound.
-        ParameterError: a target or number that is not sound.
+        ConfigurationError: ``near`` is not valid.
+        ParameterError: a target or number that is not valid.
     """
     if count < 1:
         raise ParameterError(f"count={count!r} must be at least 1")
@@ -210,19 +210,19 @@ def inverse_kinematics(
 
 
 class PoseSearch(OneThread):
-    """Workspace: looks for configurations with a frame of the robot at a pose, a round of starts after the other.
+    """Workspace: looks for configurations with a frame of the robot at a pose, one round of starts after another.
 
     Args:
         robot: the robot.
         frame: name of its frame.
         position, orientation, near, within: as for :func:`inverse_kinematics`.
-        rng: of the random starts.
+        rng: random numbers of the random starts.
 
     Attributes:
-        distance, angle: of the best so far from the target [m], [rad].
+        distance, angle: how far the best so far is from the target [m], [rad].
 
     Raises:
-        RobotError, ConfigurationError, ParameterError: as there.
+        RobotError, ConfigurationError, ParameterError: as for :func:`inverse_kinematics`.
     """
 
     def __init__(
@@ -269,14 +269,14 @@ class PoseSearch(OneThread):
         return self.sorted(rows[(off <= _POSITION_TOLERANCE) & (angle <= _ANGLE_TOLERANCE)])
 
     def sorted(self, rows: Array) -> Array:
-        """Those of the rows (N, nv) that differ, the nearest to where the search began first."""
+        """The rows (N, nv) that differ from each other, the nearest to where the search began first."""
         space = self.robot.space
         rows = _different(rows, space.circular, space.base_nv)
         here = np.tile(self._here, (len(rows), 1))
         return rows[np.argsort(np.linalg.norm(space.difference(here, rows), axis=1), kind="stable")]
 
     def missed(self) -> str:
-        """Why nothing was found, for people."""
+        """Why nothing was found, in words."""
         frame = self._solver.frame
         if self.distance > _POSITION_TOLERANCE:
             return f"{self.distance:.3g} m out of reach of {frame!r}"
@@ -287,16 +287,16 @@ def rotation_of(orientation: ArrayLike) -> Array:
     """A rotation (3, 3) of a quaternion (x, y, z, w) or of itself.
 
     Raises:
-        ParameterError: neither, or not of unit length, or no rotation.
+        ParameterError: neither of them, or not of unit length, or not a rotation.
     """
     given = np.asarray(orientation, dtype=float)
     if given.shape == (4,):
         if not 0.99 < np.linalg.norm(given) < 1.01:
-            raise ParameterError(f"orientation={given.tolist()} is a quaternion that has not unit length")
+            raise ParameterError(f"orientation={given.tolist()} is a quaternion whose length is not 1")
         return pin.Quaternion(given).normalized().matrix()
     R = check_array("orientation", given, (3, 3))
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0.0:
-        raise ParameterError(f"orientation={R.tolist()} is no rotation")
+        raise ParameterError(f"orientation={R.tolist()} is not a rotation")
     return R
 
 

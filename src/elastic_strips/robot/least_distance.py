@@ -19,7 +19,7 @@ _MOST_CELLS = 600  # parts of the range of two joints that it looks at, at most
 
 
 def least_distances(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: Indices) -> Array:
-    """Distances [m] (S,) that pairs are proven to keep in every posture within the limits; 0 where nothing is."""
+    """Distances [m] (S,) that pairs are proven to keep in every posture within the limits; 0 where none is proven."""
     return np.array([least_distance(model, pieces, int(i), int(k)) for i, k in pairs], dtype=float)
 
 

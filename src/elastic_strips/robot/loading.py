@@ -52,7 +52,7 @@ _HOMES = ("home", "default", "half_sitting", "standing")
 
 
 class LoadOptions(TypedDict, total=False):
-    """What may be said of a robot besides its name and its base: the arguments of ``load_robot`` of these names."""
+    """Options of a robot besides its name and its base: the arguments of ``load_robot`` of these names."""
 
     joints: Iterable[str]
     group: str
@@ -79,7 +79,7 @@ def load_robot(
 
     A xacro file (``.xacro``; extra ``ros``) is expanded first. xacro evaluates expressions: open files you trust.
 
-    What a file gets wrong without harm is mended or passed over, with a warning in the log: see ``docs/robots.md``.
+    Harmless faults of a file are mended or ignored, with a warning in the log: see ``docs/robots.md``.
 
     Args:
         name_or_path: a name, or a path that ends in ``.urdf`` or ``.xacro``, or holds a separator.
@@ -88,24 +88,25 @@ def load_robot(
         srdf: SRDF file with the link pairs to ignore, named postures (``group_state``: see ``RobotModel.home`` and
             ``RobotModel.state``) and groups of joints; by default the named robot's own.
         control_points: name → frame, or name → (frame, offset [m]); by default the joints' origins and the hand.
-        joints: the joints to plan; all others are held still at home, but for those that mimic a planned one: they
+        joints: the joints to plan; all others are held still at home, except those that mimic a planned one: they
             follow it (``RobotModel.followers``), and their limits are its limits, too.
-        group: an SRDF group of which the joints are planned, instead of ``joints``.
-        locked: joint → value [rad or m] held still, besides what is held still anyway: what ``joints`` or ``group``
-            do not name; without these wheels, casters, joints that others mimic unless they carry more than those (a
-            lift is planned, a gripper held), and what is neither lift nor arm of TIAGo. Joints that mimic a locked one
-            are held where that puts them, and what a locked one mimics is held where that puts it, unless they are
-            given a value here.
+        group: an SRDF group whose joints are planned, instead of ``joints``.
+        locked: joint → value [rad or m] held still, besides the joints that are held anyway: those that ``joints`` or
+            ``group`` does not name. Without these: wheels, casters, joints that others mimic unless they carry more
+            than those (a lift is planned, a gripper held), and whatever is neither lift nor arm of TIAGo. Joints that
+            mimic a locked one are held where that puts them, and the joint that a locked one mimics is held where that
+            puts it, unless they are given a value here.
         package_dirs: folders to search for ``package://`` meshes and for a xacro file's ``$(find …)``.
         mappings: arguments of a xacro file, by name.
         visual_as_collision: links whose visual shapes are taken as their collision shapes, meshes as convex hulls; or
-            ``"missing"``: all that are drawn and have no collision shape, of which nothing is proven otherwise.
+            ``"missing"``: all links that are drawn and have no collision shape. Otherwise nothing is proven about
+            these.
 
     Raises:
-        RobotError: an unknown name, or one that several robots share; an unknown joint or group, or a joint that is
-            both planned and locked, or locked though it follows a planned one; a fault in a file. The message names
-            file, element and alternatives; the file is the expanded one of a xacro file.
-        MissingExtraError: a xacro file, and xacro is not installed.
+        RobotError: an unknown name, or a name that several robots share; an unknown joint or group; a joint that is
+            planned and locked, or locked though it follows a planned one; a fault in a file. The message names
+            file, element and alternatives; of a xacro file it names the expanded file.
+        MissingExtraError: the file is a xacro file, and xacro is not installed.
     """
     known = _found(name_or_path, mappings, package_dirs)
     source = read_urdf(
@@ -144,7 +145,7 @@ def load_robot(
         )
     if robot.bare_links:
         _log.warning(
-            "%s: %d links are drawn and have no collision shape, so nothing is proven of them: %s. "
+            "%s: %d links are drawn and have no collision shape, so nothing is proven about them: %s. "
             'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
             robot.name,
             len(robot.bare_links),
@@ -246,7 +247,7 @@ def _say_who_is_elsewhere(source: UrdfSource, robot: RobotModel, locked: Mapping
     for joint, (leader, multiplier, offset) in source.followers.items():
         wanted = multiplier * robot.locked.get(leader, 0.0) + offset
         if abs(robot.locked.get(joint, wanted) - wanted) > LIMIT_TOLERANCE:
-            why = "; it is locked" if joint in locked else ", outside of its limits; it is held"
+            why = "; it is locked" if joint in locked else ", outside its limits; it is held"
             _log.warning(
                 "%s: joint %r mimics %r, which puts it at %.6g%s at %.6g",
                 robot.name,
@@ -266,13 +267,13 @@ def _at_home(
     source: UrdfSource,
     resting: frozenset[str],
 ) -> RobotModel:
-    """The robot with the first home posture in which it does not collide with itself, or one near the first of all."""
+    """The robot with the first home posture in which it does not collide with itself, or one near the very first."""
     first: RobotModel | None = None
     passed: list[str] = []
     made: dict[tuple[tuple[str, float], ...], RobotModel] = {}
     for what, values in _homes(home, semantics, source, resting):
         if not all(within_limits(value, source, joint) for joint, value in values.items()):
-            passed.append(f"{what} is outside of the limits")
+            passed.append(f"{what} is outside the limits")
             continue
         held = tuple(sorted(still(values).items()))
         if held in made:  # only its home differs
@@ -308,7 +309,7 @@ def _at_home(
 def _homes(
     home: Mapping[str, float], semantics: Srdf | None, source: UrdfSource, resting: frozenset[str]
 ) -> Iterator[tuple[str, Mapping[str, float]]]:
-    """Postures that may be home, with what to call them, the likeliest first."""
+    """Postures that may be home and their names, the likeliest first."""
     states = {} if semantics is None else semantics.states
     if home and "home" not in states:
         yield "its own home posture", home
@@ -354,7 +355,7 @@ def _visual(source: UrdfSource, model: pin.Model) -> pin.GeometryModel:
 
 
 def _check_size(shape: pin.GeometryObject, points: Array) -> None:
-    """Warn of a mesh that was meant in millimetres."""
+    """Warn about a mesh that was meant in millimetres."""
     size = np.ptp(points, axis=0)
     if size.max() > _LARGEST_MESH:
         x, y, z = (f"{length:.3g}" for length in size)
@@ -370,8 +371,8 @@ def _check_size(shape: pin.GeometryObject, points: Array) -> None:
 
 
 def _say_what_differs(source: UrdfSource, model: pin.Model, name: str) -> None:
-    """Warn of what another reader finds otherwise in the file."""
+    """Warn about what another reader reads differently in the file."""
     found = differences(source, model)
     if found:
         more = f"; and {len(found) - 6} more" if len(found) > 6 else ""
-        _log.warning("%s: yourdfpy reads the file otherwise: %s%s", name, "; ".join(found[:6]), more)
+        _log.warning("%s: yourdfpy reads the file differently: %s%s", name, "; ".join(found[:6]), more)

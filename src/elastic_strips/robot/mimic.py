@@ -41,7 +41,7 @@ def followers_of(model: pin.Model) -> dict[str, Following]:
 
 
 def carrier_name(leader: str) -> str:
-    """What a leader's own joint is called in a model where another one has its name and moves it."""
+    """Name of a leader's own joint in a model where another joint has its name and moves it."""
     return f"{leader} (moved)"
 
 
@@ -53,7 +53,7 @@ def with_followers(model: pin.Model, following: Mapping[str, Following]) -> pin.
         following: follower → what it does; no leader is a follower, and no multiplier is 0.
 
     Raises:
-        RobotError: the limits of a leader and its followers leave nothing.
+        RobotError: the limits of a leader and its followers leave no value.
     """
     late = [
         leader
@@ -77,8 +77,8 @@ def _transformed(model: pin.Model, name: str, follower: Following) -> pin.Model:
 
 
 def _rebuilt(model: pin.Model, following: Mapping[str, Following], late: list[str]) -> pin.Model:
-    """The model with joints in front that move late leaders; a continuous joint is one that turns where its leader has
-    one number, and not the two of a continuous one."""
+    """The model with joints in front that move late leaders. A continuous joint becomes one that turns where its
+    leader has one number, and not the two of a continuous joint."""
     out = pin.Model()
     out.name = model.name
     planar = model.njoints > 1 and model.joints[1].shortname() == "JointModelPlanar"
@@ -158,7 +158,7 @@ def _narrow(plain: pin.Model, model: pin.Model, leader: str, following: Mapping[
             )
         low, high = max(low, least), min(high, most)
         if low > high:
-            raise RobotError(f"joint {leader!r}: {name!r}, which follows it, is within its own limits nowhere")
+            raise RobotError(f"joint {leader!r}: {name!r}, which follows it, is nowhere within its own limits")
     if low is not None and high is not None:
         model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
     if speed[0] > 0.0:  # what the leader does not state is asked for, and not guessed of its followers

@@ -72,7 +72,7 @@ class RobotModel(RobotValue):
         return attached(self, shape, frame, q=q, touch=touch, mass=mass, name=name)
 
     def card(self) -> RobotCard:
-        """What is known of the robot, what is assumed and what is not looked at; see :class:`.card.RobotCard`.
+        """What is known about the robot, what is assumed and what is not checked; see :class:`.card.RobotCard`.
 
         It reads the meshes and the URDF a second time, which may take seconds.
         """
@@ -109,25 +109,26 @@ class RobotModel(RobotValue):
                 limits get ±1 km. Joints that follow another (``JointModelMimic``) move with it; they have no limits of
                 their own, so those of their leaders have to be as narrow as theirs.
             collision_model: its collision geometry.
-            visual_model: its visual geometry, or what makes it; the collision geometry where None.
+            visual_model: its visual geometry, or a function that makes it; the collision geometry where None.
             base: base kind; None means omni for a planar root and fixed otherwise.
             name: the robot's name; the model's where None.
-            locked: joint → value of joints to hold still; joints that follow one of them are held where that puts them.
+            locked: joint → value of a joint to hold still; joints that follow one of them are held where that puts
+                them.
             home: joint → value of the home posture; the rest is neutral, within limits.
-            disabled_pairs: pairs of link names whose collisions are not looked at, besides those that one joint joins
-                and those that touch in every sampled posture; with the reason of each, where it is a mapping.
-            enabled_pairs: pairs that are looked at, though a joint joins them.
+            disabled_pairs: pairs of link names whose collisions are not checked, besides those that one joint joins
+                and those that touch in every sampled posture; a mapping gives the reason of each.
+            enabled_pairs: pairs that are checked, though a joint joins them.
             followers: joint → (joint that it mimics, multiplier, offset [rad or m]), for the sampled postures.
             control_points: name → frame, or name → (frame, offset); None puts them at the joints.
             hand_frame: frame of the last default control point.
             states: named postures for :meth:`state`: name → joint → value [rad or m].
-            urdf_path, srdf_path: files that the models were made of, for who needs what is not in the models.
+            urdf_path, srdf_path: files that the models were made of, for callers that need more than the models.
             held: joint → why it is locked.
             groups: the SRDF's groups of joints.
             drawn: visual geometry of the links without a collision shape; where None, that of ``visual_model`` if it
-                is no function.
+                is not a function.
             description: the URDF file as it was read.
-            round_wheels: joints that change nothing of the robot's shape; those that are not locked are passed over.
+            round_wheels: joints that do not change the robot's shape; those that are not locked are ignored.
 
         Raises:
             RobotError: an unknown joint or frame, a base kind that the root joint cannot be, joints or geometry that
@@ -238,18 +239,18 @@ def _convex_geometry(model: pin.Model, pieces: tuple[LinkGeometry, ...], pairs: 
 
 
 def _refuse_other_roots(model: pin.Model, pieces: tuple[LinkGeometry, ...]) -> None:
-    """What does not move with a moving base is no part of the robot: the base's motion would not count against it."""
+    """Refuse geometry that does not move with a moving base: the base's motion would not count against it."""
     fixed = [p.name for p in pieces if p.joint == 0]
     if fixed:
         raise RobotError(
             f"collision geometry fixed to the world (joint 0): {', '.join(map(repr, fixed[:10]))}"
-            f"{', …' if len(fixed) > 10 else ''}. The base moves, so this is no part of the robot: take it out of "
+            f"{', …' if len(fixed) > 10 else ''}. The base moves, so this is not part of the robot: take it out of "
             "collision_model and give it to the Scene as an obstacle"
         )
     roots = [model.names[i] for i in range(2, model.njoints) if model.parents[i] == 0]
     if roots:
         raise RobotError(
             f"joints that hang on the world beside the planar root: {', '.join(map(repr, roots[:10]))}"
-            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: make "
-            "it of a model of its own, or hang them on the base"
+            f"{', …' if len(roots) > 10 else ''}. The base does not carry them, so they are another robot: give "
+            "it a model of its own, or hang them on the base"
         )

@@ -27,7 +27,7 @@ _SELDOM_PLANNED = (
     "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
     "ring_", "pinky", "little", "head", "neck", "eye",
 )  # fmt: skip
-"""In the names of joints that an arm's motion can do without."""
+"""Words in the names of joints that an arm's motion can do without."""
 
 
 def planned_joints(
@@ -79,9 +79,9 @@ def planned_joints(
 
 
 def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
-    """The joints that are held still where nothing is said of any.
+    """The joints that are held still where the caller says nothing about any.
 
-    Of joints that others mimic, those that carry no more than these: grippers. A lift that carries an arm is planned.
+    Joints that others mimic are held if they carry no more than these: grippers. A lift that carries an arm is planned.
     """
     wheels, following = wheel_joints(model, source), source.following()
     resting, movable = wheels | source.mimic, {*source.joint_limits, *source.continuous}
@@ -100,7 +100,7 @@ def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
 
 
 def _cannot_lead(source: UrdfSource, leader: str) -> str:
-    """Why joints cannot follow a leader wherever it goes; empty where they can, or none has to."""
+    """Why joints cannot follow a leader wherever it goes; empty where they can, or where no joint has to."""
     low, high = source.joint_limits.get(leader, (-math.inf, math.inf))
     for name, (first, multiplier, constant) in source.following().items():
         if first != leader or multiplier == 0.0:
@@ -114,15 +114,15 @@ def _cannot_lead(source: UrdfSource, leader: str) -> str:
             least, most = sorted((limit - constant) / multiplier for limit in source.joint_limits[name])
             low, high = max(low, least), min(high, most)
             if low > high:
-                return f"{name!r}, which has to <mimic> it, is within its own limits nowhere"
+                return f"{name!r}, which has to <mimic> it, is nowhere within its own limits"
     return ""
 
 
 def with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, float]:
-    """Locked values, with those that the locked joints' leaders have to have.
+    """Locked values, with the values that the leaders of locked joints must have.
 
     Raises:
-        RobotError: there are none, or they are outside of the leader's limits.
+        RobotError: a leader has no such value, or it is outside the leader's limits.
     """
     found: dict[str, float] = {}
     for first in locked:
@@ -137,7 +137,7 @@ def with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, f
             name, value = leader, (value - constant) / multiplier + 0.0  # no −0
             if not within_limits(value, source, leader):
                 low, high = source.joint_limits[leader]
-                raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
+                raise RobotError(f"{where} would be at {value:.6g}, outside its limits [{low:.6g}, {high:.6g}]")
             if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
                 raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
             above, multiplier, constant = source.followers.get(leader, ("", 0.0, 0.0))
@@ -151,7 +151,7 @@ def following_planned(source: UrdfSource, planned: frozenset[str], locked: Mappi
     """The joints that follow planned ones.
 
     Raises:
-        RobotError: one of them is to be held still.
+        RobotError: one of them was to be held still.
     """
     following = {name: f for name, f in source.following().items() if f.leader in planned and f.multiplier != 0.0}
     for name, follower in following.items():
@@ -176,7 +176,7 @@ def with_their_limits(
 
 
 def compare_states(robot: str, semantics: Srdf | None, followers: Mapping[str, Following]) -> None:
-    """Warn of states that have followers elsewhere than their leaders put them."""
+    """Warn about states that have followers elsewhere than where their leaders put them."""
     for state, values in ({} if semantics is None else semantics.states).items():
         for name, (leader, multiplier, constant) in followers.items():
             wanted = multiplier * values.get(leader, np.nan) + constant
@@ -209,7 +209,7 @@ def held_still(
 
 
 def what_to_lock(robot: RobotModel) -> str:
-    """Which of a robot's many joints may rather be held still."""
+    """Which of a robot's many joints might better be held still."""
     names, model = robot.joint_names, robot.model
     ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)]
     if not ends:  # what branches off several times from one body at the end of a chain, as fingers do
@@ -234,11 +234,11 @@ def why_held(
     wheels: set[str],
     planned: frozenset[str] | None,
 ) -> dict[str, str]:
-    """Why each joint that is held still is."""
+    """Why each held joint is held still."""
 
     def why(joint: str) -> str:
         if joint in locked:
-            return "locked by who loads it"
+            return "locked by the caller"
         if joint in wheels:
             return "a wheel or a caster"
         if joint in source.followers:

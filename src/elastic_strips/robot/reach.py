@@ -1,4 +1,4 @@
-"""How high a robot reaches, whatever its joints do: what walls have to be as high as that are only known in plan."""
+"""How high a robot reaches, whatever its joints do: walls that are only known in plan have to be as high as this."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _UPRIGHT_TOLERANCE = 1e-9  # how far an axis may be from the vertical, and count
 def highest_reach(robot: RobotModel) -> float:
     """A height [m] over the floor that no point of the robot's shapes exceeds, in any configuration.
 
-    Exact up to the first joint that turns about another axis than the vertical; from there on the lengths add up.
+    It is exact up to the first joint that turns about an axis other than the vertical; from there on lengths add up.
     """
     tree, model = robot.tree, robot.model
     turned: list[Array | None] = [np.eye(3)]  # orientation up to a yaw; None where it can be any

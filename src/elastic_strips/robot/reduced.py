@@ -32,7 +32,7 @@ def followers_held(model: pin.Model, locked: Mapping[str, float], home: Mapping[
     """Followers of joints that are locked, where those put them.
 
     Raises:
-        RobotError: a follower that is to be locked, or to be elsewhere than its leader puts it at home.
+        RobotError: a follower that is to be locked, or to be elsewhere at home than where its leader puts it.
     """
     held = {}
     for name, (leader, multiplier, constant) in followers_of(model).items():
@@ -46,7 +46,7 @@ def followers_held(model: pin.Model, locked: Mapping[str, float], home: Mapping[
 
 
 def check_wrapping(model: pin.Model) -> None:
-    """A turn of a continuous joint must leave its followers where they were."""
+    """Check that a whole turn of a continuous joint leaves its followers where they were."""
     for name, (leader, multiplier, _) in followers_of(model).items():
         if model.joints[model.getJointId(leader)].nq == 2 and multiplier != round(multiplier):
             raise RobotError(
@@ -120,8 +120,8 @@ def check_joint_names(model: pin.Model, values: Mapping[str, float], what: str) 
             raise RobotError(f"{what}: joint {joint!r} has value {value!r}; it must be a finite number [rad or m]")
         if (count := model.joints[model.getJointId(joint)].nv) > 1 and value != 0.0:
             raise RobotError(
-                f"{what}: joint {joint!r} has {count} degrees of freedom, so that {value!r} says nothing of it; it can "
-                "be held where it is neutral (0) alone"
+                f"{what}: joint {joint!r} has {count} degrees of freedom, so that {value!r} says nothing about it; "
+                "it can only be held where it is neutral (0)"
             )
 
 

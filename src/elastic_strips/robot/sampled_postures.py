@@ -158,7 +158,7 @@ def touching_at_first(postures: SampledPostures, of: Mapping[LinkPair, list[tupl
 
 
 def touching_in_some(postures: SampledPostures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, int]:
-    """In how many sampled postures links touch, of those that do in some and not in all, as the file has them."""
+    """In how many sampled postures two links touch, shapes as in the file, for pairs that do in some and not in all."""
     hits = Counter[LinkPair]()
     for _ in range(NEVER_POSTURES if of else 0):
         postures.next()
@@ -173,9 +173,9 @@ def touching_in_some(postures: SampledPostures, of: Mapping[LinkPair, list[tuple
 
 
 def mesh_shares(postures: SampledPostures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, float]:
-    """In which share of postures links touch with their shapes as the file has them, and not only with their hulls.
+    """Share of postures in which links touch with their shapes as in the file, and not only with their hulls.
 
-    Those that touch in all of the first are asked on, up to a posture in which they do not.
+    Links that touch in all of the first postures are tested further, up to a posture in which they do not.
     """
     hits, asked, left = Counter[LinkPair](), Counter[LinkPair](), dict(of)
     for k in range(POSTURES):

@@ -1,5 +1,5 @@
-"""A second reader of URDF files, yourdfpy, which shares no code with Pinocchio, urdfdom and Assimp: what it finds
-otherwise is a fault of one of the two, or something that the file leaves open."""
+"""A second reader of URDF files, yourdfpy, which shares no code with Pinocchio, urdfdom and Assimp: what it reads
+differently is a fault of one of the two, or something that the file leaves open."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 
 def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...] | None:
-    """What yourdfpy reads otherwise of joints: placements of links at random postures, limits, speeds, mimics.
+    """What yourdfpy reads differently about joints: placements of links at random postures, limits, speeds, mimics.
 
     Args:
         source: a file as it was read here.
@@ -53,7 +53,7 @@ def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...] | None:
 
 
 def shape_differences(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> tuple[str, ...] | None:
-    """What yourdfpy, and trimesh for meshes, read otherwise of collision shapes: number, kind, place and size.
+    """What yourdfpy, and trimesh for meshes, read differently about collision shapes: number, kind, place and size.
 
     Args:
         source: a file as it was read here.
@@ -73,7 +73,7 @@ def shape_differences(source: UrdfSource, model: pin.Model, shapes: pin.Geometry
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Without what yourdfpy says of files that were looked at already."""
+    """Silences what yourdfpy says about files that were checked already."""
     logger = logging.getLogger("yourdfpy")
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -84,14 +84,14 @@ def _silent() -> Iterator[None]:
 
 
 def _root(source: UrdfSource) -> etree._Element:
-    """The file itself, not what was made of it here."""
+    """The file itself, and not what was made of it here."""
     root = read_xml(source.path, root="robot", kind="URDF")
     root.set("name", root.get("name") or "robot")
     return root
 
 
 def _skeleton(source: UrdfSource) -> yourdfpy.URDF:
-    """The file's links and joints as yourdfpy reads them; what mimics is free, for chains of it are not its own."""
+    """The file's links and joints as yourdfpy reads them; joints that mimic are free, as it follows no chains."""
     import yourdfpy  # late: slow to import
 
     root = _root(source)
@@ -137,7 +137,7 @@ def _joints(source: UrdfSource, model: pin.Model, second: yourdfpy.URDF) -> Iter
 
 
 def _alike(one: tuple[str, float, float] | None, two: tuple[str, float, float] | None) -> bool:
-    """Whether two ways to mimic (leader, multiplier, offset) are one."""
+    """Whether two ways to mimic (leader, multiplier, offset) are the same."""
     if one is None or two is None:
         return one is two
     return one[0] == two[0] and bool(np.allclose(one[1:], two[1:], rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE))
@@ -187,7 +187,7 @@ def _posture(model: pin.Model, rng: np.random.Generator) -> tuple[Array, dict[st
 
 
 def _gap(one: Array, two: Array) -> str:
-    """How far two poses (4, 4) are from each other, in words, or nothing."""
+    """How far two poses (4, 4) are from each other, in words; empty where they are equal."""
     far = float(np.linalg.norm(one[:3, 3] - two[:3, 3]))
     if far > _NUMBER_TOLERANCE * max(1.0, float(np.linalg.norm(one[:3, 3]))):
         return f"{1e3 * far:.3g} mm"
@@ -255,7 +255,7 @@ def _read_shape(shape: yourdfpy.Geometry) -> tuple[str, list[float], yourdfpy.Me
 
 
 def _mesh(item: pin.GeometryObject, mesh: yourdfpy.Mesh) -> Iterator[str]:
-    """What trimesh finds otherwise in a mesh file: its name and how large it is."""
+    """What trimesh reads differently in a mesh file: its name and how large it is."""
     import trimesh
 
     file = Path(item.meshPath)

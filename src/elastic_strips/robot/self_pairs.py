@@ -32,8 +32,8 @@ class Pieces:
     Attributes:
         pieces: in the frames of the planned model's joints.
         pairs: (S, 2) numbers of pieces that must not touch.
-        apart: (S,) distances [m] that they are proven to keep in every posture; 0 where nothing is.
-        unchecked: pairs of links that are not looked at.
+        apart: (S,) distances [m] that they are proven to keep in every posture; 0 where nothing is proven.
+        unchecked: pairs of links that are not checked.
     """
 
     pieces: tuple[LinkGeometry, ...]
@@ -47,14 +47,14 @@ def pieces_and_pairs(
 ) -> Pieces:
     """The convex pieces of a robot and its self pairs.
 
-    Robots of primitives only keep their shapes as they are; else shapes of one joint are joined where no pair is lost.
+    Robots of primitives only keep their shapes as they are; else shapes of one joint are joined if no pair is lost.
 
     Args:
         model: the model with all its joints.
         collision: its collision geometry.
         planned: the model in which some joints are held still.
         carried: the collision geometry of that one, in the same order.
-        rules: what is said of pairs of links.
+        rules: what is known about pairs of links.
 
     Raises:
         RobotError: an unsupported shape, or a mesh without volume.
@@ -90,10 +90,10 @@ def pieces_and_pairs(
 def _parted(
     model: pin.Model, collision: pin.GeometryModel, rules: PairRules
 ) -> tuple[list[LinkGeometry], list[int], LeftOut]:
-    """Convex shapes of a robot, the number of the collision object that each is of, and what is not looked at.
+    """Convex shapes of a robot, the number of the collision object of each, and the pairs that are not checked.
 
     Where two links' hulls touch in every posture and their meshes do not, each of their meshes is taken as a few
-    convex pieces, so that the links can be kept apart; but for those where that does not help.
+    convex pieces, so that the links can be kept apart, except where that does not help.
     """
     whole = convex_shapes(model, collision)
     meshes = [obj.geometry for obj in collision.geometryObjects]
@@ -127,7 +127,7 @@ def _parted(
 def _checked(
     pieces: Sequence[LinkGeometry], rows: Sequence[int], mask: Mask, deep: Sequence[tuple[int, int]]
 ) -> list[tuple[int, int]]:
-    """Pairs of pieces that move to each other and are looked at, and those of the shapes ``deep``."""
+    """Pairs of pieces that move relative to each other and are checked, and those of the shapes ``deep``."""
     number = {row: n for n, row in enumerate(rows)}
     held = {(number[i], number[k]) for i, k in deep}
     return [

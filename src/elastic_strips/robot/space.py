@@ -48,11 +48,11 @@ class BaseKind(str, Enum):
             return BaseKind(value)
         except ValueError:
             names = [k.value for k in BaseKind]
-            raise RobotError(f"base={value!r} is no kind of base{nearest_name(value, names)}") from None
+            raise RobotError(f"base={value!r} is not a kind of base{nearest_name(value, names)}") from None
 
 
 LIMIT_TOLERANCE = 1e-4
-"""A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
+"""A joint value [rad or m] outside its limits by at most this is taken to the limit: files and programs round."""
 
 UNLIMITED_SPEED = 1e6
 """A speed limit [rad/s or m/s] of a description that is larger means that there is none."""
@@ -242,7 +242,7 @@ class ConfigurationSpace(Summary):
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
         """Coordinate rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
 
-        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
+        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by whatever
         rounding makes of it.
         """
         return self.integrate(a, np.asarray(s, dtype=float)[..., None] * self.difference(a, b))

@@ -37,7 +37,7 @@ _NEVER_TOUCHING = "Never"  # what MoveIt's assistant writes of them
 
 
 class WhyUnchecked(str, Enum):
-    """Why collisions of two links are not looked at."""
+    """Why collisions of two links are not checked."""
 
     JOINED = "one joint joins them"
     SRDF = "the SRDF leaves them out"
@@ -48,12 +48,12 @@ class WhyUnchecked(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class UncheckedPair:
-    """Two links of a robot whose collisions with each other are not looked at.
+    """Two links of a robot whose collisions with each other are not checked.
 
     Attributes:
         links: names of the links, sorted.
         why: the reason.
-        note: what is known besides: the joint, the SRDF's reason, in how many postures the meshes touch.
+        note: further detail: the joint, the SRDF's reason, or in how many postures the meshes touch.
     """
 
     links: tuple[str, str]
@@ -66,12 +66,12 @@ class UncheckedPair:
 
 @dataclass(frozen=True, slots=True)
 class PairRules:
-    """What is said of pairs of links besides their shapes.
+    """What is known about pairs of links besides their shapes.
 
     Attributes:
         disabled: pair of links → why it is left out, in the SRDF's words.
-        enabled: pairs that are looked at, though a joint joins them.
-        told: whether somebody said which pairs to leave out, so that what touches always is a surprise.
+        enabled: pairs that are checked, though a joint joins them.
+        told: whether somebody said which pairs to leave out, so that a pair that always touches is a surprise.
         followers: joint → (the joint that it mimics, multiplier, offset [rad or m]).
     """
 
@@ -83,15 +83,15 @@ class PairRules:
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """Pairs of a robot's shapes that are not looked at.
+    """Pairs of a robot's shapes that are not checked.
 
     Attributes:
-        mask: (n, n) whether a pair is left out; symmetric, True on the diagonal and for shapes of one link.
-        pairs: which links that is about, and why.
-        shares: in which share of postures the meshes of pairs touch, whose hulls do in every one or nearly so.
+        mask: (n, n) whether a pair is left out; symmetric, and True on the diagonal and for shapes of one link.
+        pairs: the links of these pairs, and why they are left out.
+        shares: share of postures in which the meshes of a pair touch whose hulls do in every posture, or nearly so.
         hidden: pairs whose hulls touch in every sampled posture or nearly so, and whose meshes do not.
-        crowded: pairs that are looked at and touch in nearly every posture.
-        met: pairs that never touch, as the SRDF says, and in how many of the sampled postures they do.
+        crowded: pairs that are checked and touch in nearly every posture.
+        met: pairs that never touch according to the SRDF, and in how many of the sampled postures they do.
     """
 
     mask: Mask
@@ -129,14 +129,14 @@ def left_out(
     rules: PairRules,
     shares: Mapping[LinkPair, float] | None = None,
 ) -> LeftOut:
-    """Decide which pairs of the file's shapes are looked at.
+    """Decide which pairs of the file's shapes are checked.
 
     Args:
         model: the model with all its joints, before any is held still.
         shapes: convex shapes of its links.
         meshes: what they were made of, in the same order.
-        rules: what else is said of pairs.
-        shares: what is known already of :attr:`LeftOut.shares`.
+        rules: what else is known about the pairs.
+        shares: the part of :attr:`LeftOut.shares` that is known already.
     """
     n = len(shapes)
     joined = joints_of_links(model)
@@ -192,7 +192,7 @@ def _unchecked(pair: LinkPair, why: WhyUnchecked, note: str = "") -> UncheckedPa
 
 
 def warn_of(out: LeftOut, rules: PairRules) -> None:
-    """Say what a user would not expect: pairs that somebody asked for, hulls that hide what meshes do, an SRDF's
+    """Report what a user would not expect: pairs that somebody asked for, hulls that hide what meshes do, an SRDF's
     pairs that never touch and did so in some of the sampled postures."""
     always = {links: pair for links, pair in out.pairs.items() if pair.why is WhyUnchecked.ALWAYS}
     hidden = [pair for links, pair in always.items() if links in out.hidden]
@@ -224,14 +224,14 @@ def warn_of(out: LeftOut, rules: PairRules) -> None:
         said = [f"{' and '.join(sorted(pair))}, in {count} of {NEVER_POSTURES}" for pair, count in met.items()]
         more = f" and {len(said) - 8} more" if len(said) > 8 else ""
         _log.warning(
-            "self-collision of %d pairs is not checked, for the SRDF says that they never touch; they do (%s)",
+            "self-collision of %d pairs is not checked: the SRDF says that they never touch, but they do (%s)",
             len(said),
             "; ".join(said[:8]) + more,
         )
 
 
 def _pairs_by_links(shapes: Sequence[LinkGeometry]) -> dict[LinkPair, list[tuple[int, int]]]:
-    """All pairs of shapes, by the links that they are of; a link alone for its own shapes."""
+    """All pairs of shapes, by the links that they belong to; a link alone stands for its own shapes."""
     of: dict[LinkPair, list[tuple[int, int]]] = {}
     for i in range(len(shapes)):
         for k in range(i + 1, len(shapes)):
@@ -245,13 +245,13 @@ def held_together(
     meshes: Sequence[coal.CollisionGeometry],
     out: LeftOut,
 ) -> list[tuple[int, int]]:
-    """Pairs of shapes that joints which are held still bring together, deeper than closed fingers: they collide.
+    """Pairs of shapes that held joints bring together, deeper than closed fingers are: they collide.
 
     Args:
         model: the model in which some joints are held still.
         shapes: shapes of its links, in its joints' frames.
         meshes: what they were made of.
-        out: the pairs that are not looked at; those that only graze, or whose hulls only touch, are added.
+        out: the pairs that are not checked; those that only graze, or of which only the hulls touch, are added.
     """
     postures = SampledPostures(model, shapes, meshes)
     deep: list[tuple[int, int]] = []

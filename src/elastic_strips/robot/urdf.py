@@ -38,14 +38,14 @@ class UrdfSource:
         document: the description as Pinocchio gets it: small faults mended, mesh files by their paths.
         links, joints: all names.
         parents: link → (joint, link) that carry it; the root has none.
-        joint_limits: joint → (lower, upper) of revolute and prismatic joints.
-        mimic: names of joints that mimic another, be it there or not.
-        followers: joint that mimics one that is there → (that one, multiplier, offset [rad or m]).
+        joint_limits: joint → (lower, upper), for revolute and prismatic joints.
+        mimic: names of joints that mimic another one, whether that exists or not.
+        followers: joint that mimics an existing one → (that one, multiplier, offset [rad or m]).
         continuous, prismatic: names of such joints.
         collisions: link → number of its collision shapes.
         bare: links that are drawn and have no collision shape, in the order of the file.
-        undrawn: links of which a visual shape has a fault.
-        from_visual: links whose collision shapes are those that are drawn.
+        undrawn: links with a faulty visual shape.
+        from_visual: links whose visual shapes are their collision shapes.
         capsules: the capsules, which stand in the document as cylinders: ``"collision"`` or ``"visual"``, a blank and
             the shape's name → radius, length between the caps [m].
     """
@@ -68,7 +68,7 @@ class UrdfSource:
     capsules: Mapping[str, Capsule] = field(default_factory=dict)
 
     def following(self) -> dict[str, Following]:
-        """What each joint of ``followers`` does, by the first leader of its chain, which follows none itself."""
+        """What each joint of ``followers`` does, by the first leader of its chain, which follows no joint itself."""
         found = {}
         for name in self.followers:
             leader, multiplier, constant = self.followers[name]
@@ -87,7 +87,7 @@ def read_urdf(
 ) -> UrdfSource:
     """Check a URDF file and everything that it refers to.
 
-    Mended, with a warning: what ``docs/robots.md`` lists.
+    Faults that ``docs/robots.md`` lists are mended with a warning.
 
     Args:
         path: the file.
@@ -147,7 +147,7 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
     """Pinocchio's model of a checked URDF file, on a planar root or a fixed one.
 
     Raises:
-        RobotError: Pinocchio refuses it, in its words.
+        RobotError: Pinocchio refuses the file; the message quotes it.
     """
     try:
         root = (pin.JointModelPlanar(),) if planar else ()
@@ -161,10 +161,10 @@ def pinocchio_model(source: UrdfSource, *, planar: bool = False) -> pin.Model:
 def pinocchio_geometry(
     source: UrdfSource, model: pin.Model, kind: pin.GeometryType, *, only: Collection[str] | None = None
 ) -> pin.GeometryModel:
-    """Collision or visual geometry of a checked URDF file; of some links ``only``, where not all of it is of interest.
+    """Collision or visual geometry of a checked URDF file; where ``only`` is given, of these links.
 
     Raises:
-        RobotError: Pinocchio or Coal refuse it, in their words.
+        RobotError: Pinocchio or Coal refuses it; the message quotes them.
     """
     document = source.document if only is None else _shapes_of(source.document, only)
     try:
@@ -194,7 +194,7 @@ def _words(error: Exception) -> str:
 
 
 def _bare(root: etree._Element) -> str:
-    """The description without what no model is made of: plugins, transmissions."""
+    """The description without elements that no model needs: plugins, transmissions."""
     for element in list(root):
         if element.tag not in ("link", "joint", "material"):
             root.remove(element)

@@ -147,7 +147,7 @@ def _check_mimic(joint: etree._Element, names: set[str], found: Joints, source: 
     what = f"joint {name!r}"
     found.mimic.add(name)
     if leader not in names:
-        mends.add("joints that mimic one which the robot has not, locked unless told otherwise", name)
+        mends.add("joints that mimic one that the robot does not have, locked unless told otherwise", name)
         joint.remove(follower)
         return
     if leader == name:
@@ -170,7 +170,7 @@ def _refuse_rings(root: etree._Element, followers: Mapping[str, tuple[str, float
 
 
 def _check_unused(joint: etree._Element, source: Path, what: str) -> None:
-    """What no model is made of, but urdfdom refuses where it is faulty."""
+    """Check elements that no model needs, but for whose faults urdfdom refuses the file."""
     for tag in ("safety_controller", "calibration"):
         for element in joint.findall(tag):
             joint.remove(element)

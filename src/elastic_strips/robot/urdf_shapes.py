@@ -75,10 +75,10 @@ def resolve_mesh(
 
 
 def drawn_as_collision(root: etree._Element, source: Path, wanted: Collection[str] | str) -> tuple[str, ...]:
-    """Give links the shapes that are drawn as collision shapes, instead of their own; returns which have got some.
+    """Give links their visual shapes as collision shapes, instead of their own; returns the links that got some.
 
     Raises:
-        RobotError: a link that is not there, or has nothing to draw.
+        RobotError: a link that does not exist, or has no visual shape.
     """
     links = {link.get("name"): link for link in root.findall("link")}
     if wanted == "missing":
@@ -120,7 +120,7 @@ def check_geometry(
 
     Returns:
         The capsules, which stand in the document as cylinders: ``"collision"`` or ``"visual"``, and the shape's name.
-        And the links of which something was left out that should have been drawn.
+        And the links some of whose visual shapes were left out.
 
     Raises:
         RobotError: a collision shape with a fault, or too many of them.
@@ -162,7 +162,7 @@ def check_geometry(
 
 
 def check_materials(root: etree._Element, mends: Mends) -> None:
-    """Take out those that urdfdom refuses the whole file for, or complains of beside the log."""
+    """Take out the materials for which urdfdom refuses the whole file, or about which it complains outside the log."""
     names: set[str] = set()
     for material in root.findall("material"):
         name, texture, color = material.get("name"), material.find("texture"), material.find("color")
@@ -255,7 +255,7 @@ def _check_mesh(
 
 
 def _remedy(name: str, folders: list[Path]) -> str:
-    """Where a mesh was looked for, and what to say for it to be found."""
+    """Where a mesh was searched, and what to give so that it is found."""
     if name.startswith("file://") or os.path.isabs(name):
         return ""
     searched = ", ".join(str(f) for f in folders[:3])

@@ -145,24 +145,24 @@ class RobotValue(Summary):
 
     @cached_property
     def visual_model(self) -> pin.GeometryModel:
-        """Visual geometry; read at the first use, since it is most of what a URDF takes to load.
+        """Visual geometry; read at the first use, since it takes most of the time that a URDF takes to load.
 
-        The collision geometry where there is none, or where it cannot be read (a warning).
+        It is the collision geometry where there is none, or where it cannot be read (a warning).
         """
         return self.visual()
 
     @property
     def unproven(self) -> str:
-        """What no proof of this robot speaks of, in words that follow a verdict; empty where that is nothing."""
+        """What no proof of this robot covers, in words that follow a verdict; empty where it covers everything."""
         bare = self.bare_links
         if not bare:
             return ""
         more = len(bare) - _LINKS_NAMED
         names = ", ".join(bare[:_LINKS_NAMED]) + (f" and {more} more" if more > 0 else "")
-        return f"nothing is proven of {len(bare)} link{'s' * (len(bare) > 1)} without a collision shape: {names}"
+        return f"nothing is proven about {len(bare)} link{'s' * (len(bare) > 1)} without a collision shape: {names}"
 
     def same_as(self, other: RobotValue) -> bool:
-        """Whether the other moves alike and has the same shape, so that a proof for one holds for the other."""
+        """Whether another robot moves alike and has the same shape, so that a proof for one holds for the other."""
         if self is other:
             return True
         return (
@@ -189,9 +189,9 @@ class RobotValue(Summary):
         """The home posture at a base pose, with single joints overridden: a configuration (nq,).
 
         Home is, in this order, the named robot's own, the SRDF's state ``home``, ``default``, ``half_sitting`` or
-        ``standing``, one that gives all joints, the neutral posture (0, or the nearest limit), any other state: the
-        first of them that is within the limits and in which the robot does not collide with itself. A warning says so
-        where one was passed over.
+        ``standing``, a state that gives all joints, the neutral posture (0, or the nearest limit), any other state: the
+        first of these that is within the limits and in which the robot does not collide with itself. A warning says
+        which ones were passed over.
 
         Args:
             x, y, yaw: base pose [m, m, rad]; must be 0 for a fixed base.
@@ -244,12 +244,12 @@ class RobotValue(Summary):
     def check_q(self, q: ArrayLike, *, what: str = "q", limits: bool = True) -> Array:
         """Check a configuration (nq,) or a stack of them (N, nq); returns a float copy.
 
-        A joint outside of its limits by at most 1e-4 rad (or m) is taken to the limit: what files and other programs
-        round is no fault.
+        A joint outside its limits by at most 1e-4 rad (or m) is taken to the limit: the rounding of files and other
+        programs is not a fault.
 
         Args:
             q: base x, y [m], cos yaw, sin yaw (planar base), then joints [rad or m]; continuous joints as (cos, sin).
-            what: what to call it in messages.
+            what: its name in messages.
             limits: whether joints have to be within their limits.
 
         Raises:
@@ -345,6 +345,6 @@ def _counted(names: tuple[str, ...]) -> str:
 
 
 def _counted_reasons(pairs: tuple[UncheckedPair, ...]) -> str:
-    """How many pairs are not looked at, by reason."""
+    """How many pairs are not checked, by reason."""
     count = Counter(pair.why.value for pair in pairs)
     return f"{len(pairs)}" + (f": {'; '.join(f'{n} as {why}' for why, n in count.items())}" if pairs else "")

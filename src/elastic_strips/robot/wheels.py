@@ -45,11 +45,11 @@ class DrivenWheels:
 
 
 def wheel_joints(model: pin.Model, source: UrdfSource) -> set[str]:
-    """Continuous joints that are called wheel or caster, or are those of a base that moves by what hangs on them.
+    """Continuous joints that are called wheel or caster, or that move the base by what hangs on them.
 
     A wheel turns about a level axis, hangs on the root link by fixed joints, and carries nothing that moves. A caster
-    turns about an upright one and carries nothing but wheels, no higher than the others; without others there are
-    two of them at least. So an arm's own first joint is neither, nor is the head that pans and tilts.
+    turns about an upright axis and carries nothing but wheels, no higher than the other wheels; without others there
+    are at least two of them. So an arm's first joint is neither of them, nor is a head that pans and tilts.
     """
     named = {j for j in source.continuous if any(word in j.lower() for word in ("wheel", "caster", "castor"))}
     if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
@@ -169,7 +169,7 @@ def _mirrored(a: Array, b: Array) -> bool:
 
 
 def _without_casters(wheels: list[etree._Element], model: pin.Model) -> list[etree._Element]:
-    """The wheels that are no casters; all of them where none is left."""
+    """The wheels that are not casters; all of them where none is left."""
     for caster in (lambda name: "cast" in name.lower(), lambda name: model.parents[model.getJointId(name)] != 0):
         wheels = [joint for joint in wheels if not caster(joint.get("name"))] or wheels
     return wheels

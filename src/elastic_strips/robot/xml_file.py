@@ -26,7 +26,7 @@ class Mends:
         self._found: dict[str, list[str]] = {}
 
     def add(self, kind: str, name: object) -> None:
-        """Note a fault: its kind, in words that follow a count ("links that the robot has not"), and whose it is."""
+        """Note a fault: its kind, in words that follow a count ("links that the robot does not have"), and where."""
         names = self._found.setdefault(kind, [])
         if repr(name) not in names:
             names.append(repr(name))
@@ -108,12 +108,12 @@ def _in_utf8(text: bytes) -> bytes | None:
 
 
 def _check_encoding(text: bytes, path: Path, kind: str) -> None:
-    """That a file is written as its mark or its first line says, and in UTF-8 where neither says anything.
+    """Check that a file is written as its mark or its first line says, and in UTF-8 where neither says anything.
 
-    The parser is less strict: it guesses, and what it guesses may be other names than those that were meant.
+    The parser is less strict: it guesses, and may guess other names than those that were meant.
 
     Raises:
-        RobotError: it is not.
+        RobotError: it is written differently.
     """
     mark = next((name for start, name in _BYTE_ORDER_MARKS.items() if text.startswith(start)), None)
     found = _DECLARED.search(text[:1000].replace(b"\0", b""))

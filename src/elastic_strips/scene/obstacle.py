@@ -39,8 +39,8 @@ class Obstacle:
     Args:
         at: Position (3,) of the obstacle's origin [m], world frame.
         quat: Its unit quaternion (x, y, z, w), world frame.
-        name: Unique in a scene, which gives one to an obstacle without.
-        motion: How it moves; not at all where None.
+        name: Unique in a scene, which names obstacles that have no name.
+        motion: How it moves; None where it does not.
 
     Attributes:
         name: Name, or None as long as no scene has named it.
@@ -123,9 +123,9 @@ class Obstacle:
         return self._copy(pose=pose, time=time, anchor=pose, anchor_time=time)
 
     def observed(self: _Self, pose: Array, motion: Motion | None) -> _Self:
-        """Copy as a sensor sees it: at ``pose`` (4, 4) [m] now, and moving from there as ``motion`` says.
+        """Copy as a sensor sees it: now at ``pose`` (4, 4) [m], and moving from there by ``motion``.
 
-        Shares the parts; ``pose`` and ``motion`` are not checked.
+        It shares the parts; ``pose`` and ``motion`` are not checked.
         """
         return self._copy(pose=pose, anchor=pose, anchor_time=self.time, motion=motion)
 
@@ -459,7 +459,7 @@ def _pose_at(motion: Motion | None, anchor: Array, t: float) -> Array:
 
 
 def _check_agreement(given: Array, begin: Array) -> None:
-    """A motion with absolute poses says where the obstacle is: a pose that was given as well must not contradict it."""
+    """A motion with absolute poses says where the obstacle is: a pose that is given as well must not contradict it."""
     at, quat = given[:3, 3], given[:3, :3]
     if at.any() and np.abs(at - begin[:3, 3]).max() > POSE_TOLERANCE:
         where = begin[:3, 3].tolist()

@@ -96,7 +96,7 @@ def primitive(geometry: coal.CollisionGeometry, half_extents: ArrayLike, radius:
 
 
 def hull_part(vertices: Array, what: str = "vertices") -> Part:
-    """Part of the convex hull of ``vertices`` (V, 3) [m], called ``what`` in messages.
+    """The convex hull of ``vertices`` (V, 3) [m] as a part, called ``what`` in messages.
 
     Raises:
         SceneError: the points are flat or fewer than four.
@@ -133,7 +133,7 @@ _SNAP_SHARE = 1e-3
 
 MAX_CENTERS = 2_000_000
 _MAX_BOXES = 400_000  # a kilobyte each
-"""Most boxes of one obstacle: as they are given, and after merging."""
+"""Most boxes of one obstacle, as they are given and after merging."""
 
 _IDENTITY = np.eye(4)
 _IDENTITY.flags.writeable = False

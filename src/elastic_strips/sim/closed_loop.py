@@ -44,7 +44,7 @@ class Simulation(Generic[_Driver]):
     Obstacles of the world that yield are reset, and this simulation sets their clocks.
 
     Args:
-        controller: of the robot.
+        controller: the robot's controller.
         world: the true obstacles over time.
         plant: the machine, at the controller's start.
         perception: what the controller senses of the world.
@@ -53,10 +53,10 @@ class Simulation(Generic[_Driver]):
         realtime: whether to wait for the wall clock.
         record: whether to record every step; without it a result has a record of the last steps only.
         metadata: plain JSON values to keep with the record.
-        computing: what the controller's computing costs, for the result.
+        computing: cost of the controller's computing, for the result.
 
     Attributes:
-        time: of the present step [s].
+        time: time of the present step [s].
     """
 
     def __init__(
@@ -100,7 +100,7 @@ class Simulation(Generic[_Driver]):
         self.controller.stop()
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called.
+        """Drive until the last goal is reached, the time is up, or :meth:`stop` was called.
 
         Args:
             time_limit: longest run [s]; ``params.time_limit`` where None.
@@ -209,7 +209,7 @@ class Simulation(Generic[_Driver]):
 
 
 def sensed_by(perception: Perception, t: float) -> tuple[Scene | None, str]:
-    """What is sensed at time ``t`` [s], or None and why not."""
+    """The scene or readings at time ``t`` [s], or None and why there are none."""
     try:
         return perception.sense(t), ""
     except PerceptionError as error:
@@ -234,10 +234,10 @@ def prepare(
     contact, refers to it.
 
     Args:
-        robot, limits: of the plant that is made where none is given.
+        robot, limits: robot and limits of the plant that is made where none is given.
         world: the true obstacles.
         plant: the machine, or None.
-        seed: of plant and perception.
+        seed: seed of plant and perception.
         shared: whether a perception refers to this world.
 
     Returns:
@@ -281,17 +281,17 @@ def simulation(
             of it, ``Simulation.world``, in which the result has to be evaluated.
         start: configuration (nq,).
         goal: configuration (nq,), or several of them (G, nq), one after the other.
-        limits, params, **options: of the :class:`Controller`.
+        limits, params, **options: as for the :class:`Controller`.
         plant: the machine; a :class:`KinematicPlant` where None.
         perception: noise and delay of the sensed scene, or a perception of one's own.
         faults: injected faults.
-        seed: of the first plan, the plant and the perception.
-        watch, realtime, record, metadata: of the :class:`Simulation`.
+        seed: seed of the first plan, the plant and the perception.
+        watch, realtime, record, metadata: as for the :class:`Simulation`.
         make: makes the controller, from the known scene and its other arguments; a :class:`Controller` of ``start``
             and ``goal`` where None.
         compute: what computing costs in simulated time: ``"free"``: nothing, and equal seeds give equal runs; a factor:
-            so many times the processor time that it takes here; ``"work"``: the time that is modelled for the work that
-            was counted, alike everywhere.
+            this many times the processor time that it takes here; ``"work"``: the time that is modelled for the work
+            that was counted, the same everywhere.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.

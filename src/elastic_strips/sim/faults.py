@@ -1,4 +1,4 @@
-"""Faults that are injected around a controller, to test that the robot comes to rest, and goes on where it can.
+"""Faults that are injected around a controller, to test that the robot comes to rest, and continues where it can.
 
 They are wrappers around perception, plant and planning tick.
 """
@@ -46,7 +46,7 @@ class Fault:
         kind: one of ``FAULTS``.
         start: when it begins [s].
         duration: how long it lasts [s].
-        size: how large it is, where that has a meaning; of the kind's own size where None.
+        size: how large it is, where that has a meaning; None: the kind's own size.
     """
 
     kind: str
@@ -62,7 +62,7 @@ class Fault:
         object.__setattr__(self, "size", _SIZES.get(self.kind) if self.size is None else self.size)
 
     def active(self, t: float) -> bool:
-        """Whether it is there at time ``t`` [s]."""
+        """Whether it is present at time ``t`` [s]."""
         return self.start <= t < self.start + self.duration
 
     @staticmethod
@@ -100,7 +100,7 @@ class FaultPlan:
             check_type("a fault", fault, Fault)
 
     def active(self, kind: str, t: float) -> bool:
-        """Whether a fault of that kind is there at time ``t`` [s]."""
+        """Whether a fault of that kind is present at time ``t`` [s]."""
         return any(f.kind == kind and f.active(t) for f in self.faults)
 
     def size(self, kind: str, t: float) -> float:
@@ -109,7 +109,7 @@ class FaultPlan:
 
 
 class FaultyPerception:
-    """Workspace: a perception whose scenes are frozen, late, of the future, empty or invalid at times."""
+    """Workspace: a perception whose scenes are at times frozen, late, of the future, empty or invalid."""
 
     def __init__(self, inner: Perception, faults: FaultPlan) -> None:
         self._inner, self._faults = inner, faults
@@ -133,15 +133,15 @@ class FaultyPerception:
 
 
 class FaultyPlant:
-    """Workspace: a plant whose wheels slip, whose motors do not obey, and whose measurements are wrong at times.
+    """Workspace: a plant whose wheels slip, whose motors disobey, and whose measurements are wrong, at times.
 
     Args:
         inner: the plant.
-        faults: what is wrong, and when.
-        seed: of the noise of coarse localization.
+        faults: the faults and their times.
+        seed: seed of the noise of coarse localization.
 
     Raises:
-        ParameterError: wheels that slip, on a plant that cannot have them slip.
+        ParameterError: wheels that slip, on a plant without slip.
     """
 
     def __init__(self, inner: Plant, faults: FaultPlan, seed: int = 0) -> None:
@@ -177,7 +177,7 @@ class FaultyPlant:
         return self._misread(measurement, t)
 
     def _obeyed(self, command: Command, t: float, dt: float) -> Command:
-        """What the motors do of a command. A safe stop cuts their power and brakes, whatever the amplifier does."""
+        """The command that the motors obey. A safe stop cuts their power and brakes, whatever the amplifier does."""
         if not self._faults.active("amplifier_holds", t):
             self._held = command
         if command.stop:
@@ -205,7 +205,7 @@ class FaultyPlant:
         return replace(measurement, pose=measurement.pose + np.array([0.6 * jump, 0.8 * jump, 0.0]))
 
     def _coarse(self, measurement: Measurement, scale: float) -> Measurement:
-        """A measurement with a fix that is less exact, rarer and later, and says so."""
+        """A measurement with fixes that are less exact, rarer and later, and that say so."""
         off, turn, period, latency = _COARSE_LOCALIZATION
         t = measurement.time
         if t >= self._next_fix:
@@ -225,7 +225,7 @@ class FaultyPlant:
 def faulty_planning(
     plan_tick: PlanTick, faults: FaultPlan, *, slow: float, wait: Callable[[float], object] | None = None
 ) -> PlanTick:
-    """The planning tick with exceptions, or with results that are late by ``slow`` [s], at times.
+    """The planning tick, at times with exceptions, or with results that are late by ``slow`` [s].
 
     Where time is real, ``wait`` lets it pass.
     """

@@ -1,4 +1,4 @@
-"""Independent jobs on many processes: of this machine, or of a Dask cluster; each result as soon as it is there."""
+"""Independent jobs on many processes of this machine or of a Dask cluster; each result as soon as it is ready."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 _Task = TypeVar("_Task")
 _Made = TypeVar("_Made")
 _JOBS_AHEAD = 500
-"""Jobs that a cluster's scheduler is given in advance."""
+"""Number of jobs that a cluster's scheduler is given in advance."""
 _CONNECT_TIMEOUT = 10.0  # [s] for a cluster's scheduler to answer
 _MOST_LOSSES = 3
 """Times that a result may be lost with its worker before its job is given up."""
@@ -53,9 +53,9 @@ class Finished(Generic[_Made]):
     """A job that has ended.
 
     Attributes:
-        index: of its task.
-        made: what it returned; None where it raised.
-        error: what it raised; a `WorkerDied` where its process ended.
+        index: index of its task.
+        made: its return value; None where it raised.
+        error: the exception that it raised; a `WorkerDied` where its process ended.
     """
 
     index: int
@@ -63,7 +63,7 @@ class Finished(Generic[_Made]):
     error: BaseException | None = None
 
     def result(self) -> _Made:
-        """What the job returned; raises what it raised."""
+        """The job's return value; raises the job's exception."""
         if self.error is not None:
             raise self.error
         return cast("_Made", self.made)
@@ -72,12 +72,12 @@ class Finished(Generic[_Made]):
 def parallel_map(
     work: Callable[[_Task], _Made], tasks: Sequence[_Task], processes: int | None = None
 ) -> Iterator[_Made]:
-    """Results of ``work`` on each task, in the order in which they are ready; what a job raises is raised here.
+    """Results of ``work`` on each task, in the order in which they are ready; a job's exception is raised here.
 
     Args:
         work: a function of a module (it is sent by name), of one picklable task.
         tasks: the tasks.
-        processes: how many; one for each core where None, none but this one where 1.
+        processes: number of processes; one for each core where None; only this one where 1.
     """
     count = min(processes or os.cpu_count() or 1, len(tasks))
     if count <= 1:
@@ -104,7 +104,7 @@ def run_jobs(
     Args:
         work: a function of a module (it is sent by name), of one picklable task.
         tasks: the tasks.
-        processes: how many; one for each core where None. Not with a scheduler.
+        processes: number of processes; one for each core where None. Not with a scheduler.
         scheduler: address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``; processes of this machine where None.
 
     Raises:
@@ -224,7 +224,7 @@ class _LocalPool:
 
 
 def _noted(work: Callable[[_Task], _Made], task: _Task) -> tuple[_Made, list[str]]:
-    """What a job made, and the files that it read, which the command must not overwrite."""
+    """A job's result, and the files that it read, which the command must not overwrite."""
     with command_files():
         return work(task), inputs_read()
 
@@ -253,7 +253,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
         client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ParameterError(
-            f"scheduler={shown(address)}: no Dask scheduler answers there, or the address is none such as "
+            f"scheduler={shown(address)}: no Dask scheduler answers there, or it is not an address such as "
             f"tcp://127.0.0.1:8786 ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
         ) from None
     with client:

@@ -1,9 +1,9 @@
 """Machine process: a simulated machine that runs against the wall clock in a process of its own, and its driver.
 
-Two channels lead to it, of one pickled message per datagram: to the driver, in whatever process that is, and to the
-simulated world. Nobody waits for anybody: what does not fit into a channel is dropped. So that nothing is lost by that,
-every reading carries the wheel travel summed up since the start, and the newest localization fix; true states are kept
-until they fit.
+Two channels lead to it, with one pickled message per datagram: to the driver, in whatever process that is, and to the
+simulated world. No process waits for another: what does not fit into a channel is dropped. So that nothing is lost by
+that, every reading carries the wheel travel summed up since the start, and the newest localization fix; true states are
+kept until they fit.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ _MOST_WAITING_STATES = 20_000  # true states that wait for a reader, at most
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueState:
-    """What the simulated machine really does.
+    """True state of the simulated machine.
 
     Attributes:
-        time: [s] since the epoch.
+        time: time since the epoch [s].
         coordinates: (nv,) configuration as a coordinate row.
         v: (nv,) velocity: body twist, joint rates.
         motors: (k,) speeds of the drive's motors [m/s, rad/s].
@@ -67,7 +67,7 @@ class TrueState:
 
 
 class _Reading(NamedTuple):
-    """What the machine sends to its driver after a step."""
+    """The machine's message to its driver after a step."""
 
     time: float
     travel: list[float]  # (k,) since the start
@@ -85,15 +85,16 @@ class MachineProcess:
     """Workspace: a plant in a process of its own, from ``__enter__`` to ``__exit__``.
 
     Args:
-        make_plant: makes the plant there; has to be picklable, such as ``partial(KinematicPlant, robot, limits)``.
-        coordinates: (nv,) where it begins, at rest.
+        make_plant: makes the plant in the process; has to be picklable, such as ``partial(KinematicPlant, robot,
+            limits)``.
+        coordinates: (nv,) coordinate row at which it begins, at rest.
         period: step of the plant [s].
         timeout: longest time [s] that a command holds.
         paused: whether it waits for :meth:`begin`.
 
     Attributes:
         epoch: ``time.monotonic()`` at which the machine's time is 0, the same in all processes.
-        priority: what it could do to get the processor in time.
+        priority: how it gets the processor in time, as far as that was permitted.
     """
 
     def __init__(
@@ -119,7 +120,7 @@ class MachineProcess:
         """Start it, and wait until it runs.
 
         Raises:
-            ParameterError: it cannot; the message says why.
+            ParameterError: it does not start; the message says why.
         """
         self._driver, executor = channel(_DRIVER_BUFFER)
         self._world, world = channel(_WORLD_BUFFER)
@@ -154,7 +155,7 @@ class MachineProcess:
         put(self._world, ("begin", epoch))
 
     def __exit__(self, *_: object) -> None:
-        """Let it come to rest and end; what its last true states were is kept for :meth:`truth`."""
+        """Let it come to rest and end; its last true states are kept for :meth:`truth`."""
         put(self._world, ("close", ""))
         self._end(_LONGEST_STOP + 5.0)
 
@@ -193,7 +194,7 @@ class MachineProcess:
         return states
 
     def touch(self, description: str) -> None:
-        """Let measurements tell of a felt contact from now on; of none where the description is empty."""
+        """Let measurements report a felt contact from now on; an empty description ends that."""
         put(self._world, ("contact", description))
 
     def press(self, description: str) -> None:
@@ -207,7 +208,7 @@ class MachineDriver:
     It can be sent to another process as an argument of that.
 
     Args:
-        channel: to the machine.
+        channel: channel to the machine.
         count: (k, n) numbers of drive coordinates and joints.
     """
 
@@ -218,10 +219,10 @@ class MachineDriver:
         self._felt = ""
 
     def measure(self, t: float) -> Measurement | None:
-        """What was measured since the last call.
+        """The measurement since the last call.
 
         Raises:
-            RuntimeError: what the sensors' driver threw.
+            RuntimeError: the sensors' driver threw something.
         """
         readings = [_Reading(*message) for message in _take(self._channel)]
         if not readings:

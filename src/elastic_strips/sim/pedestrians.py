@@ -28,8 +28,8 @@ class _Discs:
     """An obstacle as upright discs in its own frame.
 
     Attributes:
-        centre: (D, 3) [m].
-        radius: (D,) [m].
+        centre: (D, 3) centres [m].
+        radius: (D,) radii [m].
         half: (D, 3) half sizes of the discs' pieces [m].
     """
 
@@ -86,18 +86,21 @@ _LEAST_BOUNDING_SPEED = 0.1  # [m/s] least speed that bounds the change of a clo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YieldingPolicy:
-    """How those who yield treat a robot.
+    """How yielding obstacles treat a robot.
 
     Attributes:
-        distance: they stop so far before a robot that stands, seen from above [m].
-        standing: no velocity of a robot that stands is larger [m/s, rad/s]; patience: for so long already [s].
+        distance: distance at which they stop before a robot that stands, seen from above [m].
+        standing: a robot stands if no velocity of it is larger than this [m/s, rad/s].
+        patience: time for which it must have stood already [s].
         look: how often they look and decide [s].
-        onward: one that has yielded goes on when so much more of its way than its next stop needs is free [m].
-        aside: what comes nearer by less than this passes by [m].
-        room: one that waits in front of a robot that goes on standing steps back until it is so far away [m]; less
-            than ``onward``, or it would come back at once. A robot that reckons with all that somebody next to it
+        onward: an obstacle that has yielded goes on when this much more of its way than its next stop needs is free
+            [m].
+        aside: an obstacle that comes nearer by less than this [m] passes by.
+        room: an obstacle that waits in front of a robot that goes on standing steps back until it is this far away [m];
+            less than ``onward``, or it would come back at once. A robot that reckons with all that somebody next to it
             might do cannot go away otherwise.
-        wait: how long it waits before that [s]; pace: at which part of its own pace it steps back.
+        wait: how long it waits before that [s].
+        pace: part of its own pace at which it steps back.
     """
 
     distance: NonNegative = 0.25
@@ -123,9 +126,9 @@ class Pedestrians:
     path is free. They yield neither to a moving robot nor to each other. The constructor resets their histories.
 
     Args:
-        robot: that they yield to.
-        world: of the obstacles; without yielding ones a step does nothing.
-        policy: of yielding.
+        robot: the robot that they yield to.
+        world: the obstacles over time; without yielding ones a step does nothing.
+        policy: how they yield.
     """
 
     def __init__(self, robot: RobotModel, world: World, policy: YieldingPolicy | None = None) -> None:
@@ -143,7 +146,7 @@ class Pedestrians:
         """Set all clocks from the time ``t`` [s] on.
 
         Args:
-            t: later than at the last step.
+            t: time [s], later than at the last step.
             coordinates: (nv,) true coordinate row of the robot.
             v: (nv,) its true velocity.
         """

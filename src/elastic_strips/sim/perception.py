@@ -1,4 +1,4 @@
-"""Perception: what the planner senses of the world, with delay and noise."""
+"""Perception: the planner's view of the world, with delay and noise."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class NoisyGroundTruth:
     Args:
         world: the true obstacles.
         assumptions: bounds of the errors.
-        params: of the noise.
+        params: parameters of the noise.
         rng: source of the noise.
     """
 

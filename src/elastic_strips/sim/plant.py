@@ -31,12 +31,12 @@ class OdometryParams(Checked):
     """Errors of encoders and localization. All noise is Gaussian, cut off at three standard deviations.
 
     Attributes:
-        encoder_noise: of a wheel's reading [m at the rim]; readings err, not increments, so it does not add up.
-        joint_noise: of a joint encoder [rad or m].
-        fix_period: between localization fixes [s]; infinite for none.
-        fix_noise: of a fix's x and of its y [m].
-        fix_angle_noise: of its yaw [rad].
-        fix_latency: from the time that a fix tells of to its arrival [s].
+        encoder_noise: noise of a wheel's reading [m at the rim]; readings err, not increments, so it does not add up.
+        joint_noise: noise of a joint encoder [rad or m].
+        fix_period: time between localization fixes [s]; infinite for none.
+        fix_noise: noise of a fix's x and of its y [m].
+        fix_angle_noise: noise of its yaw [rad].
+        fix_latency: time from the measurement of a fix to its arrival [s].
     """
 
     encoder_noise: NonNegative = 5e-5
@@ -93,7 +93,7 @@ class Odometry:
         """The measurement of a true state.
 
         Args:
-            time: [s].
+            time: time [s].
             travel: (k,) true travel of the drive coordinates since the reset, as the encoders turn [m or rad].
             joints: (n,) true joint positions.
             pose: true base pose x, y, yaw; None for a fixed base.
@@ -168,16 +168,16 @@ class PlantParams:
 
     Attributes:
         wheel_lag: time constant of the wheels' speed loops [s].
-        joint_lag: of the joints' [s].
+        joint_lag: time constant of the joints' speed loops [s].
         speed_margin: the motors can turn this many times as fast as the limits that are planned with.
-        acceleration_margin: and speed up or brake this many times as hard. The defaults are assumptions; a machine
+        acceleration_margin: they can speed up or brake this many times as hard. The defaults are assumptions; a machine
             without such margins is planned with ``limits.scaled(…)``.
-        slip: largest part of a rim's travel that is lost (or gained) on the floor, per wheel; for an omnidirectional
-            base per body axis. It wanders between ±slip with a standard deviation of half of it.
+        slip: largest part of a rim's travel that is lost (or gained) on the floor, for each wheel; for an
+            omnidirectional base per body axis. It wanders between ±slip with a standard deviation of half of it.
         slip_time: correlation time of that [s].
         slip_noise: standard deviation of further slip, drawn anew in every step.
         jitter: a command arrives late by up to this [s], evenly distributed; the one before holds meanwhile.
-        odometry: errors of what is measured.
+        odometry: errors of the measurements.
     """
 
     wheel_lag: NonNegative = 0.04
@@ -197,13 +197,13 @@ class PlantParams:
 
     @staticmethod
     def seen_closely() -> PlantParams:
-        """With fixes to half a millimetre and half a milliradian, as a camera at the hand gives them of what it looks
+        """With fixes to half a millimetre and half a milliradian, as from a camera at the hand for the things it looks
         at; for :meth:`DriveParams.standing`."""
         return PlantParams(odometry=OdometryParams(fix_noise=5e-4, fix_angle_noise=5e-4))
 
     @staticmethod
     def ideal() -> PlantParams:
-        """No lag, no limit of speed or acceleration, no slip, jitter, noise or latency: commands are driven exactly."""
+        """No lag, limits of speed or acceleration, slip, jitter, noise or latency: commands are driven exactly."""
         return PlantParams(
             wheel_lag=0.0, joint_lag=0.0, speed_margin=math.inf, acceleration_margin=math.inf, slip=0.0,
             slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal(),
@@ -215,7 +215,7 @@ class Plant(Protocol):
 
     @property
     def robot(self) -> RobotModel:
-        """What it simulates."""
+        """The robot that it simulates."""
         ...
 
     @property
@@ -264,9 +264,9 @@ class KinematicPlant:
 
     Args:
         robot: the robot; any kind of base.
-        limits: what its motions are planned with.
-        params: how the machine differs.
-        seed: of all noise, or a generator.
+        limits: limits with which its motions are planned.
+        params: how the machine differs from its plan.
+        seed: seed of all noise, or a generator.
 
     Attributes:
         lost: (k,) further part of each drive coordinate's travel that is lost on the floor, as a fault.
@@ -421,7 +421,7 @@ def check_limits(robot: RobotModel, limits: MotionLimits) -> None:
     """Check that limits have the robot's numbers of drive coordinates and joints.
 
     Raises:
-        ParameterError: they have not.
+        ParameterError: they do not.
     """
     wanted = {"diff_drive": 2, "omni": 3, "fixed": 0}[robot.base_kind.value]
     joints = len(robot.joint_names)

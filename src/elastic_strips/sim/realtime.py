@@ -1,7 +1,7 @@
 """Realtime: a drive against the wall clock; machine, executor and planning each in a process of its own.
 
-This process plans, perceives and simulates the world around the robot. The executor's needs nothing of it but the next
-motion, and the machine's nothing of the executor but the next command.
+This process plans, perceives and simulates the world around the robot. The executor needs only the next
+motion from it, and the machine only the next command from the executor.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _WORLD_PERIOD = 0.0099  # [s] from one step of pedestrians and sensors to the ne
 
 
 class MachineView:
-    """Workspace: what this process knows of the machine in its own process: the last true state."""
+    """Workspace: the last true state of the machine, which runs in a process of its own."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant  # as it was before it was sent there
@@ -73,18 +73,18 @@ class RealtimeSimulation(Simulation[Controller]):
     """Workspace: a :class:`Simulation` whose machine and executor run in processes of their own, on the wall clock.
 
     Args:
-        controller: whose executor is ``executor``.
-        executor: not started yet.
+        controller: the controller whose executor is ``executor``.
+        executor: the executor, not started yet.
         make_plant: makes the machine in its process; can be pickled.
-        plant: one like it, at the start.
-        world, perception, goal, watch, metadata: of the :class:`Simulation`.
+        plant: a plant like it, at the start.
+        world, perception, goal, watch, metadata: as for the :class:`Simulation`.
         log: file that the executor writes while it drives.
-        temporary: whether that is removed after the run, or where there is none.
+        temporary: whether the log is removed after the run, or if there is no run.
         eager: whether planning goes on without a pause, rather than at the planning rate.
 
     Attributes:
         machine: the machine's process, while it runs; else None.
-        executor: of the controller.
+        executor: the controller's executor.
         log: file of the executor's log.
     """
 
@@ -119,7 +119,7 @@ class RealtimeSimulation(Simulation[Controller]):
         self._moved = -np.inf  # time [s] of the last step of the world
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called."""
+        """Drive until the last goal is reached, the time is up, or :meth:`stop` was called."""
         params, controller, executor = self.params, self.controller, self.executor
         limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
         began = time.perf_counter()
@@ -171,7 +171,7 @@ class RealtimeSimulation(Simulation[Controller]):
                 time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))
 
     def _observe(self, machine: MachineProcess) -> None:
-        """Take in what the machine did, and let the world go on."""
+        """Take in the machine's states, and let the world go on."""
         states = machine.truth()
         self._truth += states
         for state in states:
@@ -195,7 +195,7 @@ class RealtimeSimulation(Simulation[Controller]):
 
 
 def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> None:
-    """Record what the machine did, period by period, with what the executor wrote down at the same time."""
+    """Record the machine's states, period by period, with the executor's log of the same time."""
     dt, nan, state = driven.params.control_dt, [np.nan] * driven.robot.nv, int(RunState.STOPPED)
     written = {round(float(str(row["t"])) / dt): row for row in rows if "event" not in row}
     last = -1

@@ -44,7 +44,7 @@ class ContactSensor:
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """Bounds of the errors of tracks from a laser at 20 Hz; tests compare them with the true errors."""
 LASER_EASE = 0.6
-"""Part of the largest speeds for a robot with a laser alone: an obstacle that appears from behind another one is
+"""Part of the largest speeds for a robot with only a laser: an obstacle that appears from behind another one is
 tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
 _LASER_PLANE_HEIGHT = 0.3
 """Pieces that reach below this height [m] are in the plane of a base's laser."""
@@ -58,24 +58,24 @@ class SensorPerception:
     Before the first step the sensors read from the start for a while.
 
     Args:
-        robot: with the sensors' frames.
-        world: that the sensors see.
+        robot: the robot with the sensors' frames.
+        world: the world that the sensors see.
         start: configuration (nq,).
         sensors: their parameters.
-        params: of the scene; defaults with the robot's `body_radius` where None.
-        seed: of the sensors' noise.
+        params: parameters of the scene; defaults with the robot's `body_radius` where None.
+        seed: seed of the sensors' noise.
         look: time of reading before the first step [s].
         bumper: whether the robot has a contact sensor; during a contact it stands, and readings are ignored: an
             obstacle that touches the robot covers its laser.
-        computing: what it costs to process readings.
+        computing: cost of processing readings.
 
     Attributes:
         suite: the sensors.
-        estimator: of the scene.
+        estimator: estimates the scene.
         params: the sensors' delay, for figures that depend on it.
-        computing: may be replaced.
-        cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before
-            included, that of simulating the sensors not.
+        computing: the cost; it may be replaced.
+        cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before is
+            included, that of simulating the sensors is not.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.

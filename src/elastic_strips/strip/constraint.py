@@ -29,9 +29,9 @@ class OrientationConstraint:
     """An axis of a frame of the robot that is to point in a direction, such as that of a tray that stays level.
 
     Attributes:
-        frame: of the robot.
-        axis: in that frame, of any length.
-        direction: in the world, where it is to point.
+        frame: frame of the robot.
+        axis: axis in that frame, of any length.
+        direction: direction in the world in which it is to point.
         tolerance: the constraint is satisfied where no node is further off than this [rad].
         gain: how strongly the strip is drawn to it, beside ``DeformParams.k_r``.
     """
@@ -57,13 +57,13 @@ class OrientationConstraint:
         direction: tuple[float, float, float] = (0.0, 0.0, 1.0),
         **values: float,
     ) -> OrientationConstraint:
-        """A frame stays turned to a direction as it is at a configuration; by default as level as it is there.
+        """Keep a frame turned to a direction as it is at a configuration; by default as level as it is there.
 
         Args:
             robot: the robot.
             q: configuration (nq,).
-            frame: of the robot.
-            direction: in the world; any turn about it is free.
+            frame: frame of the robot.
+            direction: direction in the world; any turn about it is free.
             **values: tolerance and gain.
 
         Raises:
@@ -81,8 +81,8 @@ class ConstraintForce:
     """The force of a constraint on strips of one robot.
 
     Args:
-        robot: whose frame it is.
-        constraint: what is to be satisfied.
+        robot: the robot of the frame.
+        constraint: the constraint to satisfy.
 
     Attributes:
         constraint: the same.
@@ -112,7 +112,7 @@ class ConstraintForce:
         self._turns = robot.tree.summed(turns)
 
     def push(self, system: System, kin: Kinematics) -> None:
-        """Add force and matrix of V = Σ ½ k ‖a − t‖², a the axis and t its target, if the constraint is active."""
+        """Add force and matrix of V = Σ ½ k ‖a − t‖², with the axis a and its target t, if the constraint is active."""
         if not self.active:
             return
         n, gain = kin.n, self.constraint.gain
@@ -133,7 +133,7 @@ class ConstraintForce:
         return self.errors(kin)
 
     def bound(self, strip: Strip) -> tuple[float, int]:
-        """By how much [rad] a strip misses the constraint at most anywhere, between its nodes too; and the segment.
+        """Largest angle [rad] by which a strip misses the constraint, between its nodes too; and the segment of it.
 
         The axis turns by no more than the joints that turn it do together.
         """
@@ -162,7 +162,7 @@ class ConstraintForce:
         """Refuse configurations (K, nq) that do not satisfy the constraint.
 
         Raises:
-            ConfigurationError: names it, and by how much it misses.
+            ConfigurationError: one of them does not; the message says which, and by how much.
         """
         for name, off in zip(what, self.errors_at(self._robot.space.to_coordinates(q)), strict=True):
             if off > self.constraint.tolerance:
@@ -175,7 +175,7 @@ class ConstraintForce:
         """Rows (N, nv) that satisfy the constraint, by the least motion of the joints, and by how much (N,) [rad] each
         misses it still.
 
-        The base stays: where it drives is a matter of the path.
+        The base stays, because the path decides where it drives.
         """
         space, b = self._robot.space, self._robot.space.base_nv
         rows = coordinates.copy()

@@ -73,9 +73,9 @@ class Deformer(OneThread):
     links' witness points, an update is one implicit step, and the rolling constraint holds exactly afterwards.
 
     Args:
-        robot: whose strips.
+        robot: the robot of the strips.
         params: parameters.
-        constraint: what the strips are to satisfy besides.
+        constraint: a constraint that the strips are to satisfy as well.
 
     Attributes:
         workspace: what is known of the current nodes.
@@ -128,11 +128,11 @@ class Deformer(OneThread):
 
     @exclusive
     def keep_clearance(self, clearance: float, self_clearance: float | None = None) -> None:
-        """Keep another clearance [m] to obstacles from now on, and another one of the robot's own links if given.
+        """Keep another clearance [m] to obstacles from now on, and if given another one between the robot's own links.
 
         Raises:
-            ParameterError: it is negative, or not below the influence distance; or that of the own links is larger
-                than what the deformer was made for.
+            ParameterError: a clearance is negative, or not below the influence distance; or that of the own links is
+                larger than the one that the deformer was made for.
         """
         own = self.params.self_clearance if self_clearance is None else self_clearance
         params = self.params.replaced(clearance=clearance, self_clearance=own)
@@ -165,9 +165,9 @@ class Deformer(OneThread):
                 None makes exactly one iteration. Nodes are not resampled in a tick whose budget is already spent.
             detail: whether to add forces and protective hulls to the report, to look at.
             nodes: whether nodes may be inserted and removed.
-            retry: whether half a step is tried where a full one would lose the certificate; else the strip stays, and
-                the next tick's step is the shorter one.
-            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
+            retry: whether half a step is tried where a full one would lose the certificate; otherwise the strip stays,
+                and the next tick's step is the shorter one.
+            prediction: where moving obstacles will be when the nodes are reached; where None, they count as they stand.
 
         Raises:
             ConfigurationError: the strip belongs to another robot.
@@ -251,13 +251,13 @@ class Deformer(OneThread):
 
     @exclusive
     def reset(self) -> None:
-        """Forget all that is known from tick to tick; for after an exception."""
+        """Forget all that is kept from tick to tick, as is needed after an exception."""
         self._proof, self._scene, self._trust, self._needed = _Proof.NONE, None, 1.0, 0
         self.workspace.reset()
 
     @exclusive
     def carry(self, strip: Strip, coordinates: Array, source: Indices) -> Strip:
-        """A strip made of the last one's nodes and new ones; what is known of the old nodes is carried over.
+        """A strip made of the last one's nodes and new ones; distances of the old nodes are carried over.
 
         Args:
             strip: the strip of the last report.
@@ -521,13 +521,13 @@ class Deformer(OneThread):
 
 
 def _is_proven(result: TickResult) -> bool:
-    """Whether what a tick came to could be driven: certified, and drivable by the wheels."""
+    """Whether the result of a tick could be driven: certified, and drivable by the wheels."""
     return result.certificate.certified and result.slip <= SLIP_LIMIT
 
 
 def _wide_spacing(spacing: float, nodes: int, params: DeformParams) -> str:
-    """How far apart nodes are, where that is more than ``max_spacing``; else ""."""
+    """A phrase that says how far apart nodes are, if that is more than ``max_spacing``; else ""."""
     if spacing <= params.max_spacing * (1.0 + 1e-6):
         return ""
-    full = f", for there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
+    full = f", because there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
     return f"; its nodes are up to {spacing:.3g} m apart, more than max_spacing={params.max_spacing:g} m{full}"

@@ -30,7 +30,7 @@ def repulsive_magnitude(distance: Array, k_r: float, influence: float) -> Array:
 def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array) -> None:
     """Springs between neighbouring nodes: V = ½ Σ_j v_jᵀ diag(w) v_j with v_j = ``pin.difference(q_j, q_{j+1})``.
 
-    Being quadratic in the spacing itself, it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.
+    V is quadratic in the spacing itself, so it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.
     A large weight of the base's v_y is the rolling penalty of a differential drive.
 
     Args:
@@ -65,10 +65,10 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
 
 
 def add_pieces(system: System, space: ConfigurationSpace, v: Array, weight: Array, pieces: Array) -> None:
-    """What springs lack that are pieces of one: the half of a spring is twice as stiff.
+    """Add what springs lack that are pieces of one spring: half of a spring is twice as stiff.
 
-    So a node that is put in changes no force and no energy, and stays where it was put; as one more of equal springs it
-    would be drawn away, and be put in again.
+    So a node that is put in changes no force and no energy, and stays where it was put. With one more equal spring it
+    would be drawn away, and another node put in again.
 
     Args:
         system, space, v, weight: as for :func:`add_elastic`, which has been called.
@@ -96,7 +96,8 @@ def add_stretch(
     Args:
         system, space, v: as for :func:`add_elastic`.
         weight: (nv,) metric of the spacing.
-        stiffness: k; length: s [m], or (N−1,) of each segment.
+        stiffness: k.
+        length: s [m], or (N−1,) lengths of the segments.
     """
     over = (v * v) @ weight / np.square(length) - 1.0
     long = np.flatnonzero(over > 0.0)
@@ -194,7 +195,7 @@ def add_self_repulsion(system: System, kin: Kinematics, proximity: SelfProximity
 def add_joint_limits(
     system: System, space: ConfigurationSpace, coordinates: Array, *, k_l: float, margin: float
 ) -> None:
-    """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
+    """Push back joints that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
     below, above = space.lower + margin - coordinates, coordinates - (space.upper - margin)
     system.energies["joint_limits"] = 0.0
     if max(below.max(initial=0.0), above.max(initial=0.0)) <= 0.0:

@@ -1,4 +1,4 @@
-"""Recovery: how a broken strip gives way: no farther than what is in it asks, and not through its own links."""
+"""Recovery: how a broken strip gives way: no farther than the intrusions require, and not through the robot's links."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ _HELD_STIFFNESS, _NODES_ASIDE = (
 
 @dataclass(frozen=True, slots=True)
 class Intrusions:
-    """What lies nearer to a strip's inner nodes than a step is to leave it.
+    """Contacts that lie nearer to a strip's inner nodes than a step is to leave them.
 
     Attributes:
-        node: (K,) where; rows: (K, nv) gradient of the distance there.
-        missing: (K,) how much it is to grow [m].
+        node: (K,) nodes.
+        rows: (K, nv) gradients of the distances there.
+        missing: (K,) by how much the distances are to grow [m].
     """
 
     node: Indices
@@ -36,7 +37,7 @@ class Intrusions:
 
     @staticmethod
     def of(kin: Kinematics, obstacles: ObstacleProximity, clearance: float) -> Intrusions:
-        """Those of a strip that is to keep ``clearance`` [m]."""
+        """The intrusions of a strip that is to keep ``clearance`` [m]."""
         contacts, wanted = obstacles.contacts(), clearance + _ROOM_BETWEEN_NODES
         near = np.flatnonzero((contacts.distance < wanted) & (contacts.node > 0) & (contacts.node < kin.n - 1))
         node, joint = contacts.node[near], obstacles.bodies.joint[contacts.body[near]]
@@ -44,7 +45,7 @@ class Intrusions:
         return Intrusions(node, rows, wanted - contacts.distance[near])
 
     def share(self, delta: Array) -> float:
-        """Part of a step (N, nv) after which, to first order, they are gone; all of it where it does not do."""
+        """Part of a step (N, nv) after which, to first order, they are gone; the whole step where it is not enough."""
         gain = np.einsum("kj,kj->k", self.rows, delta[self.node])
         if np.any(gain < self.missing):
             return 1.0

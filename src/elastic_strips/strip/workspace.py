@@ -34,7 +34,7 @@ NodePredictor = Callable[[Array], NodePrediction]
 
 
 class PhaseClock:
-    """Accounts time to phases; what passes between two marks belongs to the phase of the later mark."""
+    """Accounts time to phases; the time between two marks belongs to the phase of the later mark."""
 
     def __init__(self) -> None:
         self.start()
@@ -58,7 +58,7 @@ class PhaseClock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TickResult:
-    """What the iterations of a tick came to; see :class:`DeformReport` for the attributes."""
+    """The result of a tick's iterations; see :class:`DeformReport` for the attributes."""
 
     certificate: Certificate
     slip: float
@@ -81,7 +81,8 @@ class Workspace(OneThread):
     Attributes:
         clock: accounts the time of a tick to phases.
         kin: kinematics of the nodes.
-        obstacles: the links' distances to the scene; self_pairs: to each other.
+        obstacles: the links' distances to the scene.
+        self_pairs: their distances to each other.
         self_home: (S,) lower bounds of the self pairs' distances [m] at the home configuration.
         most_self_clearance: largest clearance [m] between its own links that can be certified: pairs that are proven to
             keep more than that in every posture were left out.
@@ -142,7 +143,7 @@ class Workspace(OneThread):
         self.self_pairs.reset()
 
     def holds(self, strip: Strip) -> bool:
-        """Whether the current nodes are those of this very strip."""
+        """Whether the current nodes belong to this very strip."""
         return strip is self._strip
 
     @exclusive
@@ -152,8 +153,8 @@ class Workspace(OneThread):
         Args:
             strip: the nodes.
             scene: the obstacles.
-            to_move: the nodes are about to move, and all is measured again then. With a prediction, and the same
-                obstacles as before, the distances that are known do for the forces: what moves as predicted is where
+            to_move: the nodes are about to move, and everything is measured again then. With a prediction, and the same
+                obstacles as before, the known distances are enough for the forces: what moves as predicted is where
                 the prediction had it.
         """
         current = strip is self._strip
@@ -165,7 +166,7 @@ class Workspace(OneThread):
 
     @exclusive
     def carry(self, strip: Strip, new: Strip, source: Indices) -> None:
-        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none); what is known stays."""
+        """Make ``new`` current, whose node i was node ``source[i]`` of ``strip`` (−1: none); known distances stay."""
         if not self.holds(strip):
             return
         self.obstacles.remap(source)
@@ -213,7 +214,7 @@ class Workspace(OneThread):
 
     @exclusive
     def certify(self, scene: Scene, known: Mask | None = None) -> Certificate:
-        """Certify the segments between the current nodes, but for those (N−1,) that are known to be certified."""
+        """Certify the segments between the current nodes, except those (N−1,) that are known to be certified."""
         v = self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
         params = self.params
         certificate = self.certifier.certify(

@@ -28,13 +28,13 @@ class MotionLimits(Summary):
     """Symmetric box limits of a robot's motors.
 
     Attributes:
-        track: distance between the driven wheels [m]; 0 where the base is no differential drive.
-        wheel_radius: radius of the driven wheels [m]; 0 where the base is no differential drive.
+        track: distance between the driven wheels [m]; 0 where the base is not a differential drive.
+        wheel_radius: radius of the driven wheels [m]; 0 where the base is not a differential drive.
         drive_speed: (k,) limits of the drive coordinates: rims left, right [m/s] (k = 2), or the body's x, y, yaw
             [m/s, m/s, rad/s] (k = 3), or none (k = 0).
         drive_acceleration: (k,) limits of their change [m/s² or rad/s²].
-        joint_speed: (n,) [rad/s or m/s].
-        joint_acceleration: (n,) [rad/s² or m/s²].
+        joint_speed: (n,) limits of the joints' speeds [rad/s or m/s].
+        joint_acceleration: (n,) limits of their accelerations [rad/s² or m/s²].
     """
 
     track: NonNegative
@@ -95,15 +95,18 @@ class MotionLimits(Summary):
             wheel_speed: largest speed of a driven wheel's rim [m/s]; from the URDF's wheels where None.
             wheel_acceleration: largest acceleration of a rim [m/s²].
             track: distance between the driven wheels [m]; from the URDF where None.
-            wheel_radius: [m]; from the URDF where None.
-            base_speed: x, y, yaw [m/s, m/s, rad/s] of an omnidirectional base, in its own frame.
-            base_acceleration: the same of their change [m/s², m/s², rad/s²].
-            joint_speed: of all joints, or joint → value [rad/s or m/s]; what is not given is the model's.
-            joint_acceleration: of all revolute joints [rad/s²], or joint → value; what is not given: 4 rad/s².
-            prismatic_acceleration: of the prismatic joints that ``joint_acceleration`` does not name [m/s²].
+            wheel_radius: radius of the driven wheels [m]; from the URDF where None.
+            base_speed: largest speeds x, y, yaw [m/s, m/s, rad/s] of an omnidirectional base, in its own frame.
+            base_acceleration: its largest accelerations [m/s², m/s², rad/s²].
+            joint_speed: largest speed of all joints, or joint → value [rad/s or m/s]; joints not named keep the
+                model's.
+            joint_acceleration: accelerations of all revolute joints [rad/s²], or joint → value; what is not given: 4
+                rad/s².
+            prismatic_acceleration: accelerations of the prismatic joints that ``joint_acceleration`` does not name
+                [m/s²].
 
         Raises:
-            ParameterError: a limit that is neither stated by the robot's description nor given, or is out of range.
+            ParameterError: a limit that neither the robot's description nor the caller gives, or that is out of range.
         """
         check_type("robot", robot, RobotModel, RobotError)
         speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
@@ -184,7 +187,7 @@ class MotionLimits(Summary):
         return np.concatenate([self.to_twist(y[..., :k]), y[..., k:]], axis=-1)
 
     def scaled(self, speed: float, acceleration: float) -> MotionLimits:
-        """The same limits times a factor of the speeds and one of the accelerations, each > 0."""
+        """The limits with speeds and accelerations each multiplied by a factor > 0."""
         return replace(
             self,
             drive_speed=self.drive_speed * speed,

@@ -79,10 +79,11 @@ def polyline(
     """The nodes (K, nv), K ≥ 2, as travel of drive and joints.
 
     Args:
-        robot, limits: whose.
+        robot, limits: the robot and its limits.
         weight: (m,) the metric.
         coordinates: (K, nv).
-        heading: (m,) direction of the velocity with which the robot arrives at the first node; None at rest.
+        heading: (m,) direction of the velocity with which the robot arrives at the first node; None where it rests
+            there.
     """
     tangent = robot.space.difference(coordinates[:-1], coordinates[1:])
     dy = limits.to_coordinates(tangent)
@@ -239,10 +240,10 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
     equations each. What one has no room for is left to the next.
 
     Args:
-        space: of the robot, with a planar root.
+        space: the robot's, with a planar root.
         limits: for the drive coordinates.
         line: the strip's polyline; the curve starts at its first node.
-        curve: of travel over length; it has no shapes yet.
+        curve: the travel over length; it has no shapes yet.
         window: about the length of a window [m].
     """
     count = max(round(curve.length / window), 1)
@@ -343,7 +344,7 @@ _RANGE_SLACK = 1e-6  # [rad or m]
 
 
 class RetimingError(ElasticStripsError):
-    """A path cannot be driven as requested: no room to brake, a start off the path, or limits that are too low."""
+    """A path cannot be driven as requested: it has no room to brake, starts off the path, or limits are too low."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -353,7 +354,7 @@ class DrivePath(Summary):
     Attributes:
         start: (nv,) coordinate row where it starts.
         curve: the travel of drive and joints over the length.
-        grid: (G,) lengths on which it is timed, with every knot among them.
+        grid: (G,) lengths at which it is timed, with every knot among them.
         y1, y2: (G, m) derivatives on the grid.
     """
 
@@ -389,11 +390,11 @@ def smooth_path(
     Args:
         robot, limits: whose.
         line: the polyline.
-        length: where to end [m in the metric], at most at the first stop.
+        length: length at which to end [m in the metric], at most at the first stop.
         weight: (m,) the metric.
-        heading: (m,) direction of the velocity at the start, in which the path begins; None from rest.
-        bend: (m,) second derivative by length with which it begins; None for any.
-        lead: nodes nearer to the start than this are no knots [m].
+        heading: (m,) direction of the velocity at the start, in which the path begins; None where it starts from rest.
+        bend: (m,) second derivative by length with which it begins; None where any will do.
+        lead: nodes nearer to the start than this [m] do not become knots.
         window: about the length of path in which the base is led back to the strip [m].
 
     Raises:

@@ -49,14 +49,14 @@ class _Start:
 
 
 class Retimer:
-    """Times nodes as fast as the limits allow (TOPP-RA). It holds nothing that changes: threads may share one."""
+    """Times nodes as fast as the limits allow (TOPP-RA). It has no mutable state: threads may share one."""
 
     def __init__(self, robot: RobotModel, limits: MotionLimits | None = None, *, dt: float = 0.01) -> None:
         """Prepare for a robot.
 
         Args:
             robot: the robot.
-            limits: of its motors; :meth:`MotionLimits.for_robot` where None.
+            limits: limits of its motors; :meth:`MotionLimits.for_robot` where None.
             dt: distance of the samples [s].
 
         Raises:
@@ -89,14 +89,14 @@ class Retimer:
     ) -> Trajectory:
         """The fastest motion along the nodes ahead that ends at rest.
 
-        It ends where the first of these comes: the last node; a node where the robot has to stop anyway (a cusp, a
+        It ends at the first of these: the last node; a node where the robot has to stop anyway (a cusp, a
         sharp corner such as between turning in place and driving); ``distance`` ahead, or the least distance beyond
         it in which the robot can stop.
 
         Args:
             coordinates: (K, nv) nodes; it starts exactly at the first one.
-            v_start: (nv,) velocity there: body twist, joint rates; None or about zero: from rest.
-            a_start: (nv,) acceleration there, with which the path goes on bending as it did before: replanning from a
+            v_start: (nv,) velocity there: body twist, joint rates; from rest where it is None or about zero.
+            a_start: (nv,) acceleration there, with which the path continues to bend as before: replanning from a
                 state of a trajectory then seldom fails. None where unknown.
             distance: how far to go [m]: the base's travel, a joint's turn counted as 0.25 m/rad.
             start_time: time of the first sample [s].
@@ -105,8 +105,8 @@ class Retimer:
 
         Raises:
             ConfigurationError: nodes of the wrong shape or not finite.
-            ParameterError: another argument out of its range.
-            RetimingError: it cannot be driven like that. What the robot drives now still can.
+            ParameterError: another argument outside its range.
+            RetimingError: it cannot be driven like that. The robot's present motion still can.
         """
         nodes = self._nodes(coordinates)
         if not distance > 0.0:
@@ -120,10 +120,10 @@ class Retimer:
         """All of the nodes from rest to rest, with a stop wherever one is needed.
 
         Args:
-            coordinates, start_time, speed: as of :meth:`horizon`.
+            coordinates, start_time, speed: as for :meth:`horizon`.
 
         Raises:
-            ConfigurationError, ParameterError, RetimingError: as :meth:`horizon`.
+            ConfigurationError, ParameterError, RetimingError: as for :meth:`horizon`.
         """
         nodes = self._nodes(coordinates)
         check_number("speed", speed, above=0.0, high=1.0)
@@ -145,12 +145,12 @@ class Retimer:
         """The trajectory from time ``t`` [s] on, slowed down as fast as the limits allow until it stands.
 
         The path stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
-        Where that gains nothing (it brakes already, or is at rest) this is what is left of the trajectory; either way
+        Where that gains nothing (it brakes already, or is at rest) this is the rest of the trajectory; either way
         it ends at rest if the trajectory does.
 
         Args:
             trajectory: what the robot drives; it must keep the limits itself.
-            t: when to begin [s].
+            t: time at which to begin [s].
         """
         rest, limits = trajectory.tail(t), self.limits
         first = max(int(np.searchsorted(trajectory.time, t, side="right")) - 1, 0)
@@ -300,7 +300,7 @@ def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01
         speed: as in :meth:`Retimer.horizon`.
 
     Raises:
-        ParameterError: an argument out of its range.
+        ParameterError: an argument outside its range.
         RetimingError: a piece cannot be driven within the limits.
     """
     return Retimer(strip.robot, limits, dt=dt).full(strip.coordinates, speed=speed)

@@ -112,7 +112,7 @@ def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: 
         try:
             nodes = np.asarray(getattr(strip, "q", strip), dtype=float)
         except (TypeError, ValueError):
-            raise InputError(f"this is no strip, report or configurations (N, nq): {shown(strip)}") from None
+            raise InputError(f"this is not a strip, a report or configurations (N, nq): {shown(strip)}") from None
         if nodes.ndim != 2 or not len(nodes) or nodes.shape[1] != robot.nq:
             raise InputError(f"a path has shape {nodes.shape}; {robot.name!r} wants (N, {robot.nq}) with N >= 1")
         strips.append(nodes)

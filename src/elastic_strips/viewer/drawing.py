@@ -53,10 +53,10 @@ _NONE = np.zeros((0, 16), dtype=np.float32)
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What is to be drawn: a scene and a strip's nodes (N, nq), with the report about it where there is one.
+    """A scene and a strip's nodes (N, nq) to draw, with the report about the strip if there is one.
 
     The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
-    ``live`` is one of many pictures a second: what takes long to measure is left out. ``tick`` is how long one takes
+    ``live`` is one of many pictures a second: slow measurements are left out. ``tick`` is the time of one tick
     [s]; ``notes`` are further rows of the card.
     """
 
@@ -72,7 +72,7 @@ class Snapshot:
 
 
 class Drawing:
-    """The state of one picture: what the browsers already have; used by one thread."""
+    """The state of one picture that the browsers already have; used by one thread."""
 
     def __init__(self, *, title: str, ghosts: int) -> None:
         """Start with an empty picture.
@@ -150,12 +150,12 @@ class Drawing:
         return out
 
     def hide(self) -> list[Command]:
-        """Hide the still picture, for as long as something plays."""
+        """Hide the still picture while something plays."""
         self.hidden = STATIC
         return [commands.visible(path, False) for path in STATIC]
 
     def stop(self) -> list[Command]:
-        """End what plays and bring back what it hid."""
+        """End playing and bring back what it hid."""
         if not self.playing:
             return []
         self.playing, self.hidden = False, ()
@@ -357,7 +357,7 @@ def _outermost(points: Array) -> Array:
 
 
 def bare_legend(robot: RobotModel) -> list[list[str]]:
-    """The legend of what is hatched: links of which nothing is proven."""
+    """The legend of hatched links, about which nothing is proven."""
     return [["no collision shape: nothing is proven", _HATCHED]] if robot.bare_links else []
 
 
@@ -391,7 +391,7 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, p
 
 
 class ObstacleDrawing:
-    """What of a scene the browsers already have.
+    """The parts of a scene that the browsers already have.
 
     Boxes, spheres, cylinders and cones that stand still are one object per shape, however many there are. Everything
     else, and what moves, is an object of its own.
@@ -408,7 +408,7 @@ class ObstacleDrawing:
         self.singles: set[str] = set()  # names of what is an object of its own because it is dragged
 
     def legend(self) -> list[list[str]]:
-        """What the colours of the obstacles mean."""
+        """The meaning of the obstacles' colours."""
         entries = [[name, color] for kind, (name, color) in _KINDS.items() if kind in self._seen]
         if self._predicted:
             entries.append(["where it will be in 0.5 and 1 s", f"color-mix(in srgb, {MOVING_COLOR} 35%, white)"])

@@ -32,7 +32,7 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
         html: the page.
         path: PNG to write.
         size: width and height [pixels].
-        time: moment of what plays [s]; the first where None.
+        time: moment of playing [s]; the first where None.
 
     Raises:
         BrowserError: there is no Chromium.
@@ -47,7 +47,7 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
 
 
 def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int], fps: float) -> Path:
-    """Draw what plays in a standalone page, from its beginning to its end.
+    """Draw what plays in a standalone page, from beginning to end.
 
     Args:
         html: the page.
@@ -74,7 +74,7 @@ def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int],
 
 
 class Film(Protocol):
-    """What takes the pictures of a film."""
+    """A writer of the pictures of a film."""
 
     path: Path
 
@@ -84,7 +84,7 @@ class Film(Protocol):
 
 @contextmanager
 def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
-    """Write a film picture by picture; the file is complete or not there at all.
+    """Write a film picture by picture; the file is written whole or not at all.
 
     Raises:
         MissingExtraError: the extra ``film`` is not installed.

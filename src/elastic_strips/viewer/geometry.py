@@ -1,4 +1,4 @@
-"""Geometry: what a picture consists of, as arrays: meshes of robots and obstacles, and where they are."""
+"""Geometry: the content of a picture as arrays: meshes of robots and obstacles, and where they are."""
 
 from __future__ import annotations
 
@@ -241,8 +241,8 @@ class Body:
 def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
     """Merge a robot's visual geometry per joint; each distinct mesh is read once.
 
-    Where there is no visual geometry the collision geometry is drawn instead. What has no colour is grey: Pinocchio's
-    geometry objects are black until somebody gives them one. Links of which nothing is proven are hatched.
+    Where there is no visual geometry the collision geometry is drawn instead. Objects without a colour are grey:
+    Pinocchio's geometry objects are black until they are given one. Links about which nothing is proven are hatched.
     """
     model = robot.visual_model if robot.visual_model.ngeoms else robot.collision_model
     read: dict[object, MeshData | None] = {}
@@ -288,7 +288,7 @@ def plain_bodies(bodies: tuple[Body, ...]) -> tuple[Body, ...]:
 
 
 def coarse_bodies(bodies: tuple[Body, ...], faces: int) -> tuple[Body, ...]:
-    """Return the bodies, coarser until all of them have no more than so many ``faces``, or cells are 2 cm wide."""
+    """Return the bodies, coarser until all of them have at most ``faces`` faces, or cells are 2 cm wide."""
     coarse = bodies
     for cell in (0.004, 0.008, 0.012, 0.016, 0.02):
         if sum(len(body.mesh.faces) for body in coarse) <= faces:
@@ -301,7 +301,7 @@ _DRAWN: WeakKeyDictionary[RobotModel, dict[tuple[int | None, bool], tuple[Body, 
 
 
 def drawn_bodies(robot: RobotModel, *, faces: int | None = None, plain: bool = False) -> tuple[Body, ...]:
-    """A robot's bodies, of no more than so many ``faces``, and ``plain`` without colours; made once for each robot,
+    """A robot's bodies with at most ``faces`` faces, and ``plain`` without colours; made once for each robot,
     as a notebook has many pictures of one."""
     known = _DRAWN.setdefault(robot, {})
     if (faces, plain) not in known:
@@ -336,7 +336,7 @@ def _factors(geometry: coal.CollisionGeometry) -> Array:
 def obstacle_mesh(obstacle: Obstacle) -> MeshData | None:
     """Merge an obstacle's parts into one mesh in the obstacle's frame; None if nothing of it can be drawn.
 
-    What is drawn is what is avoided: the convex parts of a mesh, the merged boxes of voxels.
+    The picture shows what is avoided: the convex parts of a mesh, the merged boxes of voxels.
     """
     found: list[MeshData] = []
     boxes: list[tuple[Array, Array]] = []

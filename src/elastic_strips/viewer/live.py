@@ -28,9 +28,9 @@ _RECENT_TICKS = 50  # whose median is shown
 
 
 class LiveStrip:
-    """A strip that gives way, tick by tick, while obstacles and goal move where they are wanted.
+    """A strip that gives way, tick by tick, while obstacles and goal are moved.
 
-    What is moved, by :meth:`move`, :meth:`move_goal` or with the mouse in the viewer's page, goes there no faster
+    Things that are moved, by :meth:`move`, :meth:`move_goal` or with the mouse in the viewer's page, go there no faster
     than ``speed``. Where the strip stays broken for 0.4 s a path is planned anew, in another thread, and taken where
     it is certified in the scene of that moment. While start or goal touches something the strip waits, and says so.
     Obstacles that have a motion move on by the clock until they are grabbed; then they stay where they are put.
@@ -55,17 +55,18 @@ class LiveStrip:
         """Start ticking.
 
         Args:
-            robot: whose strip it is.
+            robot: the robot of the strip.
             scene: the obstacles.
-            strip: to begin with.
-            viewer: shows it and is dragged in; none where None.
-            params: the deformer's.
+            strip: the strip to begin with.
+            viewer: shows the strip, and things are dragged in it; None: no viewer.
+            params: the deformer's parameters.
             rate: ticks a second.
-            speed: of what is moved [m/s].
-            thread: False leaves it to the caller to call :meth:`tick`, and time goes on by 1 / ``rate`` each.
+            speed: largest speed of moved things [m/s].
+            thread: False leaves it to the caller to call :meth:`tick`; time then goes on by 1 / ``rate`` [s] with each
+                call.
 
         Raises:
-            InputError: a rate or a speed out of range, another robot's strip, something that is none of these.
+            InputError: a rate or a speed out of range, another robot's strip, or an argument of another type.
         """
         check_type("robot", robot, RobotModel, RobotError)
         check_type("scene", scene, Scene, SceneError)
@@ -97,7 +98,7 @@ class LiveStrip:
 
     @property
     def report(self) -> DeformReport:
-        """The newest tick's."""
+        """The report of the newest tick."""
         return self._keeper.report
 
     @property
@@ -112,7 +113,7 @@ class LiveStrip:
 
     @property
     def ticks(self) -> int:
-        """How many there were."""
+        """How many ticks there were."""
         return self._count
 
     @property
@@ -124,12 +125,12 @@ class LiveStrip:
         """Let an obstacle go to another place.
 
         Args:
-            name: the obstacle's.
+            name: name of the obstacle.
             at: (3,) place of its origin [m], or pose (4, 4).
 
         Raises:
-            SceneError: there is none of that name.
-            InputError: no place.
+            SceneError: there is no obstacle of that name.
+            InputError: ``at`` is not a place.
         """
         there = np.asarray(at, dtype=float)
         pose = np.array(self._scene.obstacle(name).pose)
@@ -145,7 +146,7 @@ class LiveStrip:
 
         Raises:
             ConfigurationError: the robot's base is fixed.
-            InputError: a number that is none.
+            InputError: something that is not a number.
         """
         if not self._robot.space.planar:
             raise ConfigurationError(f"{self._robot.name!r} stands on a fixed base, so its goal does not move")
@@ -162,7 +163,7 @@ class LiveStrip:
 
         Raises:
             ConfigurationError: the robot has no joint that moves its last control point.
-            InputError: no place.
+            InputError: ``at`` is not a place.
         """
         if self._hands is None:
             raise ConfigurationError(f"{self._robot.name!r} has no joint that moves its hand")
@@ -223,7 +224,7 @@ class LiveStrip:
                 self.move_goal(float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0])))
 
     def _pose(self, name: str | None, hand: bool) -> Array | None:
-        """Where something is that can be grabbed: the pose (4, 4) of an obstacle, or of hand or base at the goal."""
+        """Pose (4, 4) of something that can be grabbed: of an obstacle, or of hand or base at the goal."""
         if name is not None:
             return np.array(self._scene.obstacle(name).pose) if name in self._scene else None
         if hand:
@@ -248,7 +249,7 @@ class LiveStrip:
             _log.exception("the live strip has ended")
 
     def tick(self) -> DeformReport:
-        """Make one tick, where there is no thread that does; return its report."""
+        """Make one tick if no thread does; return its report."""
         self._tick(self._first_time + (self._count + 1) * self._period)
         return self.report
 

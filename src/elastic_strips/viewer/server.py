@@ -7,9 +7,9 @@ process ends. An address that names another program's picture (``?id=``) is not 
 A frame on standard input is a header (length of the key, length of the payload), the key and the payload. Key ``page``
 carries the HTML; an empty key ends a batch; any other one is a command (see ``commands``).
 
-What is dragged in a page comes back as lines of JSON on standard output (see ``drag``). One page holds something at a
-time: others that grab meanwhile are told so. A page of another origin is refused. No page of others' may show this one
-in a frame, under which somebody would drag what he does not see; a notebook of this machine may, by the address that
+Dragging in a page comes back as lines of JSON on standard output (see ``drag``). One page holds something at a time:
+others that grab meanwhile are told so. A page of another origin is refused. No foreign page may show this one in a
+frame, under which users would drag things that they do not see; a notebook of this machine may, by the address that
 only this program knows.
 """
 
@@ -41,7 +41,7 @@ _FIRST_PORT, _PORTS = 7000, 100
 _LONGEST_START, _LONGEST_SEND = 20.0, 10  # longest waits [s]
 _LONGEST_MESSAGE = 4096  # bytes of what a page says
 _NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
-"""Who may frame the page: what a notebook of this machine is shown by."""
+"""Origins that may frame the page: those of notebooks on this machine."""
 
 
 class CommandLog:
@@ -106,7 +106,7 @@ class ServerProcess:
         Args:
             port: Port on 127.0.0.1; None takes a free one.
             page: HTML.
-            heard: called with each line that a page says, in a thread of its own.
+            heard: called with each line that a page sends, in a thread of its own.
 
         Raises:
             ServerError: It does not start, or the port is taken.
@@ -224,7 +224,7 @@ async def _serve(port: int, own: str) -> None:
         sys.stdout.flush()
 
     def local(request: HTTPServerRequest) -> bool:
-        """Refuse requests that a foreign name was made to point here for."""
+        """Refuse requests to a foreign name that was made to point here."""
         return request.host.rsplit(":", 1)[0] in (_HOST, "localhost")
 
     class Page(tornado.web.RequestHandler):

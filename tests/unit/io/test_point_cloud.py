@@ -169,7 +169,7 @@ BAD = [
     ("c.xyz", b"# nothing\n", "holds no points"),
     ("c.xyz", b"1 2 3\n1 2\n", r"c\.xyz:2: must begin with three numbers, not '1 2'"),
     ("c.xyz", b"1 2 x\n", r"c\.xyz:1: must begin with three numbers"),
-    ("c.ply", b"plx\nend_header\n", r"c\.ply:1: is no PLY file"),
+    ("c.ply", b"plx\nend_header\n", r"c\.ply:1: .*PLY"),
     ("c.ply", b"ply\nformat ascii 1.0\n", "no line 'end_header'"),
     ("c.ply", b"\x00\x01\x02", "no line 'end_header'"),
     ("c.ply", ply(POINTS).replace(b"format ascii 1.0\n", b""), "names no format; valid: ascii, binary_little_endian"),

@@ -204,9 +204,9 @@ def test_an_srdf_may_name_what_the_robot_has_not(tmp_path, warnings):
     assert robot.states == {"ready": {"shoulder": 0.3}}
     said = warnings()
     for words in (
-        "links in <disable_collisions> that the robot has not: 'eye'",
-        "joints in <group_state> that the robot has not: 'toe'",
-        "joints in <group> that the robot has not: 'toe'",
+        "links in <disable_collisions> that the robot does not have: 'eye'",
+        "joints in <group_state> that the robot does not have: 'toe'",
+        "joints in <group> that the robot does not have: 'toe'",
     ):
         assert sum(words in text for text in said) == 1, said
     assert not any("world" in text for text in said)

@@ -249,7 +249,7 @@ def test_what_mimics_follows_along_a_chain_and_from_home(tmp_path):
 def test_a_follower_beyond_its_limits_is_warned_about(tmp_path, caplog):
     path = write(tmp_path, robot(BASE, link(), joint(), gripper('<mimic joint="thumb" offset="3"/>')))
     assert load_robot(path).locked == {"thumb": 0.0, "finger": 1.0}
-    assert "'finger' mimics 'thumb', which puts it at 3, outside of its limits" in caplog.text
+    assert "'finger' mimics 'thumb', which puts it at 3, outside its limits" in caplog.text
 
 
 def test_a_joint_that_others_mimic_is_planned_with_them_where_it_is_named(tmp_path):

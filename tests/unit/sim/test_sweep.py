@@ -272,7 +272,7 @@ def test_a_journal_that_is_damaged_is_refused(tmp_path: Path) -> None:
         ([lines[0], b"\0" * 20 + b"\n"], "journal:2"),
         ([lines[0], lines[1], b'{"run": 3}\n'], "journal:3"),
         ([lines[0], lines[1].replace(b'"run": 0', b'"run": 99')], "journal:2"),
-        ([lines[1]], "is no journal"),
+        ([lines[1]], "journal:1"),
         ([lines[0].replace(b'"version": 1', b'"version": 9')], "version 9"),
         ([lines[0].replace(b'"clearance_m"', b'"clearance"')], "with other columns"),
     ):

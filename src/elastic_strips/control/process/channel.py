@@ -1,8 +1,8 @@
-"""Channel: messages between two processes of one machine; nobody waits for anybody.
+"""Channel: messages between two processes of one machine; neither waits for the other.
 
-One pickled message is one datagram: it comes whole or not at all, also where the sender is killed or stopped while it
-sends. What comes, comes in the order in which it was sent, and once. What does not fit is dropped: the newest, for
-what is in the channel stays there until it is taken.
+One pickled message is one datagram: it comes whole or not at all, even if the sender is killed or stopped while it
+sends. Messages come once, in the order in which they were sent. What does not fit is dropped: the newest, because
+messages in the channel stay there until they are taken.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def take(end: socket.socket) -> Iterator[object]:
 
     Raises:
         ChannelClosedError: the other end is gone, and nothing is left.
-        Exception: whatever unpickling throws; what came after that message is left for the next call.
+        Exception: whatever unpickling throws; later messages are left for the next call.
     """
     while True:
         try:

@@ -25,9 +25,9 @@ def start_process(
 
     Args:
         target: function of a module; it is called with ``small`` and ``task``.
-        small: of less than 60 kB; also what holds sockets, of which this process keeps its own.
+        small: an argument of less than 60 kB; it may hold sockets, of which this process keeps its own.
         task: what else it is given.
-        name: of the process.
+        name: name of the process.
 
     Raises:
         Exception: something cannot be pickled, or the system has no more processes.

@@ -1,4 +1,4 @@
-"""Executor loop: the control loop on the wall clock, in the executor's process; what it hears and tells of planning."""
+"""Executor loop: the control loop on the wall clock, in the executor's process, and its messages with planning."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ _Thing = TypeVar("_Thing")
 _Samples = tuple[Array, Array, Array, Array]  # time, coordinates, v, a
 
 ExecutorTask = tuple[RobotModel, MotionLimits, DriveParams, Array, Array, Tolerance]
-"""Robot, limits, parameters, where it stands, goal, tolerance: what an executor is made of."""
+"""The parts that an executor is made of: robot, limits, parameters, place of the robot, goal, tolerance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Status:
-    """What the executor tells after a control period; see :class:`~elastic_strips.control.executor.ExecutorLink`.
+    """The executor's report after a control period; see :class:`~elastic_strips.control.executor.ExecutorLink`.
 
     Attributes:
         time: [s] on the executor's clock.
         serial: number of the active trajectory: as it was submitted with, or negative where it is the executor's own.
-        samples: its samples, where planning may not know them, and now and then.
+        samples: its samples, sent now and then and whenever planning may not know them.
         coordinates, v: (nv,) of the reference.
         events, stops: new ones since the last status that could be sent.
     """
@@ -74,13 +74,13 @@ class Status:
 
 
 def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | None) -> None:
-    """What the process does: it says that it is ready, waits for the begin of time, and runs the loop to its end.
+    """Main function of the process: it reports ready, waits for time 0, and runs the loop to its end.
 
     Args:
         link: channel to planning.
-        driver: of the robot's motors.
-        task: what the executor is made of.
-        log: file of the log; none where None.
+        driver: drives the robot's motors.
+        task: the parts that the executor is made of.
+        log: file of the log; None writes no log.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for planning, which lets the robot come to rest
     priority = raise_priority()  # before the log's thread begins, which has to have the same
@@ -253,10 +253,10 @@ class _Loop:
         """Do what a message says, where it can be done.
 
         Raises:
-            Exception: it is no message, or carries what is none of its kind; nothing was changed.
+            Exception: it is not a message, or its content is of another kind; nothing was changed.
         """
         if not isinstance(message, tuple) or not message:
-            raise ConfigurationError(f"{message!r} is no message")
+            raise ConfigurationError(f"{message!r} is not a message")
         what, *values = message
         executor = self.executor
         if what in ("submit", "anchor"):
@@ -285,7 +285,7 @@ class _Loop:
         elif what in ("brake", "reject", "log", "stop", "resume"):
             getattr(executor, what)(*map(str, values))
         elif what != "beat":
-            raise ConfigurationError(f"{what!r} is no message")
+            raise ConfigurationError(f"{what!r} is not a message")
 
     def tell(self, t: float, command: Command, began: float, sent: float) -> None:
         """Tell planning and the log what has happened in this period."""

@@ -1,6 +1,6 @@
-"""Executor process: the control loop alone, in a process of its own, and what planning sees of it.
+"""Executor process: the control loop alone, in a process of its own, and the planner's view of it.
 
-The process needs nothing of planning but the next certified motion. Planning may be late, hang or die: then the robot
+The process needs only the next certified motion from planning. Planning may be late, hang or die: then the robot
 comes to rest on the motion that it has.
 
 What is promised of the messages: they come in order, and none twice, but any may be missing (see
@@ -62,13 +62,13 @@ class ExecutorProcess:
         robot: the robot.
         start: configuration (nq,) of the robot at rest.
         goal: configuration (nq,).
-        params: of the drive.
-        limits: of the motors; read off the robot where None.
-        log: file of the log, which is written while the robot drives; none where None.
+        params: parameters of the drive.
+        limits: limits of the motors; read off the robot where None.
+        log: file of the log, which is written while the robot drives; None writes no log.
 
     Attributes:
         run: state, reason, events and stops of the robot.
-        priority: what the process could do to get the processor in time.
+        priority: how the process gets the processor in time, as far as that was permitted.
 
     Raises:
         ConfigurationError: start or goal is not valid.
@@ -121,10 +121,10 @@ class ExecutorProcess:
         """Start the process, and wait until it is ready for :meth:`begin`.
 
         Args:
-            driver: of the robot's motors; it is sent to the process.
+            driver: drives the robot's motors; it is sent to the process.
 
         Raises:
-            ConfigurationError: it does not start, or was started before; the message says why.
+            ConfigurationError: the process does not start, or was started before; the message says why.
         """
         if self._process is not None:
             raise ConfigurationError("an executor's process is started once; make another one")
@@ -189,7 +189,7 @@ class ExecutorProcess:
 
     @property
     def lost(self) -> str:
-        """Why nothing is heard of the executor; empty where all is well."""
+        """Why nothing has been heard from the executor; empty where all is well."""
         silent = self.now - self._status.time
         if self._gone or silent <= self.params.monitor.heartbeat:
             return self._gone

@@ -33,7 +33,7 @@ class LogStream:
 
     Args:
         path: the file; one that exists is replaced.
-        capacity: so many rows wait at most, where the disk is full or slow; then the oldest are dropped.
+        capacity: largest number of rows that wait where the disk is full or slow; beyond it the oldest are dropped.
 
     Raises:
         RecordError: the file cannot be opened.
@@ -52,7 +52,7 @@ class LogStream:
         self._bytes = b""  # formatted, not written
         self._waiting = 0  # rows in them
         self.error: str = ""
-        """What is wrong with the file now; empty where all is well."""
+        """Present trouble with the file; empty where all is well."""
         self.lost: int = 0
         """Rows that will never be written."""
         self._end = threading.Event()
@@ -61,7 +61,7 @@ class LogStream:
 
     @property
     def trouble(self) -> str:
-        """What is wrong with the file, and how many rows are lost so far; empty where nothing was."""
+        """Trouble with the file, and how many rows are lost so far; empty where there was none."""
         lost = f"{self.lost} rows are lost" if self.lost else ""
         return "; ".join(filter(None, (self.error, lost)))
 
@@ -70,7 +70,7 @@ class LogStream:
 
         Args:
             values: by name: text, numbers, arrays, lists and mappings of them. Arrays are copied here, unless they are
-                inside of something else; they are written with 6 decimals. Where a number is not finite, null is
+                inside something else; they are written with 6 decimals. Where a number is not finite, null is
                 written.
         """
         row = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in values.items()}
@@ -78,7 +78,7 @@ class LogStream:
         self._given += 1
 
     def close(self) -> None:
-        """Write what waits, once, and close the file."""
+        """Write the waiting rows, once, and close the file."""
         if self._end.is_set():
             return
         self._end.set()
@@ -99,7 +99,7 @@ class LogStream:
             self.lost += self._waiting + len(self._rows)
 
     def _write(self) -> None:
-        """Write all rows that wait; what the disk does not take is kept."""
+        """Write all rows that wait; rows that the disk does not take are kept."""
         try:
             while self._rows or self._bytes:
                 if not self._bytes:
@@ -156,7 +156,7 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, object]]:
     """The rows of a log, also of one whose process was killed: a torn last line is left out.
 
     Raises:
-        RecordError: the file cannot be read, or another line than the last is no row.
+        RecordError: the file cannot be read, or a line before the last one is not a row.
     """
     lines = read_input(path, "log", _LARGEST_LOG, RecordError).split(b"\n")
     rows: list[dict[str, object]] = []
@@ -170,5 +170,5 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, object]]:
         if isinstance(row, dict):
             rows.append(row)
         elif number < len(lines):
-            raise RecordError(f"{os.fspath(path)}: line {number} of the log is no row: {line[:60]!r}")
+            raise RecordError(f"{os.fspath(path)}: line {number} of the log is not a row: {line[:60]!r}")
     return rows

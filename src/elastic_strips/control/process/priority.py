@@ -13,7 +13,7 @@ _NICENESS = -15
 
 
 def keep_memory() -> None:
-    """Have garbage collection look through what is made from now on only, until it is called again.
+    """Make garbage collection look only through objects that are made from now on, until this is called again.
 
     A collection of everything looks through all modules, too: that takes 50 ms and more, in the middle of a tick.
     """
@@ -26,7 +26,7 @@ def keep_memory() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Garbage collection waits meanwhile: the next one comes after it, not in the middle of a tick."""
+    """Let garbage collection wait meanwhile: the next one comes afterwards, not in the middle of a tick."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -41,11 +41,11 @@ def raise_priority() -> str:
 
     Threads and processes that the calling thread starts from then on are served like it. Start helping threads after
     it: one that waits for the processor while it holds the interpreter's lock keeps the loop waiting, too. What was
-    made so far is never looked through again, and cycles of references that are made later are never freed: a loop has
-    to do without.
+    made so far is never looked through again, and cycles of references that are made later are never freed: a loop must
+    not make any.
 
     Returns:
-        What could be done: ``"SCHED_FIFO 10"``, ``"nice -15"`` or ``"ordinary priority"``.
+        What was permitted: ``"SCHED_FIFO 10"``, ``"nice -15"`` or ``"ordinary priority"``.
     """
     keep_memory()
     gc.disable()

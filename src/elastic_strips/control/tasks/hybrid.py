@@ -61,7 +61,7 @@ class ConstraintMonitor:
         retry: ticks from then to the next attempt; twice as many after every failed one.
 
     Attributes:
-        state, reason: of the constraint.
+        state, reason: state of the constraint, and why.
         events: their changes.
     """
 
@@ -84,7 +84,7 @@ class ConstraintMonitor:
 
         Args:
             t: time [s].
-            report: of the deformer with the constraint.
+            report: the report of the deformer with the constraint.
 
         Raises:
             ParameterError: the report is of a deformer without a constraint.
@@ -183,10 +183,10 @@ def deliberate(
     Args:
         robot: the robot.
         start: configuration (nq,).
-        task: to be done.
+        task: the task to do.
         scene: known obstacles; moving ones are ignored.
-        params: of the drive: goals keep a little more than its clearance.
-        seed: of the search for goals.
+        params: parameters of the drive: goals keep a little more than its clearance.
+        seed: seed of the search for goals.
 
     Returns:
         The plan; without steps where the task cannot be done, with the reason.
@@ -213,18 +213,18 @@ class HybridControl(Controller):
     Args:
         robot: the robot.
         start: configuration (nq,).
-        plan: of the deliberative layer; at least one step.
+        plan: plan of the deliberative layer; at least one step.
         scene: obstacles known before the first step; none where None.
         keep: constraint on the strip; suspended while it cannot be satisfied.
-        params: of the drive.
-        seed: of the planner.
+        params: parameters of the drive.
+        seed: seed of the planner.
         look: called after every planning tick, with this control.
         **options: of the :class:`Controller`: limits, strip, path, workers, meter, events.
 
     Attributes:
         paths: plans paths when the sequencing layer requests them.
         sequencing: the layer.
-        constraint_monitor: of the constraint, or None.
+        constraint_monitor: monitor of the constraint, or None.
         orders: (time [s], order, reason) of the sequencing layer, at every change.
 
     Raises:

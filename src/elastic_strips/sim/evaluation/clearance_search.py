@@ -26,13 +26,17 @@ _SIGNS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1
 
 
 class _Link:
-    """A convex piece of the robot with what bounds it.
+    """A convex piece of the robot with its bounds.
 
     Attributes:
-        name: of the piece; joint: that carries it; placement: (4, 4) in the joint's frame.
-        shape: Coal's; rounded: the same, a sphere as a capsule of no length.
-        corners: (8, 3) of its box; centre (3,), radius [m]: of a sphere about it; all in the shape's frame.
-        lever: (nv,) most that any of its points moves for one unit of each velocity [m].
+        name: name of the piece.
+        joint: the joint that carries it.
+        placement: (4, 4) its pose in the joint's frame.
+        shape: Coal's shape.
+        rounded: the same, a sphere as a capsule of no length.
+        corners: (8, 3) corners of its box in the shape's frame [m].
+        centre, radius: (3,) centre and radius of a sphere about it in the shape's frame [m].
+        lever: (nv,) largest motion of any of its points for one unit of each velocity [m].
         turns: (nv,) how fast each velocity turns it: 1 for those that do, else 0, more where joints follow.
     """
 
@@ -72,7 +76,7 @@ class LinkMotion:
     A *place* is a number in [0, T − 1]: a sample, or with a fraction a moment between two samples.
 
     Attributes:
-        time: (T,) [s].
+        time: (T,) times [s].
         q: (T, nq) configurations.
         links: the robot's pieces (G).
         poses: (T, G, 4, 4) world poses of their shapes.
@@ -98,11 +102,11 @@ class LinkMotion:
         return float(self.time[k] if share == 0.0 else (1.0 - share) * self.time[k] + share * self.time[k + 1])
 
     def travelled(self, begin: int, end: int) -> Array:
-        """Most that any point of each link (G,) moved between two samples [m]."""
+        """(G,) largest motion of any point of each link between two samples [m]."""
         return self._way[end] - self._way[begin]
 
     def moved(self, link: int, a: float, b: float) -> float:
-        """Most that any point of a link moved from place ``a`` to ``b`` [m]: two samples, or within one interval."""
+        """Largest motion [m] of any point of a link from place ``a`` to ``b``: two samples, or within one interval."""
         if b - a >= 1.0:
             return float(self._way[int(b), link] - self._way[int(a), link])
         return 0.0 if a == b else (b - a) * float(self._pace[int(a), link])

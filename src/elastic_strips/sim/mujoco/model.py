@@ -215,13 +215,13 @@ def build_model(
     """Compile a robot among obstacles.
 
     Masses, inertias, joints and effort limits are the URDF's. Collision shapes are the robot's convex pieces, the ones
-    that certificates speak of, but for the driven wheels (ellipsoids, as crowned tyres) and the casters (frictionless
+    of certificates, except for the driven wheels (ellipsoids, as crowned tyres) and the casters (frictionless
     spheres).
 
     Raises:
         ParameterError: the robot has no differential drive, no URDF, no wheels or casters in it, or joints that follow
             others.
-        RobotError: MuJoCo refuses the model, in its words.
+        RobotError: MuJoCo refuses the model; the message quotes it.
     """
     mujoco = import_mujoco()
     if robot.base_kind is not BaseKind.DIFF_DRIVE or robot.urdf_path is None:

@@ -28,10 +28,10 @@ class Touch:
     """A present contact of a robot's link.
 
     Attributes:
-        link: of the robot.
-        other: obstacle, or ``"floor"``.
-        depth: how deep they are in one another [m].
-        speed: of the link at the point of contact [m/s]; 0 for a robot at rest.
+        link: the robot's link.
+        other: the obstacle, or ``"floor"``.
+        depth: depth of penetration [m].
+        speed: speed of the link at the point of contact [m/s]; 0 for a robot at rest.
     """
 
     link: str
@@ -45,10 +45,10 @@ class TouchEvent:
     """A contact from its beginning to its end.
 
     Attributes:
-        link, other: in contact.
+        link, other: what is in contact.
         start, end: first and last time [s].
         depth: largest depth [m].
-        speed: of the link at the point of contact when it began [m/s].
+        speed: speed of the link at the point of contact when it began [m/s].
     """
 
     link: str
@@ -72,11 +72,11 @@ class MujocoPlant:
 
     Args:
         robot: a robot from a URDF, with a differential drive.
-        limits: what its motions are planned with.
+        limits: limits with which its motions are planned.
         scene: obstacles, or a world of them over time; None for an empty floor.
         params: lags, jitter, speed margin and sensors.
-        seed: of all noise, or a generator.
-        timestep: of the simulation [s].
+        seed: seed of all noise, or a generator.
+        timestep: time step of the simulation [s].
 
     Raises:
         MissingExtraError: mujoco (extra ``sim``) is not installed.

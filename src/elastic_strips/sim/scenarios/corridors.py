@@ -56,7 +56,7 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLES) -> Scene:
     straight line beside it. Start (0, 0) and goal (8, 0) have a free disc.
 
     Args:
-        seed: of the generator.
+        seed: seed of the generator.
         obstacles: number of obstacles, walls included.
 
     Raises:
@@ -176,15 +176,15 @@ More than `ACCELERATION`, so that it can brake in a turn, and a little less than
 DURATION = 60.0
 """Time [s] at which all movers are gone."""
 _MOVER_COUNTS = (1, 8)
-"""Least and most movers."""
+"""Smallest and largest number of movers."""
 SPEEDS = (0.2, 1.5)
-"""Range that the speed class is drawn from by default [m/s]."""
+"""Default range from which the speed class is drawn [m/s]."""
 APPEAR_DISTANCE = 2.0
 """Least distance [m] at which a mover appears from where the robot can be, beside its travel in `REACTION`.
 
-A collision with what appears within the robot's stopping distance cannot be avoided. 2 m hold the reach of the robot
-(0.8 m), its braking distance from 1 m/s at 1.2 m/s² (0.42 m) and its travel during sensing (0.2 s), and leave 0.58 m.
-Until it stands, 0.83 s later, the mover travels less than in `REACTION`.
+A collision with a mover that appears within the robot's stopping distance cannot be avoided. 2 m hold the reach of the
+robot (0.8 m), its braking distance from 1 m/s at 1.2 m/s² (0.42 m) and its travel during sensing (0.2 s), and leave
+0.58 m. Until it stands, 0.83 s later, the mover travels less than in `REACTION`.
 """
 REACTION = 1.0
 """See `APPEAR_DISTANCE` [s]."""
@@ -230,8 +230,8 @@ def moving_corridor(
     `APPEAR_DISTANCE`.
 
     Args:
-        seed: Of the generator.
-        count: Number of movers, 1 to 8; drawn where None.
+        seed: Seed of the generator.
+        count: Number of movers, 1 to 8; drawn at random where None.
         speed: Range [m/s] from which `Scenario.speed_class` is drawn, the bound of the movers' speeds.
         yielding: Whether the movers stop for a robot at rest. Then none vanishes, as the time at which it leaves is
             not known: it comes to rest outside.

@@ -51,17 +51,17 @@ class DriveOutcome(Summary):
     """Result of driving a scenario.
 
     Attributes:
-        scenario, robot, plant, seed: of the drive.
-        result: of the loop, with its record.
-        evaluation: from the true states.
+        scenario, robot, plant, seed: what was driven.
+        result: result of the loop, with its record.
+        evaluation: evaluation of the true states.
         separation: protective separation distance [m] at the robot's largest speed; None for a method without certified
             stops.
-        method: what steered: `STRIP`, or another method's name.
+        method: the method that steered: `STRIP`, or another method's name.
         sensors: names of the simulated sensors; empty where the scene was known.
         physical_contacts: contacts in a physical plant, without wheels and casters on the floor.
         unseen: touched obstacles that had not been in a laser's view.
-        seen_collisions: contacts at speed with obstacles that were in view, or known; see `unseen_contacts`.
-        constraint_error: by how much [rad] the robot missed the drive's constraint at most; None without one.
+        seen_collisions: contacts at speed with obstacles that were in view or known; see `unseen_contacts`.
+        constraint_error: largest angle [rad] by which the robot missed the drive's constraint; None without one.
     """
 
     scenario: Scenario
@@ -108,14 +108,14 @@ class DriveSetup:
         robot: another robot than the scenario's.
         seed: of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
-        evade: whether to leave the strip to avoid moving obstacles, rather than only to brake and wait; where
+        evade: whether to leave the strip to avoid moving obstacles, rather than only brake and wait; where
             ``params`` are given, they say so.
         sensors: simulated sensors, from which alone the scene is estimated; a known scene where None.
         alternatives: number of strips on different sides of the obstacles that are deformed in parallel; the robot
             switches to another one where its strip is given up.
         level: a frame of the robot that is to stay as level as it is at the start; none where empty.
-        params: of the drive; the defaults with the scenario's parameters of the strip where None.
-        limits: of the robot; those of its description where None.
+        params: parameters of the drive; the defaults with the scenario's parameters of the strip where None.
+        limits: limits of the robot; those of its description where None.
         faults: injected faults.
         perception: noise and delay of a known scene.
         compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
@@ -250,7 +250,7 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
     Args:
         scenario: the problem, with its own parameters of the strip.
         evade: whether to leave the strip to avoid moving obstacles.
-        sensors: of the robot; a known scene where None.
+        sensors: the robot's sensors; a known scene where None.
     """
     deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
     params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
@@ -333,7 +333,7 @@ def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveRe
 
 
 def _missed(driven: Simulation[Controller], result: DriveResult) -> float | None:
-    """By how much [rad] the true robot missed the drive's constraint at most."""
+    """Largest angle [rad] by which the true robot missed the drive's constraint."""
     constraint = getattr(driven.params, "constraint", None)
     if constraint is None:
         return None

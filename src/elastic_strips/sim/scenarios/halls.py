@@ -41,7 +41,7 @@ def clutter(seed: int = 0) -> Scenario:
     exists for the base with the arm tucked.
 
     Args:
-        seed: of the generator.
+        seed: seed of the generator.
 
     Raises:
         ScenarioError: no room was found for the obstacles.

@@ -61,7 +61,7 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
         return _REGISTRY[text](seed)
     path = Path(text)
     if path.suffix.lower() == ".npz":
-        raise ScenarioError(f"{text}: is no scenario; 'elastic-strips view' replays the record of a drive")
+        raise ScenarioError(f"{text}: is not a scenario; 'elastic-strips view' replays the record of a drive")
     if text and (path.suffix.lower() in (".yaml", ".yml") or "/" in text or os.path.exists(path)):
         return Scenario.from_spec(read_scenario(path))
     raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, _REGISTRY)} Or give a .yaml file.")

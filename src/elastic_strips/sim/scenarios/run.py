@@ -34,18 +34,19 @@ class RunResult(Summary):
     """Result of running a scenario.
 
     Attributes:
-        scenario, robot, params: of the run.
+        scenario, robot, params: what was run.
         initial: the strip before its deformation.
         report: last report; its strip is the result.
         method: source of the initial strip: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
-        reason: of the result, in words.
+        reason: reason of the result, in words.
         passing_side: see :func:`passing_side`.
-        seed: of the planner.
-        ticks: all ticks; tick_seconds: the duration of each.
+        seed: seed of the planner.
+        ticks: number of all ticks.
+        tick_seconds: duration of each tick [s].
         time_to_certified: time until the first certified strip [s], or None.
         frames: strips along the deformation, for animation (first and last included).
-        departure: how a start that touches is left, before the strip; else None. Then the strip and its certificate are
-            from where the robot is free, and the result is not certified as a whole.
+        departure: the way out of a start that touches, before the strip; else None. With it the strip and its
+            certificate are from where the robot is free, and the result is not certified as a whole.
     """
 
     scenario: Scenario
@@ -99,13 +100,13 @@ def run_scenario(
 
     Args:
         scenario: the problem.
-        robot: another robot than the scenario's.
+        robot: a robot other than the scenario's.
         preset: ``"default"`` or ``"paper"``; the scenario's where None.
-        seed: of the planner; the scenario's where None.
+        seed: seed of the planner; the scenario's where None.
         overrides: further parameter overrides.
         watch: called with every tick's report.
         timeout: longest planning [s].
-        start_depth: [m] a start that touches by at most so much is left first: see :func:`plan_report`.
+        start_depth: a start that touches by at most this much [m] is left first: see :func:`plan_report`.
 
     Raises:
         InputError: start or goal in collision, unknown parameters, …
@@ -162,7 +163,7 @@ def _parameters(scenario: Scenario, params: _P, values: dict[str, object]) -> _P
     try:
         for name, value in values.items():
             if name == "preset":
-                raise ParameterError(f"preset={value!r} is no parameter; choose the preset by itself")
+                raise ParameterError(f"preset={value!r} is not a parameter; choose the preset separately")
             if name in whole and isinstance(value, float):  # numbers of a file are floats
                 if not value.is_integer():
                     raise ParameterError(f"{name}={value!r} must be a whole number")

@@ -29,8 +29,8 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
     As many random numbers are drawn whatever the distances are, so that one range does not change the noise of another.
 
     Args:
-        distance: (R,) true ones [m]; infinite without a hit, NaN where unknown.
-        params: of the device.
+        distance: (R,) true ranges [m]; infinite without a hit, NaN where unknown.
+        params: parameters of the device.
         rng: source of noise and dropouts.
 
     Returns:
@@ -91,8 +91,8 @@ def cone_rays(half_angle: float, count: int) -> Array:
     """Directions (count, 3) that fill a cone about the x axis evenly; the first is the axis, the last on the rim.
 
     Args:
-        half_angle: of the cone [rad].
-        count: how many.
+        half_angle: half angle of the cone [rad].
+        count: number of directions.
     """
     k = np.arange(count)
     tilt, turn = half_angle * np.sqrt(k / max(count - 1, 1)), _GOLDEN * k
@@ -103,11 +103,11 @@ class SonarArray:
     """Workspace: one ring of sonars or infrared sensors on a robot; one group of them fires at a time.
 
     Args:
-        params: of the devices.
-        posture: of the robot, placed by the caller before a reading.
-        obstacles: of the world.
+        params: parameters of the devices.
+        posture: posture of the robot, placed by the caller before a reading.
+        obstacles: the world's obstacles.
         rng: source of noise, dropouts and crosstalk.
-        self_padding: of the links that move before the sensors [m].
+        self_padding: padding of the links that move before the sensors [m].
 
     Raises:
         RobotError: the robot has no such link.
@@ -198,12 +198,12 @@ class SensorSuite:
     """Workspace: simulated range sensors of a robot in a world.
 
     Args:
-        robot: that carries them.
-        world: of obstacles.
-        config: of the sensors.
-        seed: of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of its
-            own.
-        time: at which the sensors begin [s].
+        robot: the robot that carries them.
+        world: the obstacles over time.
+        config: configuration of the sensors.
+        seed: seed of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of
+            its own.
+        time: time at which the sensors begin [s].
 
     Raises:
         RobotError: the robot lacks a link of a sensor.
@@ -255,7 +255,7 @@ class SensorSuite:
         several have passed.
 
         Args:
-            t: the time, not before that of the last call.
+            t: the time [s], not before that of the last call.
             coordinates: (nv,) the robot's true coordinate row then.
 
         Raises:

@@ -117,7 +117,7 @@ class Primitives:
         row: (P,) index of each among the given geometries.
         kind: (P,) ascending.
         size: (P, 3) half lengths of a box; else radius, half length along z, 0 [m].
-        radius: (P,) of spheres about the shapes' origins that hold them [m].
+        radius: (P,) radii of spheres about the shapes' origins that hold them [m].
     """
 
     row: Indices
@@ -145,9 +145,9 @@ class Primitives:
         """Intersect rays with these shapes.
 
         Args:
-            rotation: (P, 3, 3) of the shapes' frames in the rays' frame.
+            rotation: (P, 3, 3) rotations of the shapes' frames in the rays' frame.
             translation: (P, 3) their origins [m].
-            rays: to intersect.
+            rays: rays to intersect.
             nearest: takes the hits.
             reach: length of the rays [m]; hits beyond may be left out.
             inside: distance [m] of a ray that begins inside a shape.
@@ -183,7 +183,7 @@ def is_primitive(geometry: coal.CollisionGeometry | None, padding: float = 0.0) 
 
 
 def _measured(geometry: coal.CollisionGeometry | None, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
-    """Kind and size of a Coal geometry; empty if it is no primitive."""
+    """Kind and size of a Coal geometry; empty if it is not a primitive."""
     kind, size = shape_of(geometry)
     if kind is ShapeKind.BOX:
         x, y, z = (h + padding for h in size)

@@ -1,4 +1,4 @@
-"""The file of a sweep: what is run, with which parameters and seeds; read and checked before anything begins."""
+"""The file of a sweep: what to run, with which parameters and seeds; read and checked before anything begins."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SweepError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """What is drawn; None: chosen by what varies.
+    """The columns that are drawn; None: chosen by what varies.
 
     Attributes:
         x, y, hue: names of columns.
@@ -50,16 +50,16 @@ class Sweep:
     """Everything that a sweep runs.
 
     Attributes:
-        path: of its file.
+        path: its file.
         kind: ``"plan"``, as ``elastic-strips run`` does it, or ``"drive"``, as ``elastic-strips drive`` does.
         scenarios: names, or files relative to the sweep's.
-        robots: names or URDF files; None: that of the scenario.
-        presets: of the parameters, for plans; None: that of the scenario.
-        seeds: of everything random.
+        robots: names or URDF files; None: the scenario's.
+        presets: presets of the parameters, for plans; None: the scenario's.
+        seeds: seeds of everything random.
         grid: parameter → its values; every combination is run.
         fixed: parameter → its value in every run.
-        plot: what is drawn.
-        files: name of each file that the sweep names → SHA-256 of what it holds.
+        plot: the columns that are drawn.
+        files: name of each file that the sweep names → SHA-256 of its content.
     """
 
     path: Path
@@ -115,7 +115,7 @@ class Sweep:
         return {**columns, **MEASURED[self.kind], **ENDS}
 
     def document(self) -> Document:
-        """What makes the sweep this one and no other, as plain values: all but path and plot."""
+        """What identifies the sweep, as plain values: everything except path and plot."""
         return {
             "kind": self.kind,
             "scenarios": list(self.scenarios),
@@ -245,7 +245,7 @@ def _sensor_nodes(grid: Mapping[str, Node], fixed: Mapping[str, Node]) -> list[N
 
 
 def _check_sensors(node: Node, robots: list[str], folder: str) -> None:
-    """One of the robots at least has such sensors."""
+    """Check that at least one of the robots has such sensors."""
     first: InputError | None = None
     for robot in dict.fromkeys(robots):
         try:
@@ -257,7 +257,7 @@ def _check_sensors(node: Node, robots: list[str], folder: str) -> None:
 
 
 def _check_names(kind: str, nodes: list[Node], names: list[str]) -> None:
-    """Every parameter is known and named once, and none is called as another column is."""
+    """Check that every parameter is known and named once, and that none has the name of another column."""
     seen: dict[str, str] = {}
     taken = {"run", "scenario", "robot", "preset", "seed", *MEASURED[kind], *ENDS}
     for name, node in zip(names, nodes, strict=True):
@@ -270,7 +270,7 @@ def _check_names(kind: str, nodes: list[Node], names: list[str]) -> None:
 
 
 def _check_values(sweep: Sweep, grid: Mapping[str, Node], fixed: Mapping[str, Node]) -> None:
-    """Every value can be had beside some of the others; a combination that cannot is a row with an error."""
+    """Check that every value is possible with some of the others; an impossible combination is a row with an error."""
     for preset in sweep.presets:
         for name, node in grid.items():
             for value, entry in zip(sweep.grid[name], node.items(), strict=True):
@@ -281,7 +281,7 @@ def _check_values(sweep: Sweep, grid: Mapping[str, Node], fixed: Mapping[str, No
 
 
 def _check_some(sweep: Sweep, preset: str | None, axes: list[tuple[Value, ...]], node: Node) -> None:
-    """Some combination is sound; else the first one's error, at the node of a fixed value if that alone is wrong."""
+    """Check that some combination is possible; else the first one's error, at a fixed value if that alone is wrong."""
     first: InputError | None = None
     for point in itertools.islice(itertools.product(*axes), _COMBINATIONS_TRIED):
         try:

@@ -25,15 +25,15 @@ _MOST_HUES = 10
 
 
 def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], *, plot: Plot | None = None) -> Plot:
-    """Draw rows of a sweep: the median over all seeds and what else varies, and the middle half about it.
+    """Draw rows of a sweep: the median over all seeds and everything else that varies, and the middle half about it.
 
-    Of a column of true and false the part that is true is drawn.
+    For a column of true and false the share of true is drawn.
 
     Args:
-        sweep: that the rows are of.
-        rows: of the runs that are done.
-        path: of the picture: PNG, or what else Matplotlib writes by the ending.
-        plot: columns; what it leaves out comes from the sweep's file, and else from what varies: x is the first
+        sweep: the sweep of the rows.
+        rows: rows of the runs that are done.
+        path: the picture's file: PNG, or whatever else Matplotlib writes by the ending.
+        plot: columns; those it leaves out come from the sweep's file, or else from what varies: x is the first
             parameter (or scenario, robot, preset, seed) with several values, hue the next one, y ``clearance_m`` of
             plans and ``time_s`` of drives.
 
@@ -101,7 +101,7 @@ def _label(hue: str, value: object) -> str:
 
 
 def check_plot(path: str | os.PathLike[str]) -> Path:
-    """The path, if a picture can be written there: before hours are spent on what is to be drawn.
+    """The path, if a picture can be written there; to be called before hours are spent on the runs.
 
     Raises:
         SweepError: Matplotlib does not write files of such an ending.
@@ -123,7 +123,7 @@ def plot_columns(sweep: Sweep, plot: Plot | None = None) -> Plot:
     """The columns that are drawn; see :func:`plot_sweep`.
 
     Raises:
-        ParameterError: there is no such column, or y is none of numbers.
+        ParameterError: there is no such column, or y is not a column of numbers.
     """
     wanted = plot or Plot()
     columns = sweep.columns()

@@ -1,4 +1,4 @@
-"""One run of a sweep: which parameters it may change, what is run, and the row that comes of it."""
+"""One run of a sweep: which parameters it may change, what it runs, and the row that results."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from elastic_strips.validation import check_choice, check_count, check_number, c
 Value: TypeAlias = "bool | int | float | str | tuple[float, ...]"
 """A value of a parameter."""
 Row: TypeAlias = "dict[str, bool | int | float | str | None]"
-"""A row of the table: column → value; what does not exist is None."""
+"""A row of the table: column → value; values that do not exist are None."""
 
 KINDS = ("plan", "drive")
 MEASURED: Mapping[str, Mapping[str, type]] = {
@@ -43,11 +43,11 @@ MEASURED: Mapping[str, Mapping[str, type]] = {
         "max_tracking_error_m": float,
     },
 }  # fmt: skip
-"""Kind → column → type of what is measured; docs/sweeps.md says what they mean."""
+"""Kind → column → type of the measured value; docs/sweeps.md says what they mean."""
 ENDS: Mapping[str, type] = {"error_type": str, "error": str, "wall_s": float}
 """The last columns of every kind."""
 CLOCKED = ("time_to_certified_ms", "tick_p50_ms", "tick_p95_ms", "deadline_misses", "wall_s")
-"""Columns that the clock has a part in: they differ from one run to the next of the same."""
+"""Columns that depend on the clock: they differ between two identical runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +59,11 @@ class Run:
         kind: one of `KINDS`.
         scenario: name or file of the scenario, as the sweep's file has it.
         robot: name or file of the robot; the scenario's where None.
-        preset: of the parameters, of a plan; the scenario's where None.
-        seed: of everything random.
+        preset: preset of the parameters, for plans; the scenario's where None.
+        seed: seed of everything random.
         values: names of parameters, and their values.
-        folder: that files are relative to.
-        axes: how many of the values, the first ones, the sweep varies; they are columns.
+        folder: the folder to which files are relative.
+        axes: number of the first values that the sweep varies; they are columns.
     """
 
     index: int
@@ -94,7 +94,7 @@ class Run:
 
 
 def execute(run: Run) -> Row:
-    """Run it. What goes wrong is in the row, in ``error_type`` and ``error``: nothing is raised."""
+    """Run it. Errors are in the row, in ``error_type`` and ``error``: nothing is raised."""
     began = perf_counter()
     row = empty(run)
     try:
@@ -111,7 +111,7 @@ def empty(run: Run) -> Row:
 
 
 def failed(error: BaseException) -> Row:
-    """The columns that tell of an error; of one that nobody raised on purpose also the place."""
+    """The columns that report an error; for one that was not raised on purpose also its place."""
     text = " ".join(str(error).split())[:500]
     if not isinstance(error, ElasticStripsError) and error.__traceback__ is not None:
         place = traceback.extract_tb(error.__traceback__)[-1]
@@ -214,7 +214,7 @@ OPTIONS: Mapping[str, Mapping[str, _Check]] = {
 
 
 def full_name(kind: str, name: str) -> str:
-    """An option's name as it is; a parameter's with the dataclass that it stands in: ``influence`` is
+    """An option's name as it is; a parameter's name with the dataclass that holds it: ``influence`` is
     ``deform.influence``.
 
     Raises:
@@ -250,7 +250,7 @@ def changed(params: DriveParams, values: Mapping[str, object]) -> DriveParams:
     """Parameters of a drive with some replaced, by their dotted names.
 
     Raises:
-        ParameterError: a value is outside its range, or is of evasion where the robot does not evade.
+        ParameterError: a value is outside its range, or is for evasion where the robot does not evade.
     """
     parts: dict[str, dict[str, object]] = {}
     for name, value in values.items():
@@ -266,7 +266,7 @@ def changed(params: DriveParams, values: Mapping[str, object]) -> DriveParams:
 
 
 def check_values(kind: str, preset: str | None, values: Mapping[str, Value]) -> None:
-    """These values can stand beside each other.
+    """Check that these values are possible together.
 
     Raises:
         ParameterError: one is outside its range, or unknown in the preset.

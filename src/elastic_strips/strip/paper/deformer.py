@@ -31,7 +31,7 @@ _SELF_REACH = 0.03  # those to each other
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperParams(StripParams):
-    """What a tick of :class:`PaperDeformer` does; all lengths [m], angles [rad]. The paper's Table 1: k_r, k_c.
+    """Parameters of :class:`PaperDeformer`; all lengths [m], angles [rad]. k_r and k_c are in the paper's Table 1.
 
     See :class:`~elastic_strips.strip.params.StripParams` for the others.
 
@@ -59,7 +59,7 @@ class PaperParams(StripParams):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PaperReport(DeformReport):
-    """Result of one tick, or of :meth:`PaperDeformer.settle`. The protective hulls are always there, and they count.
+    """Result of one tick, or of :meth:`PaperDeformer.settle`. It always has the protective hulls, and they count.
 
     Attributes:
         heading_step: largest turn of the mobile in one update [rad]; after ``settle`` that of all ticks.
@@ -75,7 +75,7 @@ class PaperReport(DeformReport):
 
     @property
     def failure(self) -> DeformStatus:
-        """What a strip counts as that is not usable at the end."""
+        """Status of a strip that is not usable at the end."""
         return DeformStatus.BROKEN if self.connected else DeformStatus.BLOCKED
 
 
@@ -85,7 +85,7 @@ class PaperDeformer(OneThread):
     The base moves in x and y independently (Eq. 9), and the number of nodes stays.
 
     Args:
-        robot: whose strips.
+        robot: the robot of the strips.
         params: parameters.
 
     Attributes:
@@ -173,7 +173,7 @@ class PaperDeformer(OneThread):
 
     @exclusive
     def reset(self) -> None:
-        """Forget all that is kept from tick to tick; for after an exception."""
+        """Forget all that is kept from tick to tick, as is needed after an exception."""
         self.workspace.reset()
 
     # the parts of a tick
