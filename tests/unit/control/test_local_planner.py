@@ -210,7 +210,7 @@ def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silve
         ride.tick()
     broken = BrokenSegment(0, "palm", "walker", -0.01, "obstacle", True)
     refused = Certificate(0.025, np.zeros(1, dtype=bool), np.zeros(1, dtype=np.int8), broken, 0)
-    monkeypatch.setattr(ride.planner.timer.certifier, "certify", lambda *_: refused)
+    monkeypatch.setattr(ride.planner.timer.certifier, "certify", lambda *_, **__: refused)
     ride.tick()  # goes on without a look
     result = ride.tick()
     assert not result.accepted

@@ -91,7 +91,7 @@ def test_a_search_that_fails_does_not_end_it(robot, monkeypatch):
             live.tick()
         wait(lambda: not live._keeper.searching or live._keeper._search.done())
         live.tick()
-        assert live._searched > 0.0
+        assert live._keeper._searched > 0.0
         assert live.replans == 0
         assert live.alive
 

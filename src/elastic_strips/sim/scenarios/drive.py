@@ -91,8 +91,9 @@ class DriveOutcome(Summary):
         """Bound [m] of the largest distance of any point of the robot from its place by the reference; None without
         one."""
         rows = self.result.record.control
-        error = float(Displacement(self.robot)(rows.coordinates, rows.reference).max())
-        return error if np.isfinite(error) else None
+        if not np.isfinite(rows.reference).all():
+            return None
+        return float(Displacement(self.robot)(rows.coordinates, rows.reference).max())
 
     @property
     def reached(self) -> bool:
