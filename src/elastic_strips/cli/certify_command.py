@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import click
@@ -13,10 +13,15 @@ from .robot_options import robot_options
 from .scene_options import SCENE_FILES, scene_options
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from elastic_strips.arrays import Array
     from elastic_strips.collision import PathCertificate
+    from elastic_strips.io.path_file import PathFile
     from elastic_strips.io.scene_source import SceneFile, SceneOptions
     from elastic_strips.robot import LoadOptions, RobotModel
+    from elastic_strips.scene import Scene
+    from elastic_strips.strip import Strip
 
 _JOINTS_LISTED = 12  # joints in a note
 
@@ -113,33 +118,18 @@ def certify(
 
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
     """
-    from elastic_strips.collision import Verdict, prove
+    from elastic_strips.collision import Verdict
     from elastic_strips.collision import certify as certify_path
-    from elastic_strips.collision.path_certificate import changes
-    from elastic_strips.io import load_path, read_scene_file, write_path
+    from elastic_strips.io import load_path, read_scene_file
     from elastic_strips.robot import load_robot
-    from elastic_strips.strip import DeformParams, repair
 
     options.check_outputs(path, repaired, proof, json_file)
     model = load_robot(robot, base=base, **described)
     given = load_path(path, model, base_at=base_at, angles=angles, ignore=ignore, starts_at=starts_at)
-    found_scene = read_scene_file(scene_files, robot=model, q=given.q[0], options=reading)
-    world = found_scene.world
-    if found_scene.held:
-        model = found_scene.held_by(model)
-        output.say(("note:", output.NOTE), f" {model.name} holds {', '.join(found_scene.held_names)}")
-    moving = changes(world)
-    if moving and moment is None:
-        said = f"{', '.join(moving[:3])} move, appear or vanish with the time; "
-        if given.times is None:
-            raise click.UsageError(
-                f"{said}{path} has no times: give it some, or --scene-time SECONDS for the scene as it is then"
-            )
-        if repaired or proof:
-            raise click.UsageError(
-                f"{said}--repair and --proof need obstacles that stand still: give --scene-time SECONDS"
-            )
-    timed = bool(moving) and moment is None
+    scene_file = read_scene_file(scene_files, robot=model, q=given.q[0], options=reading)
+    model = _holding(model, scene_file)
+    timed = _depends_on_time(path, given, scene_file, moment, writes=bool(repaired or proof))
+    world = scene_file.world
     scene = world.at(world.scene.time if moment is None else moment)
     found = certify_path(
         model,
@@ -150,19 +140,10 @@ def certify(
         interpolation=interpolation,
         times=given.times if timed else None,
     )
-    if found.certified and (left := _left_map(model, found_scene, given.q)):
+    if found.certified and (left := _left_map(model, scene_file, given.q)):
         found = replace(found, verdict=Verdict.UNKNOWN, reason=left)
-    for note in given.notes:
-        output.say(("note:", output.NOTE), f" {note}")
-    if given.held:
-        still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
-        more = f" and {len(still) - _JOINTS_LISTED} more" if len(still) > _JOINTS_LISTED else ""
-        output.say(
-            ("note:", output.NOTE), f" held still, and not in the file: {', '.join(still[:_JOINTS_LISTED])}{more}"
-        )
     doubts = (*given.doubts, *(given.time_doubts if timed else ()))
-    for doubt in doubts if found.broken else ():  # else they are the reason
-        output.say(("note:", output.NOTE), f" {doubt}")
+    _say_notes(given, doubts if found.broken else ())  # else the doubts are the reason
     output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
     document = _document(model, found, given.notes, doubts, interpolation)
     document |= {
@@ -172,49 +153,130 @@ def certify(
         "obstacles": len(world.scene),
         "held_still": dict(model.locked),
         "held_and_not_in_path": sorted(given.held),
-        "carried": list(found_scene.held_names),
+        "carried": list(scene_file.held_names),
         "times_s": [float(given.times[0]), float(given.times[-1])] if timed and given.times is not None else None,
     }
-    done, mended_path = found.certified, None
+    done, outcome = found.certified, _Outcome(given, interpolation)
     if doubts and (repaired or proof):
         output.say(("neither repaired nor proven", output.BAD), ": ", "; ".join(doubts))
-    elif repaired is not None:
-        if not done:
-            params = DeformParams(clearance=clearance, self_clearance=self_clearance)
-            mended = repair(model, scene, given.q, params=params)
-            left = _left_map(model, found_scene, mended.strip.q)
-            done, mended_path, interpolation = mended.certified and left is None, mended.strip, "arc"
-            said = "certified" if done else f"not certified: {left or mended.reason}"
-            output.say(
-                "repaired: ",
-                output.verdict(said, done),
-                f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations"
-                f"{', angles the shorter way' * bool(model.space.turning.any())}",
-            )
-            document["repair"] = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
-        short = given.q if interpolation == "shortest" else given
-        output.say(f"path    {write_path(repaired, model, short if mended_path is None else mended_path)}")
-    if proof is not None and not doubts:
-        made = None
-        if done:
-            made = prove(
-                model,
-                scene,
-                given if mended_path is None else mended_path,
-                clearance=clearance,
-                self_clearance=self_clearance,
-                interpolation=interpolation,
-            )
-        if made is None:
-            output.say(("no proof", output.BAD), ": the path is not certified" + (", or too narrowly" if done else ""))
-            done = False
-        else:
-            output.say(f"proof   {made.save(proof)}, {len(made.span)} intervals, angles {made.header['way']}")
-            document["proof"] = {"intervals": len(made.span), "way": made.header["way"], **made.digests}
-            for what, name in made.digests.items():
-                output.say(f"  {what:6} {name}")
+    else:
+        margins = _Clearances(clearance, self_clearance)
+        if repaired is not None:
+            if not done:
+                outcome, done, document["repair"] = _repair(model, scene, scene_file, given, margins)
+            output.say(f"path    {outcome.write(repaired, model)}")
+        if proof is not None:
+            document |= _prove(proof, model, scene, outcome, margins) if done else _no_proof("")
+            done = "proof" in document
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
+
+
+@dataclass(frozen=True)
+class _Clearances:
+    """What is to be proven, from obstacles and between the robot's own links [m]."""
+
+    from_obstacles: float
+    from_itself: float
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """The path that is written and proven: the given one, or the repaired one, and the way between configurations."""
+
+    path: PathFile | Strip
+    interpolation: str
+
+    def write(self, file: str, robot: RobotModel) -> str:
+        from elastic_strips.io import write_path
+
+        return str(write_path(file, robot, self.path.q if self.interpolation == "shortest" else self.path))
+
+
+def _holding(robot: RobotModel, scene: SceneFile) -> RobotModel:
+    """The robot with what the scene's file says that it holds."""
+    if not scene.held:
+        return robot
+    output.say(("note:", output.NOTE), f" {robot.name} holds {', '.join(scene.held_names)}")
+    return scene.held_by(robot)
+
+
+def _depends_on_time(path: str, given: PathFile, scene: SceneFile, moment: float | None, *, writes: bool) -> bool:
+    """Whether the answer is about a world that changes; a usage error where that cannot be answered.
+
+    ``writes``: a repaired path or a proof is asked for, which are of obstacles that stand still.
+    """
+    from elastic_strips.collision.path_certificate import changes
+
+    moving = changes(scene.world)
+    if not moving or moment is not None:
+        return False
+    said = f"{', '.join(moving[:3])} move, appear or vanish with the time; "
+    if given.times is None:
+        raise click.UsageError(
+            f"{said}{path} has no times: give it some, or --scene-time SECONDS for the scene as it is then"
+        )
+    if writes:
+        raise click.UsageError(f"{said}--repair and --proof need obstacles that stand still: give --scene-time SECONDS")
+    return True
+
+
+def _say_notes(given: PathFile, doubts: Sequence[str]) -> None:
+    """Say what was noticed while the path was read."""
+    notes = list(given.notes)
+    if given.held:
+        still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
+        more = f" and {len(still) - _JOINTS_LISTED} more" if len(still) > _JOINTS_LISTED else ""
+        notes.append(f"held still, and not in the file: {', '.join(still[:_JOINTS_LISTED])}{more}")
+    for note in (*notes, *doubts):
+        output.say(("note:", output.NOTE), f" {note}")
+
+
+def _repair(
+    robot: RobotModel, scene: Scene, scene_file: SceneFile, given: PathFile, clearances: _Clearances
+) -> tuple[_Outcome, bool, dict[str, object]]:
+    """The path pushed free, whether it is certified, and the document's lines about it."""
+    from elastic_strips.strip import DeformParams, repair
+
+    params = DeformParams(clearance=clearances.from_obstacles, self_clearance=clearances.from_itself)
+    mended = repair(robot, scene, given.q, params=params)
+    left = _left_map(robot, scene_file, mended.strip.q)
+    done = mended.certified and left is None
+    output.say(
+        "repaired: ",
+        output.verdict("certified" if done else f"not certified: {left or mended.reason}", done),
+        f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations"
+        f"{', angles the shorter way' * bool(robot.space.turning.any())}",
+    )
+    said = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
+    return _Outcome(mended.strip, "arc"), done, said
+
+
+def _prove(
+    file: str, robot: RobotModel, scene: Scene, outcome: _Outcome, clearances: _Clearances
+) -> dict[str, dict[str, object]]:
+    """Write the proof of a certified path; the document's lines about it, none where it could not be made."""
+    from elastic_strips.collision import prove
+
+    made = prove(
+        robot,
+        scene,
+        outcome.path,
+        clearance=clearances.from_obstacles,
+        self_clearance=clearances.from_itself,
+        interpolation=outcome.interpolation,
+    )
+    if made is None:
+        return _no_proof(", or too narrowly")
+    output.say(f"proof   {made.save(file)}, {len(made.span)} intervals, angles {made.header['way']}")
+    for what, name in made.digests.items():
+        output.say(f"  {what:6} {name}")
+    return {"proof": {"intervals": len(made.span), "way": made.header["way"], **made.digests}}
+
+
+def _no_proof(more: str) -> dict[str, dict[str, object]]:
+    output.say(("no proof", output.BAD), f": the path is not certified{more}")
+    return {}
 
 
 def _left_map(robot: RobotModel, scene: SceneFile, q: Array) -> str | None:
