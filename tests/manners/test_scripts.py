@@ -21,7 +21,7 @@ def checkout(tmp_path: Path) -> Path:
         'say() { printf "==> %s\\n" "$*"; }\ndie() { printf "error: %s\\n" "$*" >&2; exit 1; }\n'
     )
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
-    for name in ("ruff", "clang-format", "lint-imports", "pyright", "pytest"):
+    for name in ("python", "ruff", "clang-format", "lint-imports", "pyright", "pytest"):
         end(tmp_path, name, 0)
     return tmp_path
 

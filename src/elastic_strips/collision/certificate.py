@@ -258,7 +258,7 @@ class Search(Protocol):
 
 
 class Bisection:
-    """Halves open intervals along one path until none is left.
+    """Workspace that halves open intervals along one path until none is left.
 
     Args:
         kin: kinematics of the path's nodes (N).

@@ -66,7 +66,7 @@ class Supervisor(RunLog):
         Args:
             resting: trajectory at rest there.
         """
-        self.active = resting
+        self.active: Trajectory = resting
         self._until = [resting]  # motions up to the active one, which is the last
 
     def restart(self, reason: str, now: float) -> None:

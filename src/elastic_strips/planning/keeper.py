@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 
 from elastic_strips.errors import ConfigurationError, ElasticStripsError
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
@@ -22,7 +23,7 @@ _BROKEN_BEFORE_SEARCH = 0.4  # [s]
 _BETWEEN_SEARCHES, _LONGEST_SEARCH = 1.0, 1.0  # [s]
 
 
-class StripKeeper:
+class StripKeeper(OneThread):
     """Workspace: keeps one strip, tick by tick.
 
     Where the strip stays broken for 0.4 s a path is planned anew, in another thread, and taken where it is certified in
@@ -64,6 +65,7 @@ class StripKeeper:
         """Look for no more paths."""
         self._searches.shutdown(wait=False, cancel_futures=True)
 
+    @exclusive
     def taken(self, scene: Scene) -> Strip | None:
         """The path that was planned, where the goal has not moved since and it is certified in this scene."""
         if self._search is None or not self._search.done():
@@ -81,6 +83,7 @@ class StripKeeper:
         self.replans += 1
         return strip
 
+    @exclusive
     def tick(self, now: float, strip: Strip, scene: Scene) -> DeformReport:
         """Deform a strip, and have another one planned where it stays broken.
 

@@ -18,7 +18,7 @@ from .grid_path import MOST_CELLS, grid_path
 from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, staged_rows
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
-from .problem import SEED_STRIDE, PlanningProblem
+from .problem import SEED_STRIDE, Deadline, PlanningProblem, Region
 from .report import PlanReport
 from .validity import Checker, SatisfyingChecker, ValidityChecker
 
@@ -48,7 +48,8 @@ class PlanSearch(PathSearch):
         self.scene: Scene = problem.scene
         self.deformer: Deformer = problem.deformer
         self.params: DeformParams = problem.params
-        self.deadline, self.region = problem.deadline, problem.region
+        self.deadline: Deadline = problem.deadline
+        self.region: Region | None = problem.region
         self.reasons: list[str] = []
         self.best: DeformReport | None = None
         self.hit: str = ""  # what was last in the way

@@ -78,7 +78,7 @@ class NoisyGroundTruth:
     """
 
     contact = ""  # there is no contact sensor
-    cost = 0.0  # [s] of simulated time: nothing is processed
+    cost: float = 0.0  # [s] of simulated time: nothing is processed
 
     def __init__(
         self, world: World, assumptions: ObstacleAssumptions, params: PerceptionParams, rng: np.random.Generator

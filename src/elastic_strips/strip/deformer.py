@@ -26,7 +26,7 @@ from .resampling import kept_segments, node_spacing, resample
 from .settling import Settler, TickPolicy, check_ending, run_ticks
 from .solver import BandedSolver, System, project_rolling
 from .strip import Strip
-from .workspace import NodePredictor, TickResult, Workspace
+from .workspace import NodePredictor, PhaseClock, TickResult, Workspace
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
 _JOINED_SPACING_SHARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
@@ -99,7 +99,7 @@ class Deformer(OneThread):
         )
         self.share_with(self.workspace)
         self.robot: RobotModel = robot
-        self.clock = self.workspace.clock
+        self.clock: PhaseClock = self.workspace.clock
         self.params: DeformParams = params
         self.constraint: ConstraintForce | None = None if constraint is None else ConstraintForce(robot, constraint)
         space = robot.space

@@ -111,7 +111,7 @@ class ServerProcess:
         Raises:
             ServerError: It does not start, or the port is taken.
         """
-        self.id = secrets.token_hex(4)
+        self.id: str = secrets.token_hex(4)
         ours, theirs = socket.socketpair()
         # Writes block in the kernel, without the interpreter's lock; one that waits too long fails.
         ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _LONGEST_SEND, 0))

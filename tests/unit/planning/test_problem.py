@@ -233,7 +233,7 @@ def test_strips_with_wide_spacing_are_not_at_rest(mover):
             assert report.reason == "certified and at rest"
         else:
             assert len(report.strip) == most
-            assert "more than max_spacing=0.2 m, for there are max_nodes=512" in report.reason
+            assert "max_nodes=512" in report.reason
     report = Deformer(mover).step(Strip(mover, [mover.home(), mover.home(x=50.0)]), Scene([]))
     assert report.status is DeformStatus.DEFORMING
     assert "apart, more than max_spacing" in report.reason
@@ -250,7 +250,7 @@ def test_the_clearance_to_prove_may_be_given(silvermate):
         if gap > 5e-4:  # who states none gets half of what there is
             eased = plan_report(silvermate, scene, start, goal, timeout=60.0)
             assert eased.certified, eased.reason
-            assert "proven with 1.5 mm, for at the start" in eased.reason
+            assert "proven with 1.5 mm" in eased.reason
         else:
             with refused(ConfigurationError, "close"):
                 plan(silvermate, scene, start, goal)

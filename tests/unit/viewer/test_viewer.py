@@ -245,7 +245,7 @@ def test_a_killed_server_is_reported_once_and_disturbs_nobody(served, robot, sce
         assert eventually(lambda: len(caplog.records) > 0)
         served.save_html(tmp_path / "last.html")
     assert len([r for r in caplog.records if r.name.startswith("elastic_strips.viewer")]) == 1
-    assert ["clearance", "0.777 m"] in pictured(served)["", "hud"]["rows"]  # the newest picture
+    assert "0.777 m" in dict(pictured(served)["", "hud"]["rows"]).values()  # the newest picture
 
 
 def test_a_stopped_server_does_not_block(served, robot, scene, make_report):
@@ -285,7 +285,7 @@ def test_a_taken_port_is_no_error(robot, scene, make_report, caplog):
             viewer.update(make_report(clearance=0.777))
             assert "<html" in viewer.html()
     assert len(caplog.records) == 1
-    assert ["clearance", "0.777 m"] in pictured(viewer)["", "hud"]["rows"]
+    assert "0.777 m" in dict(pictured(viewer)["", "hud"]["rows"]).values()
 
 
 def test_two_viewers_take_two_ports(served):

@@ -20,7 +20,7 @@ from elastic_strips.strip.params import StripParams
 from elastic_strips.strip.report import DeformReport, DeformStatus, StripForces, tick_status
 from elastic_strips.strip.settling import check_ending, run_ticks
 from elastic_strips.strip.strip import Strip
-from elastic_strips.strip.workspace import TickResult, Workspace
+from elastic_strips.strip.workspace import PhaseClock, TickResult, Workspace
 from elastic_strips.validation import Count, NonNegative, Positive, check_type
 
 from .equations import control_point_repulsion, elastic_force, elastic_torque, explicit_step, map_to_joints
@@ -109,7 +109,7 @@ class PaperDeformer(OneThread):
         self.share_with(self.workspace)
         self.robot: RobotModel = robot
         self.params: PaperParams = params
-        self.clock = self.workspace.clock
+        self.clock: PhaseClock = self.workspace.clock
         space = robot.space
         if params.mobile_only and not space.planar:
             raise ParameterError(f"mobile_only=True, but the base of {robot.name!r} is fixed")
