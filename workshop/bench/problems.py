@@ -70,9 +70,17 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int, compute: str) -
     params, limits = _problem_params(problem, robot)
     start, *goals = problem.configurations(robot)
     driven = simulation(
-        robot, problem.world, start, np.array(goals), params=params, limits=limits, seed=seed, grid=True,
-        path=problem.path, compute=compute,
-    )  # fmt: skip
+        robot,
+        problem.world,
+        start,
+        np.array(goals),
+        params=params,
+        limits=limits,
+        seed=seed,
+        grid=True,
+        path=problem.path,
+        compute=compute,
+    )
     plan = driven.controller.first_plan
     result = driven.run()
     rows = result.record.control
@@ -81,9 +89,13 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int, compute: str) -
     arrived = int(np.argmax(near)) if near.any() else len(rows) - 1
     end = max(arrived, 1) + 1
     evaluation = evaluate(
-        (rows.time[:end], rows.coordinates[:end], rows.v[:end]), robot, problem.world, limits, goal=goal,
+        (rows.time[:end], rows.coordinates[:end], rows.v[:end]),
+        robot,
+        problem.world,
+        limits,
+        goal=goal,
         tolerance=Tolerance(position=problem.goal_tolerance, yaw=np.pi, joints=np.pi),
-    )  # fmt: skip
+    )
     passive = bool(near.any()) and not evaluation.collisions
     success = passive and not evaluation.rest_contacts  # the problems count any contact, the robot's fault or not
     time = float(rows.time[arrived] - rows.time[0])

@@ -15,14 +15,20 @@ from workshop.reach_problems import ReachProblem, load_mbm
 
 from .measure import Figures, Note, head, percentiles, silent
 
-_OFF = 2.0  # [m] that a base begins off where it is to stand
-_TURNS = tuple(k * np.pi / 4.0 for k in (0, 1, -1, 2, -2, 3, -3, 4))  # [rad] from straight behind
+_START_DISTANCE = 2.0  # [m] that a base begins off where it is to stand
+_START_DIRECTIONS = tuple(k * np.pi / 4.0 for k in (0, 1, -1, 2, -2, 3, -3, 4))  # [rad] from straight behind
 
 
 def bench_mbm(
-    root: str | os.PathLike[str], robot: str, step: Note = silent, *, stride: int = 1, timeout: float = 2.0,
-    seed: int = 0, base: str = "fixed",
-) -> Figures:  # fmt: skip
+    root: str | os.PathLike[str],
+    robot: str,
+    step: Note = silent,
+    *,
+    stride: int = 1,
+    timeout: float = 2.0,
+    seed: int = 0,
+    base: str = "fixed",
+) -> Figures:
     """Plan the problems: how many of the valid ones are certified, how fast, how long and how clear.
 
     A problem is not valid where its start or goal is in collision. One problem that is not counted is planned first.
@@ -59,7 +65,11 @@ def bench_mbm(
     return {
         **head("mbm", robot=robot),
         "base": base,
-        "total": len(runs), "valid": len(valid), "certified": len(good), "timeout_s": timeout, "seed": seed,
+        "total": len(runs),
+        "valid": len(valid),
+        "certified": len(good),
+        "timeout_s": timeout,
+        "seed": seed,
         "ms": {**percentiles(ms), "mean": float(np.mean(ms)) if ms else None, "quartiles": _quartiles(ms)},
         "by_the_line": sum(r["method"] == "line" for r in good),
         "length_rad": percentiles([r["length_rad"] for r in good]),
@@ -69,7 +79,7 @@ def bench_mbm(
         "failures": [{"name": r["name"], "reason": r["reason"]} for r in valid if not r["certified"]],
         "invalid": [{"name": r["name"], "reason": r["reason"]} for r in runs if not r["valid"]],
         "runs": runs,
-    }  # fmt: skip
+    }
 
 
 def _quartiles(ms: list[float]) -> list[float] | None:
@@ -78,9 +88,9 @@ def _quartiles(ms: list[float]) -> list[float] | None:
 
 def _plan(model: RobotModel, problem: ReachProblem, timeout: float, seed: int) -> Figures:
     run: Figures = {"name": problem.name, "kind": problem.kind}
-    reason, turns = "", _TURNS if model.space.planar else (0.0,)
+    reason, turns = "", _START_DIRECTIONS if model.space.planar else (0.0,)
     for turn in turns:
-        off = (-_OFF * float(np.cos(turn)), -_OFF * float(np.sin(turn)))
+        off = (-_START_DISTANCE * float(np.cos(turn)), -_START_DISTANCE * float(np.sin(turn)))
         try:
             start, goal = problem.ends(model, off)
             began = perf_counter()
@@ -94,9 +104,15 @@ def _plan(model: RobotModel, problem: ReachProblem, timeout: float, seed: int) -
     rows = model.space.to_coordinates(report.strip.q)
     clearance = strip_clearance(report.strip, problem.scene) if report.certified else None
     return {
-        **run, "valid": True, "certified": report.certified, "method": report.method, "reason": report.reason,
-        "ms": 1e3 * seconds, "attempts": report.attempts, "nodes": len(report.strip),
+        **run,
+        "valid": True,
+        "certified": report.certified,
+        "method": report.method,
+        "reason": report.reason,
+        "ms": 1e3 * seconds,
+        "attempts": report.attempts,
+        "nodes": len(report.strip),
         "length_rad": float(np.linalg.norm(np.diff(rows, axis=0), axis=1).sum()),
         "clearance_m": clearance if clearance is None or np.isfinite(clearance) else None,
         "proven_m": report.report.certificate.clearance,
-    }  # fmt: skip
+    }

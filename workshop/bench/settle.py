@@ -13,11 +13,11 @@ from elastic_strips.strip import Deformer, DeformReport, DeformStatus, strip_cle
 
 from .measure import Figures, Note, head, percentiles, silent
 
-_SOON = 60
+_FEW_TICKS = 60
 """Ticks within which a strip should be at rest."""
-_UNFELT = 5e-3
+_UNFELT_CLEARANCE = 5e-3
 """Between two nodes a strip may be so much nearer [m] than at them, where nodes feel nothing."""
-_LOST = 1e-3
+_CLEARANCE_LOSS = 1e-3
 """A strip that is nearer to something by more than this [m] has got worse."""
 
 
@@ -54,15 +54,16 @@ def bench_settle(robot: RobotModel, scenario: str, seeds: int, step: Note = sile
         report = deformer.settle(plan.strip, problem.scene, watch=watch)
         seconds = perf_counter() - began
         before, after = (
-            min(float(strip_clearance(strip, problem.scene)), deformer.params.influence - _UNFELT)
+            min(float(strip_clearance(strip, problem.scene)), deformer.params.influence - _UNFELT_CLEARANCE)
             for strip in (plan.strip, report.strip)
         )
         # a tick's energy is that of the nodes it found, which the tick before had left
         found = [len(plan.strip), *(count for _, count in energies)]
         rises = [
             (b[0] - a[0]) / max(a[0], 1e-9)
-            for (a, b), (one, two) in zip(pairwise(energies), pairwise(found), strict=False) if one == two
-        ]  # fmt: skip
+            for (a, b), (one, two) in zip(pairwise(energies), pairwise(found), strict=False)
+            if one == two
+        ]
         runs.append(
             {
                 "seed": seed,
@@ -87,11 +88,11 @@ def bench_settle(robot: RobotModel, scenario: str, seeds: int, step: Note = sile
         "strips": len(runs),
         "certified": sum(r["certified"] for r in runs) / count,
         "at_rest": sum(r["at_rest"] for r in runs) / count,
-        "at_rest_soon": sum(r["at_rest"] and r["ticks"] <= _SOON for r in runs) / count,
+        "at_rest_soon": sum(r["at_rest"] and r["ticks"] <= _FEW_TICKS for r in runs) / count,
         "ticks": percentiles([r["ticks"] for r in runs]),
         "ms": percentiles([r["ms"] for r in runs]),
         "lost_m": percentiles([max(x, 0.0) for x in lost]),
-        "worse": sum(x > _LOST for x in lost) / count,
+        "worse": sum(x > _CLEARANCE_LOSS for x in lost) / count,
         "energy_rise": max((r["energy_rise"] for r in runs), default=0.0),
         "runs": runs,
     }

@@ -37,10 +37,10 @@ KINDS = ("planner_killed", "parent_killed", "planner_stopped", "planner_hung", "
 """``parent_killed``: as the planner, while another process holds the executor's channel open; ``planner_stopped``: for
 1 s; ``planner_hung``: a tick of 2 s."""
 _GO_ON = ("planner_stopped", "planner_hung", "disk_full")  # the robot reaches its goal
-_FAST, _RESTS = 0.3, 1e-3  # [m/s]
-_LIMIT = 60.0  # [s] of one drive
-_STOPPED, _HUNG = 1.0, 2.0  # [s]
-_PATIENCE = 10.0  # [s] in which a robot comes to rest
+_FAST_SPEED, _REST_SPEED = 0.3, 1e-3  # [m/s]
+_DRIVE_TIME_LIMIT = 60.0  # [s] of one drive
+_PLANNER_STOP, _PLANNER_HANG = 1.0, 2.0  # [s]
+_LONGEST_STOPPING = 10.0  # [s] in which a robot comes to rest
 
 
 def bench_trials(
@@ -142,23 +142,23 @@ def _watch(
     stands: float | None = None
     first = 0
     moved = np.inf
-    while machine.now < _LIMIT and machine.alive:
+    while machine.now < _DRIVE_TIME_LIMIT and machine.alive:
         time.sleep(0.005)
         new = machine.truth()
         truth += new
-        fast = any(abs(state.v[0]) > _FAST for state in new)
+        fast = any(abs(state.v[0]) > _FAST_SPEED for state in new)
         if fast and moved == np.inf:
             moved = machine.now
         if begin is None and fast and machine.now > moved + delay:
             begin, first = machine.now, len(truth) - 1
             _inject(kind, planner, executor, told)
         if begin is not None and stands is None:
-            still = (s.time for s in new if s.time > begin and np.abs(s.v).max() < _RESTS)
+            still = (s.time for s in new if s.time > begin and np.abs(s.v).max() < _REST_SPEED)
             stands = next(still, None)
             if stands is not None and kind not in _GO_ON:
                 break
         over = told.poll(0.0) and (begin is None or kind in _GO_ON)  # the planner has come to an end
-        if over or (begin is not None and kind not in _GO_ON and machine.now > begin + _PATIENCE):
+        if over or (begin is not None and kind not in _GO_ON and machine.now > begin + _LONGEST_STOPPING):
             break
     if begin is None or stands is None:
         return begin, stands, None
@@ -173,7 +173,7 @@ def _inject(kind: str, planner: int, executor: int, told: Connection) -> None:
         os.kill(executor, signal.SIGKILL)
     elif kind == "planner_stopped":
         os.kill(planner, signal.SIGSTOP)
-        time.sleep(_STOPPED)
+        time.sleep(_PLANNER_STOP)
         os.kill(planner, signal.SIGCONT)
     elif kind == "planner_hung":
         told.send("hang")
@@ -192,13 +192,13 @@ def _plan(driver: MachineDriver, name: str, kind: str, seed: int, log: str, owne
         owner.send((executor.pid, epoch))
         executor.begin(epoch)
         time.sleep(0.1)
-        while not controller.ended and executor.now < _LIMIT and controller.state is not RunState.FAILED:
+        while not controller.ended and executor.now < _DRIVE_TIME_LIMIT and controller.state is not RunState.FAILED:
             t = executor.now
             sensed, trouble = sensed_by(driven.perception, t)
             controller.plan(t, sensed, trouble=trouble)  # type: ignore[arg-type]
             if owner.poll(0.0):
                 owner.recv()
-                time.sleep(_HUNG)
+                time.sleep(_PLANNER_HANG)
             time.sleep(max(0.0, t + 0.05 - executor.now))
         faults = [event.reason for event in controller.events if event.kind == "fault"]
         owner.send((faults, controller.state is RunState.REACHED, executor.pid))
@@ -207,5 +207,5 @@ def _plan(driver: MachineDriver, name: str, kind: str, seed: int, log: str, owne
 def _hold_open() -> None:
     """A process that has the executor's channel open, too, and outlives this one for a while."""
     if os.fork() == 0:
-        time.sleep(_LIMIT)
+        time.sleep(_DRIVE_TIME_LIMIT)
         os._exit(0)
