@@ -23,7 +23,7 @@ from elastic_strips.sim.faults import FAULTS, Fault
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.perception import PerceptionParams
 from elastic_strips.sim.scenarios import Scenario, get_scenario, make_simulation
-from elastic_strips.sim.scenarios.drive import STRIP
+from elastic_strips.sim.scenarios.drive import STRIP, DriveOutcome
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip.params import DeformParams
 from workshop.baselines import drive_by
@@ -86,25 +86,29 @@ class _DriveTask:
             seed=self.seed,
         )
 
+    def options(self) -> Figures:
+        """What only some methods can do, and the fault."""
+        options: Figures = {"sensors": self.sensors}
+        faults = []
+        if self.fault:
+            start = float(np.random.default_rng(self.seed).uniform(1.0, 6.0))
+            faults = [Fault(self.fault, start, _FAULT_SECONDS.get(self.fault, 1.0))]
+        if self.method == STRIP:
+            options |= {
+                "evade": self.evade,
+                "faults": faults,
+                "compute": self.compute,
+                "alternatives": self.alternatives,
+                "level": self.level,
+            }
+        if self.fault == "viewer_killed":
+            options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
+        return options
+
 
 def _drive_once(task: _DriveTask) -> Figures:
     """Drive and evaluate; a worker's task."""
     robot = cached(task.robot, lambda: load_robot(task.robot))
-    faults = []
-    if task.fault:
-        start = float(np.random.default_rng(task.seed).uniform(1.0, 6.0))
-        faults = [Fault(task.fault, start, _FAULT_SECONDS.get(task.fault, 1.0))]
-    options: Figures = {"sensors": task.sensors}
-    if task.method == STRIP:
-        options |= {
-            "evade": task.evade,
-            "faults": faults,
-            "compute": task.compute,
-            "alternatives": task.alternatives,
-            "level": task.level,
-        }
-    if task.fault == "viewer_killed":
-        options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
     try:
         scenario = task.problem(robot)
         outcome = drive_by(
@@ -114,7 +118,7 @@ def _drive_once(task: _DriveTask) -> Figures:
             seed=task.seed,
             plant=task.plant,
             time_limit=task.time_limit,
-            **options,
+            **task.options(),
         )
     except ElasticStripsError as error:
         return {
@@ -125,6 +129,11 @@ def _drive_once(task: _DriveTask) -> Figures:
             "collisions": 0,
             "collisions_seen": 0,
         }
+    return _run_figures(task, scenario, outcome)
+
+
+def _run_figures(task: _DriveTask, scenario: Scenario, outcome: DriveOutcome) -> Figures:
+    """Figures of one run."""
     result, evaluation = outcome.result, outcome.evaluation
     rows = result.record.control
     return {
@@ -245,11 +254,6 @@ def bench_drive(
     if len(errors) == 1 and (error := errors.pop()) is not None:
         raise InputError(f"none of {len(runs)} runs could begin: {error}")
     runs.sort(key=lambda r: r["seed"])
-    classes = []
-    for low, high in _SPEED_CLASSES:
-        mine = [r for r in runs if r.get("speed_class") and low <= r["speed_class"] < high + (high == 1.5) * 1e-6]
-        if mine:
-            classes.append({"from": low, "to": high, **_summary(mine)})
     return {
         **head("drive", robot=robot),
         "scenario": scenario,
@@ -261,9 +265,19 @@ def bench_drive(
         "compute": compute if method == STRIP else "free",
         "sensors": [] if sensors is None else list(sensors.names),
         **_summary(runs),
-        "classes": classes,
+        "classes": _by_speed(runs),
         "runs": runs,
     }
+
+
+def _by_speed(runs: list[Figures]) -> list[Figures]:
+    """Figures by class of the movers' speed; of the last one the upper end is part."""
+    classes = []
+    for low, high in _SPEED_CLASSES:
+        mine = [r for r in runs if r.get("speed_class") and low <= r["speed_class"] < high + (high == 1.5) * 1e-6]
+        if mine:
+            classes.append({"from": low, "to": high, **_summary(mine)})
+    return classes
 
 
 def bench_disturb(
@@ -336,14 +350,19 @@ def _summary(runs: list[Figures]) -> Figures:
         "stops": int(sum(len(r["stops"]) for r in done)),
         "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),
         "time_s": percentiles([r["time_s"] for r in done if r["reached"]]),
-        "tracking_m": percentiles([r["tracking_m"] for r in done if r["tracking_m"] is not None]),
-        "constraint_rad": percentiles([r["constraint_rad"] for r in done if r["constraint_rad"] is not None]),
+        "tracking_m": _where_known(done, "tracking_m"),
+        "constraint_rad": _where_known(done, "constraint_rad"),
         "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
         "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
         "ticks": _tick_figures(done),
         "planned_anew_s": percentiles([s for r in done for s in r["planned_anew_s"]]),
         "errors": [r["error"] for r in runs if "error" in r],
     }
+
+
+def _where_known(runs: list[Figures], key: str) -> Figures:
+    """Percentiles of a figure that not every run has."""
+    return percentiles([run[key] for run in runs if run[key] is not None])
 
 
 def _tick_figures(runs: list[Figures]) -> Figures:

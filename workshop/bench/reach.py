@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from time import perf_counter
 
 import numpy as np
@@ -57,11 +58,6 @@ def bench_mbm(
     valid = [r for r in runs if r["valid"]]
     good = [r for r in valid if r["certified"]]
     ms = [r["ms"] for r in good]
-    kinds = {
-        kind: {"valid": len(some), "certified": sum(r["certified"] for r in some)}
-        for kind in dict.fromkeys(p.kind for p in chosen)
-        if (some := [r for r in valid if r["kind"] == kind])
-    }
     return {
         **head("mbm", robot=robot),
         "base": base,
@@ -75,10 +71,18 @@ def bench_mbm(
         "length_rad": percentiles([r["length_rad"] for r in good]),
         "clearance_m": percentiles([r["clearance_m"] for r in good if r["clearance_m"] is not None]),
         "proven_m": {"least": min((r["proven_m"] for r in good), default=None)},
-        "kinds": kinds,
+        "kinds": _by_kind(valid, dict.fromkeys(problem.kind for problem in chosen)),
         "failures": [{"name": r["name"], "reason": r["reason"]} for r in valid if not r["certified"]],
         "invalid": [{"name": r["name"], "reason": r["reason"]} for r in runs if not r["valid"]],
         "runs": runs,
+    }
+
+
+def _by_kind(valid: list[Figures], kinds: Iterable[str]) -> Figures:
+    """How many problems of each kind are valid, and how many of these are certified."""
+    of = {kind: [run for run in valid if run["kind"] == kind] for kind in kinds}
+    return {
+        kind: {"valid": len(some), "certified": sum(r["certified"] for r in some)} for kind, some in of.items() if some
     }
 
 

@@ -130,9 +130,9 @@ def _processes(
         make,
         machine,
         senses,
-        watch=watch,
+        watch=watch,  # type: ignore[arg-type]
         log=log,
-        eager=True,  # type: ignore[arg-type]
+        eager=True,
     ), []
 
 
@@ -146,8 +146,8 @@ def _inline(
         goals,
         params=params,
         seed=seed,
-        watch=watch,
-        realtime=True,  # type: ignore[arg-type]
+        watch=watch,  # type: ignore[arg-type]
+        realtime=True,
     )
     sent: list[float] = []
     advance = driven.plant.step

@@ -18,7 +18,7 @@ from .measure import Figures, Note, head, percentiles, silent
 
 OBSTACLE_STEP = 0.02
 """How far the obstacle moves in a tick [m]."""
-_COLD_TICK_PERIOD = 10  # every tick of this number is measured from a cold start, too
+_COLD_TICK_PERIOD = 10  # of so many ticks, after one the baseline is timed
 _NODE_COUNTS = (32, 64, 128, 256, 512, 1024)  # of strips whose ticks are timed
 _OBSTACLE_COUNTS = (10, 100, 1000, 10_000, 60_000)  # of scenes
 

@@ -120,6 +120,7 @@ def simulate_paper(
         RobotError: the robot's base is fixed.
         ParameterError: a parameter is unknown or outside its range.
     """
+    # In one piece: the paper's loop, to be read from top to bottom.
     robot = scenario.load_robot(preset="paper") if robot is None else robot
     if not robot.space.planar:
         raise RobotError(f"the base of {robot.name!r} is fixed; the paper's strip is of a mobile")
@@ -132,7 +133,7 @@ def simulate_paper(
     sensors = _NearestPoints(robot, deformer.control_points, params.influence)
     links = _NearestPoints(robot, BodySet.links(robot), _LARGEST_CLEARANCE)
     max_nodes = 2 * len(rows)
-    strip, known = Strip.from_coordinates(robot, rows), set[str]()
+    strip = Strip.from_coordinates(robot, rows)
     path, moved, arrived = [rows[0].copy()], rows[:1], False
     detections, clearance, standing = list[Detection](), _LARGEST_CLEARANCE, 0
     outcome, reason = Outcome.UNFINISHED, f"not there after {_MAX_SAMPLES} sampling times"
@@ -147,10 +148,8 @@ def simulate_paper(
             outcome, reason = Outcome.REACHED, f"at the target after {sample} sampling times"
             break
         here = strip.coordinates[0]
-        for name, (distance, point) in sensors.nearest(scenario.scene, here[None]).items():
-            if name not in known:
-                known.add(name)
-                detections.append(Detection(sample, name, (float(here[0]), float(here[1])), point, distance))
+        detections += _detected(sensors.nearest(scenario.scene, here[None]), detections, sample, here)
+        known = {detection.name for detection in detections}
         report = deformer.step(strip, Scene([o for o in scenario.scene if o.name in known]))
         strip = report.strip
         assert report.hulls is not None
@@ -164,20 +163,39 @@ def simulate_paper(
                 reason = f"stands at ({here[0]:.2f}, {here[1]:.2f}) m: the next hulls are {apart:.2f} m apart"
                 break
             continue
-        standing, moved = 0, _between(robot, *strip.coordinates[:2])
+        way = _between(robot, *strip.coordinates[:2])
         most = round(LONGEST_STEP / _CONTACT_CHECK_STEP)  # pushed postures may be far apart; the robot does not jump
-        complete, moved = len(moved) <= most, moved[:most]
+        standing, moved = 0, way[:most]
         path.append(moved[-1])
-        arrived = complete and len(strip.coordinates) == 2
+        arrived = len(way) <= most and len(strip.coordinates) == 2
         if not arrived:
-            ahead = np.vstack((moved[-1:], strip.coordinates[2 if complete else 1 :]))
-            strip = Strip.from_coordinates(
-                robot, ahead, ends=np.vstack((robot.space.from_coordinates(moved[-1:]), strip.q[-1:]))
-            )
+            strip = _from_there(strip, moved[-1:], passed=2 if len(way) <= most else 1)
     ahead = strip.coordinates.copy()
     return PaperRun(
         scenario, params, robot, line, np.array(path), ahead, tuple(detections), outcome, reason, float(clearance)
     )
+
+
+def _detected(
+    nearest: Mapping[str, tuple[float, tuple[float, float, float]]],
+    before: list[Detection],
+    sample: int,
+    here: Array,
+) -> list[Detection]:
+    """The obstacles that were not detected ``before``."""
+    known, robot = {detection.name for detection in before}, (float(here[0]), float(here[1]))
+    return [
+        Detection(sample, name, robot, point, distance)
+        for name, (distance, point) in nearest.items()
+        if name not in known
+    ]
+
+
+def _from_there(strip: Strip, row: Array, passed: int) -> Strip:
+    """The rest of a strip, from a coordinate row (1, nv) on; so many of its postures are behind that."""
+    q = strip.robot.space.from_coordinates(row)
+    ahead = np.vstack((row, strip.coordinates[passed:]))
+    return Strip.from_coordinates(strip.robot, ahead, ends=np.vstack((q, strip.q[-1:])))
 
 
 def _between(robot: RobotModel, a: Array, b: Array) -> Array:
