@@ -229,6 +229,7 @@ def bench_drive(
     Raises:
         InputError: no run could begin, all for one reason.
     """
+    # Long by its options alone, which stand three times: in the signature, a task and the figures.
     tasks = [
         _DriveTask(
             scenario,

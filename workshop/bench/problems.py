@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.control import DriveParams, ObstacleAssumptions, Tolerance
+from elastic_strips.arrays import Array
+from elastic_strips.control import DriveParams, DriveResult, ObstacleAssumptions, Tolerance
 from elastic_strips.errors import ElasticStripsError
-from elastic_strips.planning import plan_report
+from elastic_strips.planning import PlanReport, plan_report
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
@@ -83,8 +84,19 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int, compute: str) -
     )
     plan = driven.controller.first_plan
     result = driven.run()
+    return _evaluated(problem, robot, limits, np.array(robot.space.to_coordinates(goals[-1])), plan, result)
+
+
+def _evaluated(
+    problem: DriveProblem,
+    robot: RobotModel,
+    limits: MotionLimits,
+    goal: Array,
+    plan: PlanReport | None,
+    result: DriveResult,
+) -> Figures:
+    """Figures of a drive, of which only what comes before its goal counts."""
     rows = result.record.control
-    goal = np.array(robot.space.to_coordinates(goals[-1]))
     near = np.hypot(*(rows.coordinates[:, :2] - goal[:2]).T) <= problem.goal_tolerance
     arrived = int(np.argmax(near)) if near.any() else len(rows) - 1
     end = max(arrived, 1) + 1

@@ -124,17 +124,21 @@ def _disturb(name: str, scenario: str) -> click.Command:
                 compute=_compute(compute),
                 processes=processes,
             )
-        for kind, some in figures["kinds"].items():
-            row(
-                kind,
-                f"{some['count']} runs: {100 * some['reached']:.0f} % reached, {some['collisions']} contacts at speed "
-                f"({some['collisions_standing']} with what stands), {100 * some['at_rest_or_goal']:.0f} % end at rest "
-                f"or at the goal, at most {some['tracking_m'].get('max', 0.0):.3f} m off, "
-                f"{100 * some['named']:.0f} % named in the log",
-            )
+        _disturbed_rows(figures)
         output.write_document("figures", json_file, figures)
 
     return command
+
+
+def _disturbed_rows(figures: Figures) -> None:
+    for kind, some in figures["kinds"].items():
+        row(
+            kind,
+            f"{some['count']} runs: {100 * some['reached']:.0f} % reached, {some['collisions']} contacts at speed "
+            f"({some['collisions_standing']} with what stands), {100 * some['at_rest_or_goal']:.0f} % end at rest "
+            f"or at the goal, at most {some['tracking_m'].get('max', 0.0):.3f} m off, "
+            f"{100 * some['named']:.0f} % named in the log",
+        )
 
 
 disturb: click.Command = _disturb("disturb", "corridor")
