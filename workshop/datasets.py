@@ -267,9 +267,15 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
             if grid_path(robot, scene, q_start, q_goal, box=(low, high), inner=disc).points is None:
                 continue
             return DriveProblem(
-                name=f"house-{seed}", world=World(scene), start=start, goals=(goal,), goal_tolerance=_HOUSE_TOLERANCE,
-                heading_free=False, timeout=None, robot=robot.name,
-            )  # fmt: skip
+                name=f"house-{seed}",
+                world=World(scene),
+                start=start,
+                goals=(goal,),
+                goal_tolerance=_HOUSE_TOLERANCE,
+                heading_free=False,
+                timeout=None,
+                robot=robot.name,
+            )
     root.fail(f"no free places for {robot.name!r} among {_MOST_TRIES} pairs")
 
 

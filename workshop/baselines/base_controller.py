@@ -56,7 +56,7 @@ def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
     return BASE_METHODS[name](limits)
 
 
-PATIENCE = 15.0
+BLOCKED_PATIENCE = 15.0
 """Time [s] after which a blocked method is given up."""
 _TWIST_OVER = 5  # control steps over which the velocity is estimated
 
@@ -96,7 +96,7 @@ class BaseController:
         *,
         params: DriveParams | None = None,
         limits: MotionLimits | None = None,
-        patience: float = PATIENCE,
+        patience: float = BLOCKED_PATIENCE,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
         if robot.base_kind is not BaseKind.DIFF_DRIVE:
@@ -266,7 +266,7 @@ def base_simulation(
     *,
     params: DriveParams | None = None,
     limits: MotionLimits | None = None,
-    patience: float = PATIENCE,
+    patience: float = BLOCKED_PATIENCE,
     sensors: SensorConfig | None = None,
     plant: Plant | None = None,
     seed: int = 0,
@@ -293,6 +293,11 @@ def base_simulation(
     machine.reset(controller.estimate)
     senses = _RawReadings(robot, world, machine, sensors, seed=rng)
     return Simulation(
-        cast("Controller", controller), world, machine, cast("Perception", senses), watch=watch, realtime=realtime,
+        cast("Controller", controller),
+        world,
+        machine,
+        cast("Perception", senses),
+        watch=watch,
+        realtime=realtime,
         metadata={"method": method, **(metadata or {})},
-    )  # fmt: skip
+    )

@@ -107,8 +107,8 @@ class BaseMethod(Protocol):
 
 
 _FIRST_PERIOD = 0.1  # [s] taken as time since the last command where there was none, or none for long
-_LONG = 0.5  # [s] longest time since the last command
-_LAG = 0.3  # [s] the last command may be ahead of the measured velocity by what the base can gain in this time
+_LONGEST_COMMAND_AGE = 0.5  # [s] longest time since the last command
+_COMMAND_LEAD = 0.3  # [s] the last command may be ahead of the measured velocity by what the base can gain in this time
 _TURN_GAIN = 2.0  # [1/s] of the heading's error when turning in place
 
 
@@ -157,7 +157,7 @@ class CommandLimiter:
 
     def period(self, t: float) -> float:
         """Time since the last command [s]."""
-        if self._time is None or not 0.0 < t - self._time < _LONG:
+        if self._time is None or not 0.0 < t - self._time < _LONGEST_COMMAND_AGE:
             return _FIRST_PERIOD
         return t - self._time
 
@@ -202,14 +202,14 @@ class CommandLimiter:
     def _limited(self, t: float, velocity: Array, v: float, omega: float) -> tuple[float, float]:
         """Speed and yaw rate within the limits, no further from the last ones than the accelerations allow."""
         limits, period = self.limits, self.period(t)
-        fresh = self._time is None or t - self._time >= _LONG
+        fresh = self._time is None or t - self._time >= _LONGEST_COMMAND_AGE
         wanted = (
             (min(max(v, 0.0), limits.max_speed), limits.acceleration),
             (min(max(omega, -limits.max_turn), limits.max_turn), limits.turn_acceleration),
         )
         out = []
         for (value, change), last, now in zip(wanted, self._last, velocity, strict=True):
-            base = float(now) if fresh else min(max(last, now - change * _LAG), now + change * _LAG)
+            base = float(now) if fresh else min(max(last, now - change * _COMMAND_LEAD), now + change * _COMMAND_LEAD)
             out.append(float(min(max(value, base - change * period), base + change * period)))
         self._time, self._last = t, (out[0], out[1])
         return self._last

@@ -10,7 +10,7 @@ from elastic_strips.sim.scenarios import DriveOutcome, Scenario, drive_scenario
 from elastic_strips.sim.scenarios.drive import STRIP, DrivenProblem, DriveSetup, driven_to_its_end
 from elastic_strips.validation import check_choice
 
-from .base_controller import BASE_METHODS, PATIENCE, base_simulation
+from .base_controller import BASE_METHODS, BLOCKED_PATIENCE, base_simulation
 
 DRIVE_METHODS = (STRIP, *BASE_METHODS)
 """Names of methods: the elastic strip, and the base methods that the paper names."""
@@ -21,7 +21,7 @@ def make_base_simulation(
     method: str,
     setup: DriveSetup | None = None,
     *,
-    patience: float = PATIENCE,
+    patience: float = BLOCKED_PATIENCE,
     watch: Callable[[Simulation[Controller]], object] | None = None,
     realtime: bool = False,
     **options: object,
@@ -37,16 +37,30 @@ def make_base_simulation(
     setup = (setup or DriveSetup()).replaced(options)
     problem = DrivenProblem.of(scenario, setup)
     return base_simulation(
-        problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
-        plant=problem.machine, sensors=setup.sensors, seed=problem.seed, metadata=problem.metadata, patience=patience,
-        watch=watch, realtime=realtime,
-    )  # fmt: skip
+        problem.robot,
+        problem.world,
+        problem.start,
+        problem.goal,
+        method,
+        limits=problem.limits,
+        plant=problem.machine,
+        sensors=setup.sensors,
+        seed=problem.seed,
+        metadata=problem.metadata,
+        patience=patience,
+        watch=watch,
+        realtime=realtime,
+    )
 
 
 def drive_by(
-    scenario: Scenario, method: str, setup: DriveSetup | None = None, *, time_limit: float | None = None,
+    scenario: Scenario,
+    method: str,
+    setup: DriveSetup | None = None,
+    *,
+    time_limit: float | None = None,
     **options: object,
-) -> DriveOutcome:  # fmt: skip
+) -> DriveOutcome:
     """Drive a scenario by one of `DRIVE_METHODS`; see :func:`~elastic_strips.sim.scenarios.drive_scenario`.
 
     Args:

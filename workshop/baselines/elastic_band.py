@@ -146,13 +146,13 @@ def thinned(chain: Array, free: FreeDistance, *, least: float, overlap: float) -
 
 _Planner = Callable[[Array, Array, Array], "Array | None"]
 """Sensed points (P, 2), start (2,), goal (2,) → waypoints (K, 2) from start to goal [m], or None."""
-_RETRY = 0.5  # [s] between two calls of the planner
-_CELLS = 20000  # of the planner's grid at most, about
-_RESOLUTION = 0.1  # [m] edge of its cells; larger where the goal is so far that there would be too many
-_SPARE = 0.04  # [m] clearance that a path must have
-_COMFORT = 0.3  # [m] clearance beyond that from which on more of it is worth nothing
-_WIDEN = 2.0  # [m] how far beyond start and goal the grid reaches
-_THIN = 0.75  # bubbles are removed where the others overlap by more than required
+_REPLAN_PERIOD = 0.5  # [s] between two calls of the planner
+_MOST_GRID_CELLS = 20000  # of the planner's grid at most, about
+_SMALLEST_CELL = 0.1  # [m] edge of its cells; larger where the goal is so far that there would be too many
+_PATH_CLEARANCE = 0.04  # [m] clearance that a path must have
+_USEFUL_CLEARANCE = 0.3  # [m] clearance beyond that from which on more of it is worth nothing
+_GRID_MARGIN = 2.0  # [m] how far beyond start and goal the grid reaches
+_REMOVAL_OVERLAP = 0.75  # bubbles are removed where the others overlap by more than required
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,18 +208,18 @@ class SensedPath:
     """
 
     def __init__(self, radius: float) -> None:
-        self._inner = radius + _SPARE
+        self._inner = radius + _PATH_CLEARANCE
 
     def __call__(self, points: Array, start: Array, goal: Array) -> Array | None:
         """Waypoints (K, 2) from start to goal, or None."""
         ends = np.stack((start, goal))
-        low = ends.min(axis=0) - _WIDEN
-        size = ends.max(axis=0) + _WIDEN - low
-        cell = max(_RESOLUTION, math.sqrt(float(size.prod()) / _CELLS))
+        low = ends.min(axis=0) - _GRID_MARGIN
+        size = ends.max(axis=0) + _GRID_MARGIN - low
+        cell = max(_SMALLEST_CELL, math.sqrt(float(size.prod()) / _MOST_GRID_CELLS))
         axes = [low[k] + cell * np.arange(math.ceil(size[k] / cell) + 1) for k in range(2)]
         at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        clear = FreeDistance(points, 0.0, self._inner + _COMFORT)(at)
-        return cheapest_path(clear, low, cell, ends, inner=self._inner, comfort=_COMFORT)
+        clear = FreeDistance(points, 0.0, self._inner + _USEFUL_CLEARANCE)(at)
+        return cheapest_path(clear, low, cell, ends, inner=self._inner, comfort=_USEFUL_CLEARANCE)
 
 
 class ElasticBand:
@@ -289,13 +289,13 @@ class ElasticBand:
         for _ in range(int(p.iterations)):
             if joined is None:
                 return None
-            joined = thinned(joined, free, least=p.least, overlap=_THIN * p.overlap)
+            joined = thinned(joined, free, least=p.least, overlap=_REMOVAL_OVERLAP * p.overlap)
             joined = relaxed(joined, free, contraction=p.contraction, repulsion=p.repulsion, influence=p.influence)
             joined = connected(joined, free, least=p.least, overlap=p.overlap, most=p.bubbles)
         return joined
 
     def _planned(self, t: float, position: Array, target: Array, free: FreeDistance) -> Array | None:
-        if self._planner is None or t - self._planned_at < _RETRY:
+        if self._planner is None or t - self._planned_at < _REPLAN_PERIOD:
             return None
         self._planned_at = t
         path = self._planner(self._sensed.points, position, target)

@@ -23,8 +23,8 @@ from elastic_strips.validation import Checked, Count, Fraction, NonNegative, Pos
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
 from .certainty_grid import CertaintyGrid, GridParams, SensedPoints, make_grid
 
-_BINS = 72  # sectors of 5 degrees in which only the nearest point counts
-_APART = 9  # sectors (45 degrees) within which a point must be the nearest one
+_SECTOR_COUNT = 72  # sectors of 5 degrees in which only the nearest point counts
+_SECTORS_OF_NEAREST = 9  # sectors (45 degrees) within which a point must be the nearest one
 _MIN_DISTANCE = 0.01  # [m] a smaller distance to an obstacle counts as this one
 
 
@@ -78,13 +78,16 @@ def nearest_points(offsets: Array) -> Array:
     if not len(offsets):
         return offsets
     distance = np.hypot(offsets[:, 0], offsets[:, 1])
-    sector = np.floor(np.arctan2(offsets[:, 1], offsets[:, 0]) * (_BINS / (2.0 * np.pi)) + 0.5).astype(int) % _BINS
+    sector = (
+        np.floor(np.arctan2(offsets[:, 1], offsets[:, 0]) * (_SECTOR_COUNT / (2.0 * np.pi)) + 0.5).astype(int)
+        % _SECTOR_COUNT
+    )
     order = np.lexsort((distance, sector))
     _, first = np.unique(sector[order], return_index=True)
     of_sector = order[first]
-    profile = np.full(_BINS, np.inf)
+    profile = np.full(_SECTOR_COUNT, np.inf)
     profile[sector[of_sector]] = distance[of_sector]
-    least = minimum_filter1d(profile, 2 * _APART + 1, mode="wrap")
+    least = minimum_filter1d(profile, 2 * _SECTORS_OF_NEAREST + 1, mode="wrap")
     return offsets[of_sector[distance[of_sector] <= least[sector[of_sector]] + 1e-9]]
 
 

@@ -23,7 +23,7 @@ from elastic_strips.sim.faults import FAULTS, Fault
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.perception import PerceptionParams
 from elastic_strips.sim.scenarios import Scenario, get_scenario, make_simulation
-from elastic_strips.sim.scenarios.drive import STRIP
+from elastic_strips.sim.scenarios.drive import STRIP, DriveOutcome
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip.params import DeformParams
 from workshop.baselines import drive_by
@@ -31,16 +31,23 @@ from workshop.datasets import load_house
 
 from .measure import Figures, Note, head, percentiles, silent
 
-_CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
+_SPEED_CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
 """Classes of the movers' largest speed [m/s]."""
 _FAULT_SECONDS = {
-    "slip": 2.0, "slip_left": 2.0, "slip_right": 2.0, "spin": 2.0, "localization_lost": 2.0, "localization_jump": 2.0,
-    "localization_coarse": 100.0, "lost_odometry": 0.5, "scene_frozen": 2.0,
-}  # fmt: skip
+    "slip": 2.0,
+    "slip_left": 2.0,
+    "slip_right": 2.0,
+    "spin": 2.0,
+    "localization_lost": 2.0,
+    "localization_jump": 2.0,
+    "localization_coarse": 100.0,
+    "lost_odometry": 0.5,
+    "scene_frozen": 2.0,
+}
 """Durations of the faults [s]; one second for the others."""
-_RESTS = 0.01
+_REST_SPEED = 0.01
 """A robot that is slower [m/s, rad/s] does not move."""
-_TICK = 20.0
+_TICK_BUDGET_MS = 20.0
 """Time [ms] that a planning tick may take, by default."""
 _SLOW = "late tick"
 """Reported of planning on a slow machine, whatever else is wrong."""
@@ -70,26 +77,38 @@ class _DriveTask:
             return get_scenario(self.scenario, seed=self.seed)
         house = load_house(Path(self.root) / "house", robot, self.seed)
         return Scenario(
-            house.name, "a furnished house", house.world.at(0.0), house.start, house.goals[0], robot=house.robot,
+            house.name,
+            "a furnished house",
+            house.world.at(0.0),
+            house.start,
+            house.goals[0],
+            robot=house.robot,
             seed=self.seed,
-        )  # fmt: skip
+        )
+
+    def options(self) -> Figures:
+        """What only some methods can do, and the fault."""
+        options: Figures = {"sensors": self.sensors}
+        faults = []
+        if self.fault:
+            start = float(np.random.default_rng(self.seed).uniform(1.0, 6.0))
+            faults = [Fault(self.fault, start, _FAULT_SECONDS.get(self.fault, 1.0))]
+        if self.method == STRIP:
+            options |= {
+                "evade": self.evade,
+                "faults": faults,
+                "compute": self.compute,
+                "alternatives": self.alternatives,
+                "level": self.level,
+            }
+        if self.fault == "viewer_killed":
+            options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
+        return options
 
 
 def _drive_once(task: _DriveTask) -> Figures:
     """Drive and evaluate; a worker's task."""
     robot = cached(task.robot, lambda: load_robot(task.robot))
-    faults = []
-    if task.fault:
-        start = float(np.random.default_rng(task.seed).uniform(1.0, 6.0))
-        faults = [Fault(task.fault, start, _FAULT_SECONDS.get(task.fault, 1.0))]
-    options: Figures = {"sensors": task.sensors}
-    if task.method == STRIP:
-        options |= {
-            "evade": task.evade, "faults": faults, "compute": task.compute, "alternatives": task.alternatives,
-            "level": task.level,
-        }  # fmt: skip
-    if task.fault == "viewer_killed":
-        options |= {"watch": _doomed_viewer(faults[0].start), "faults": []}
     try:
         scenario = task.problem(robot)
         outcome = drive_by(
@@ -99,7 +118,7 @@ def _drive_once(task: _DriveTask) -> Figures:
             seed=task.seed,
             plant=task.plant,
             time_limit=task.time_limit,
-            **options,
+            **task.options(),
         )
     except ElasticStripsError as error:
         return {
@@ -110,6 +129,11 @@ def _drive_once(task: _DriveTask) -> Figures:
             "collisions": 0,
             "collisions_seen": 0,
         }
+    return _run_figures(task, scenario, outcome)
+
+
+def _run_figures(task: _DriveTask, scenario: Scenario, outcome: DriveOutcome) -> Figures:
+    """Figures of one run."""
     result, evaluation = outcome.result, outcome.evaluation
     rows = result.record.control
     return {
@@ -152,14 +176,14 @@ def _ticks(result: DriveResult) -> Figures:
     row = np.searchsorted(control.time, ticks.time).clip(max=len(control) - 1)
     return {
         "ms": ticks.tick_ms.round(2).tolist(),
-        "moving": (np.abs(control.v[row]).max(axis=1) > _RESTS).astype(int).tolist(),
+        "moving": (np.abs(control.v[row]).max(axis=1) > _REST_SPEED).astype(int).tolist(),
     }
 
 
 def _planned_anew(result: DriveResult) -> list[float]:
     """Simulated times [s] for which the robot stood and waited for each strip that was planned anew."""
     control = result.record.control
-    stands = np.abs(control.v).max(axis=1) < _RESTS
+    stands = np.abs(control.v).max(axis=1) < _REST_SPEED
     begun: float | None = None
     took = []
     for event in result.events:
@@ -205,13 +229,24 @@ def bench_drive(
     Raises:
         InputError: no run could begin, all for one reason.
     """
+    # Long by its options alone, which stand three times: in the signature, a task and the figures.
     tasks = [
         _DriveTask(
-            scenario, int(seed), robot, plant, evade=evade, method=method, sensors=sensors, compute=compute,
-            alternatives=alternatives, level=level, time_limit=time_limit, root=str(root),
+            scenario,
+            int(seed),
+            robot,
+            plant,
+            evade=evade,
+            method=method,
+            sensors=sensors,
+            compute=compute,
+            alternatives=alternatives,
+            level=level,
+            time_limit=time_limit,
+            root=str(root),
         )
         for seed in seeds
-    ]  # fmt: skip
+    ]
     runs = []
     for run in parallel_map(_drive_once, tasks, processes):
         runs.append(run)
@@ -220,11 +255,6 @@ def bench_drive(
     if len(errors) == 1 and (error := errors.pop()) is not None:
         raise InputError(f"none of {len(runs)} runs could begin: {error}")
     runs.sort(key=lambda r: r["seed"])
-    classes = []
-    for low, high in _CLASSES:
-        mine = [r for r in runs if r.get("speed_class") and low <= r["speed_class"] < high + (high == 1.5) * 1e-6]
-        if mine:
-            classes.append({"from": low, "to": high, **_summary(mine)})
     return {
         **head("drive", robot=robot),
         "scenario": scenario,
@@ -236,9 +266,19 @@ def bench_drive(
         "compute": compute if method == STRIP else "free",
         "sensors": [] if sensors is None else list(sensors.names),
         **_summary(runs),
-        "classes": classes,
+        "classes": _by_speed(runs),
         "runs": runs,
     }
+
+
+def _by_speed(runs: list[Figures]) -> list[Figures]:
+    """Figures by class of the movers' speed; of the last one the upper end is part."""
+    classes = []
+    for low, high in _SPEED_CLASSES:
+        mine = [r for r in runs if r.get("speed_class") and low <= r["speed_class"] < high + (high == 1.5) * 1e-6]
+        if mine:
+            classes.append({"from": low, "to": high, **_summary(mine)})
+    return classes
 
 
 def bench_disturb(
@@ -311,14 +351,19 @@ def _summary(runs: list[Figures]) -> Figures:
         "stops": int(sum(len(r["stops"]) for r in done)),
         "stops_without_reason": int(sum(r["stops_without_reason"] for r in done)),
         "time_s": percentiles([r["time_s"] for r in done if r["reached"]]),
-        "tracking_m": percentiles([r["tracking_m"] for r in done if r["tracking_m"] is not None]),
-        "constraint_rad": percentiles([r["constraint_rad"] for r in done if r["constraint_rad"] is not None]),
+        "tracking_m": _where_known(done, "tracking_m"),
+        "constraint_rad": _where_known(done, "constraint_rad"),
         "tick_ms_p50": percentiles([r["tick_ms"]["p50"] for r in done]),
         "tick_ms_p99": percentiles([r["tick_ms"]["p99"] for r in done]),
         "ticks": _tick_figures(done),
         "planned_anew_s": percentiles([s for r in done for s in r["planned_anew_s"]]),
         "errors": [r["error"] for r in runs if "error" in r],
     }
+
+
+def _where_known(runs: list[Figures], key: str) -> Figures:
+    """Percentiles of a figure that not every run has."""
+    return percentiles([run[key] for run in runs if run[key] is not None])
 
 
 def _tick_figures(runs: list[Figures]) -> Figures:
@@ -328,7 +373,7 @@ def _tick_figures(runs: list[Figures]) -> Figures:
     return {
         "ms": percentiles(ms),
         "count": len(ms),
-        "over_20_ms": float((ms > _TICK).mean()) if len(ms) else None,
+        "over_20_ms": float((ms > _TICK_BUDGET_MS).mean()) if len(ms) else None,
         "moving_max_ms": float(ms[moving].max()) if moving.any() else None,
     }
 
@@ -353,10 +398,10 @@ def _doomed_viewer(time: float) -> Callable[[Simulation[Controller]], None]:
     return watch
 
 
-_AHEAD = 1.8
+_POST_LEAD_TIME = 1.8
 """Time [s] ahead on the path, where the obstacle appears."""
-_RADIUS = 0.15
-_HALF_WIDTH = 0.27
+_POST_RADIUS = 0.15  # [m]
+_BASE_HALF_WIDTH = 0.27
 """Of the base [m]; the obstacle reaches into its path from the side."""
 
 
@@ -395,17 +440,21 @@ def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
     params = replace(DriveParams(), plan_every=1, latency=1)
     scenario = get_scenario("corridor", seed=seed)
     options: Figures = {
-        "robot": robot, "seed": seed, "params": params, "perception": PerceptionParams(delay=0.0), "compute": "1"
-    }  # fmt: skip
+        "robot": robot,
+        "seed": seed,
+        "params": params,
+        "perception": PerceptionParams(delay=0.0),
+        "compute": "1",
+    }
     free = make_simulation(scenario, **options)
     track = free.run(time_limit=7.0).record.control
     appears = float(np.random.default_rng(seed).uniform(2.0, 4.0))
-    k = min(int((appears + _AHEAD) / params.control_dt), len(track) - 1)
+    k = min(int((appears + _POST_LEAD_TIME) / params.control_dt), len(track) - 1)
     x, y, yaw = track.reference[k, :3]
-    side = (_HALF_WIDTH + _RADIUS - depth) * (1.0 if seed % 2 else -1.0)
+    side = (_BASE_HALF_WIDTH + _POST_RADIUS - depth) * (1.0 if seed % 2 else -1.0)
     height = 0.3 if seed % 4 < 2 else 1.6
     at = (x - side * np.sin(yaw), y + side * np.cos(yaw), 0.5 * height)
-    post = Cylinder(_RADIUS, height, at=at, name="post")
+    post = Cylinder(_POST_RADIUS, height, at=at, name="post")
     world = World(Scene([*scenario.scene, post]), appears={"post": appears})
     seen: Figures = {}
 
@@ -429,7 +478,7 @@ def _once(robot: RobotModel, seed: int, depth: float) -> Figures:
     return {"seed": seed, "appears_s": appears, **{k: seen[k] for k in ("ticks", "ms", "tick_ms") if k in seen}}
 
 
-_WINDOW = 120.0
+_ROW_SECONDS = 120.0
 """Simulated time [s] of one row of figures."""
 
 
@@ -449,7 +498,7 @@ def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, se
 
     def watch(driven: Simulation[Controller]) -> None:
         nonlocal legs
-        if driven.time - begin["time"] < _WINDOW:
+        if driven.time - begin["time"] < _ROW_SECONDS:
             return
         seconds = driven.controller.statistics.seconds
         mine = 1e3 * np.array(seconds[int(begin["tick"]) :])

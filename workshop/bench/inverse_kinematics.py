@@ -14,7 +14,7 @@ from elastic_strips.robot.inverse_kinematics import PoseSolver
 from .measure import Figures, Note, head, percentiles, silent
 
 _POSITION, _ANGLE = 1e-3, 1e-2  # [m], [rad] that count as reached, by Pinocchio
-_LIMIT = 3.0  # [rad or m] of random coordinates without limits
+_UNLIMITED_RANGE = 3.0  # [rad or m] of random coordinates without limits
 _LOOP, _GAIN, _DAMPING = 1000, 0.3, 1e-6  # of the usual loop
 
 
@@ -38,7 +38,7 @@ def bench_inverse_kinematics(
     """
     PoseSolver(robot, frame)  # refuses what is no frame
     rng, space = np.random.default_rng(seed), robot.space
-    low, high = np.maximum(space.lower, -_LIMIT), np.minimum(space.upper, _LIMIT)
+    low, high = np.maximum(space.lower, -_UNLIMITED_RANGE), np.minimum(space.upper, _UNLIMITED_RANGE)
     data, index = robot.model.createData(), robot.model.getFrameId(frame)
     ours, loop, off, angle = [], [], [], []
     for k in range(poses):
@@ -58,9 +58,13 @@ def bench_inverse_kinematics(
         step(f"pose {k}")
     return {
         **head("inverse_kinematics", robot=robot.name, base=robot.base_kind.value, frame=frame),
-        "poses": poses, "seed": seed, **_share(ours), "position_m": max(off, default=None),
-        "angle_rad": max(angle, default=None), "one_start": _share(loop),
-    }  # fmt: skip
+        "poses": poses,
+        "seed": seed,
+        **_share(ours),
+        "position_m": max(off, default=None),
+        "angle_rad": max(angle, default=None),
+        "one_start": _share(loop),
+    }
 
 
 def _share(runs: list[tuple[bool, float]]) -> Figures:

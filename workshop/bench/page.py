@@ -12,7 +12,7 @@ from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Sphere, Twist
 
 from .measure import Figures, Note, head, percentiles, silent
 
-_SETTLED = 10.0  # [s] until the page has found how plain it has to draw
+_PAGE_SETTLING_TIME = 10.0  # [s] until the page has found how plain it has to draw
 _MEASURE = """new Promise((resolve) => {
   const at = [], render = viewer.render;
   viewer.render = () => { render(); at.push(performance.now()); };
@@ -57,7 +57,7 @@ def bench_page(
         Browser(size=size) as browser,
     ):
         browser.open(str(viewer.url), fine=False)
-        time.sleep(_SETTLED)
+        time.sleep(_PAGE_SETTLING_TIME)
         step("settled")
         ticks, began = live.ticks, time.monotonic()
         at = np.array(browser.evaluate(_MEASURE % round(1e3 * seconds)), dtype=float)

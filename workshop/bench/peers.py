@@ -39,10 +39,10 @@ from .measure import Figures, Note, head, percentiles, silent
 from .plan import push_nearest, recover
 
 PROGRAMS = Path(__file__).parent / "_peer_programs"
-_OMPL = ("ompl>=2.0.1,<3", "coal>=3.0.3,<4", "pin>=4.1,<5")
+_OMPL_REQUIREMENTS = ("ompl>=2.0.1,<3", "coal>=3.0.3,<4", "pin>=4.1,<5")
 REQUIREMENTS: dict[str, tuple[str, ...]] = {
-    "ompl": _OMPL,
-    "ompl_simplified": _OMPL,
+    "ompl": _OMPL_REQUIREMENTS,
+    "ompl_simplified": _OMPL_REQUIREMENTS,
     "roboplan": ("roboplan>=0.6,<0.8",),
     "mplib": ("mplib>=0.2.1,<0.3", "numpy<2"),
     "drake": ("drake>=1.51,<2",),
@@ -51,10 +51,10 @@ REQUIREMENTS: dict[str, tuple[str, ...]] = {
 """Packages that pip installs for each peer."""
 _LIKE = {"ompl_simplified": "ompl"}  # the same program in the same environment, told to do more
 OURS = "elastic_strips"
-_BASE = ("base_x", "base_y", "base_yaw")
-_REACH = 3.0  # [m] beyond start, goal and obstacles that a base may drive
-_SIDES = 32  # of a cone as a mesh
-_SPACING = 0.2  # [m or rad] between the nodes of a peer's path as a strip
+_BASE_JOINTS = ("base_x", "base_y", "base_yaw")
+_BASE_DRIVING_MARGIN = 3.0  # [m] beyond start, goal and obstacles that a base may drive
+_CONE_SIDES = 32  # of a cone as a mesh
+_PEER_NODE_SPACING = 0.2  # [m or rad] between the nodes of a peer's path as a strip
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +149,14 @@ def bench_peers(
             continue
         rows[name] = _peer(robot, python, name, problems, pushes, into, timeout, step)
     return {
-        **head("peers", robot=robot.name, scenario=scenario), "base": robot.base_kind.value, "seeds": seeds,
-        "pushes": pushes, "into_m": into, "timeout_s": timeout, "planners": rows,
-    }  # fmt: skip
+        **head("peers", robot=robot.name, scenario=scenario),
+        "base": robot.base_kind.value,
+        "seeds": seeds,
+        "pushes": pushes,
+        "into_m": into,
+        "timeout_s": timeout,
+        "planners": rows,
+    }
 
 
 def environment(folder: Path, name: str) -> tuple[Path | None, str]:
@@ -220,9 +225,15 @@ def _first_plan(robot: RobotModel, problem: Problem, timeout: float) -> tuple[St
 
 
 def _peer(
-    robot: RobotModel, python: Path, name: str, problems: Sequence[Problem], pushes: int, into: float,
-    timeout: float, step: Note,
-) -> Figures:  # fmt: skip
+    robot: RobotModel,
+    python: Path,
+    name: str,
+    problems: Sequence[Problem],
+    pushes: int,
+    into: float,
+    timeout: float,
+    step: Note,
+) -> Figures:
     looker = Deformer(robot)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
@@ -270,15 +281,17 @@ def _asked(
         ParameterError: it failed.
     """
     document = {
-        "joints": joints, "timeout": timeout,
+        "joints": joints,
+        "timeout": timeout,
         "problems": [
             {
-                "start": p.rows[0].tolist(), "goal": p.rows[1].tolist(),
+                "start": p.rows[0].tolist(),
+                "goal": p.rows[1].tolist(),
                 "obstacles": obstacles(folder, f"s{k}", scene_statement(p.scene)),
             }
             for k, p in enumerate(problems)
         ],
-    }  # fmt: skip
+    }
     (folder / "problems.json").write_text(json.dumps(document), encoding="utf-8")
     answer = folder / "answer.json"
     answer.unlink(missing_ok=True)
@@ -301,7 +314,7 @@ def _asked(
 
 
 def _as_strip(robot: RobotModel, rows: Array) -> Strip:
-    limited = np.clip(divided(rows, _SPACING), robot.space.lower, robot.space.upper)
+    limited = np.clip(divided(rows, _PEER_NODE_SPACING), robot.space.lower, robot.space.upper)
     return Strip.from_coordinates(robot, limited)
 
 
@@ -309,9 +322,15 @@ def _as_strip(robot: RobotModel, rows: Array) -> Strip:
 
 
 def _judged(
-    robot: RobotModel, scene: Scene, path: Strip | Array | None, ms: float, solved: bool, reason: str,
-    before: Strip | None, interpolation: str,
-) -> Figures:  # fmt: skip
+    robot: RobotModel,
+    scene: Scene,
+    path: Strip | Array | None,
+    ms: float,
+    solved: bool,
+    reason: str,
+    before: Strip | None,
+    interpolation: str,
+) -> Figures:
     row: Figures = {"ms": ms, "solved": solved, "reason": reason}
     if not solved or path is None:
         return row
@@ -337,13 +356,16 @@ def _figures(first: list[Figures], again: list[Figures], told: Figures) -> Figur
         clear = [r["clearance_m"] for r in solved if r["clearance_m"] is not None]
         jumps = [r["jump_m"] for r in solved if r["jump_m"] is not None]
         return {
-            "count": len(rows), "solved": len(solved), "ms": percentiles([r["ms"] for r in solved]),
+            "count": len(rows),
+            "solved": len(solved),
+            "ms": percentiles([r["ms"] for r in solved]),
             "certified": sum(r["verdict"] == "certified" for r in solved),
             "touching": sum(r["verdict"] == "refuted" for r in solved),
             "length": percentiles([r["length"] for r in solved]),
             "clearance_m": {"min": min(clear, default=None), "p50": float(np.median(clear)) if clear else None},
-            "jump_m": percentiles(jumps), "runs": rows,
-        }  # fmt: skip
+            "jump_m": percentiles(jumps),
+            "runs": rows,
+        }
 
     return {**told, "first": of(first), "again": of(again)}
 
@@ -361,8 +383,8 @@ def export_robot(folder: Path, robot: RobotModel, problems: Sequence[Problem]) -
     low, high = robot.space.lower.copy(), robot.space.upper.copy()
     ends = np.concatenate([p.rows for p in problems])
     wide = ~(np.isfinite(low) & np.isfinite(high))
-    low[wide] = np.minimum(-np.pi, ends.min(axis=0) - _REACH)[wide]
-    high[wide] = np.maximum(np.pi, ends.max(axis=0) + _REACH)[wide]
+    low[wide] = np.minimum(-np.pi, ends.min(axis=0) - _BASE_DRIVING_MARGIN)[wide]
+    high[wide] = np.maximum(np.pi, ends.max(axis=0) + _BASE_DRIVING_MARGIN)[wide]
     root = xml.Element("robot", name=robot.name.replace(" ", "_"))
     xml.SubElement(root, "link", name="ground")
     names = [""] * robot.nv
@@ -371,7 +393,7 @@ def export_robot(folder: Path, robot: RobotModel, problems: Sequence[Problem]) -
         parent = "ground" if joint["parent"] < 0 else frames[joint["parent"]]
         offset = np.array(joint["offset"])
         if joint["column"] < 0:
-            for k, (name, axis) in enumerate(zip(_BASE, ("1 0 0", "0 1 0", "0 0 1"), strict=True)):
+            for k, (name, axis) in enumerate(zip(_BASE_JOINTS, ("1 0 0", "0 1 0", "0 0 1"), strict=True)):
                 child = f"link_{name}"
                 kind = "revolute" if k == 2 else "prismatic"
                 _joint(root, name, kind, parent, child, axis, np.eye(3, 4), low[k], high[k])
@@ -478,9 +500,9 @@ def _corners(part: _StatedShape) -> Array:
         return np.array(part["points"]).reshape(-1, 3)
     if part["kind"] == "cone":
         radius, half = part["sizes"]
-        angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
-        ring = radius / np.cos(np.pi / _SIDES) * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-        return np.vstack((np.column_stack((ring, np.full(_SIDES, -half))), (0.0, 0.0, half)))
+        angle = 2.0 * np.pi * np.arange(_CONE_SIDES) / _CONE_SIDES
+        ring = radius / np.cos(np.pi / _CONE_SIDES) * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+        return np.vstack((np.column_stack((ring, np.full(_CONE_SIDES, -half))), (0.0, 0.0, half)))
     ball = trimesh.creation.icosphere(subdivisions=3).vertices
     return np.asarray(ball) * np.array(part["sizes"]) / 0.99
 

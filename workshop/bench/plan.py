@@ -13,7 +13,7 @@ from elastic_strips.strip import Deformer, DeformReport, Strip, displacement, st
 
 from .measure import Figures, Note, head, percentiles, silent
 
-_SOON = 2.0
+_SHORT_PLANNING_TIME = 2.0
 """Time [s] within which a strip should be certified."""
 
 
@@ -38,9 +38,8 @@ def _plan(robot: RobotModel, seed: int, scenario: str, grid: bool) -> tuple[Scen
 
 
 def bench_plan(
-    robot: RobotModel, seeds: int, step: Note = silent, *, scenario: str = "corridor",
-    grid: bool = True,
-) -> Figures:  # fmt: skip
+    robot: RobotModel, seeds: int, step: Note = silent, *, scenario: str = "corridor", grid: bool = True
+) -> Figures:
     """Success, time to the first certified strip, clearance and slip on a seeded scenario.
 
     Args:
@@ -75,7 +74,7 @@ def bench_plan(
         "base": robot.base_kind.value,
         "seeds": seeds,
         "certified": len(good) / max(len(runs), 1),
-        "certified_within_2_s": sum(r["ms"] <= 1e3 * _SOON for r in good) / max(len(runs), 1),
+        "certified_within_2_s": sum(r["ms"] <= 1e3 * _SHORT_PLANNING_TIME for r in good) / max(len(runs), 1),
         "line_alone": sum(r["method"] == "line" for r in runs) / max(len(runs), 1),
         "time_to_certified_ms": percentiles([r["ms"] for r in good]),
         "clearance_m": {
@@ -89,10 +88,10 @@ def bench_plan(
     }
 
 
-_PUSH = 0.05
+_PUSH_STEP = 0.05
 """How far the obstacle is pushed each time [m]."""
-_PUSHES = 4
-_MAX_TICKS = 40
+_PUSH_COUNT = 4  # of each strip
+_MAX_TICKS = 40  # after a push
 
 
 def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: float | None = None) -> Figures:
@@ -114,7 +113,7 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: fl
             continue
         deformer, looker = Deformer(robot), Deformer(robot)
         strip = deformer.settle(report.strip, scene, max_ticks=10).strip
-        for push in range(_PUSHES):
+        for push in range(_PUSH_COUNT):
             moved = push_nearest(looker, strip, scene, into)
             if moved is None:
                 break
@@ -182,5 +181,5 @@ def push_nearest(looker: Deformer, strip: Strip, scene: Scene, into: float | Non
     k = np.flatnonzero(free)[int(np.argmin(contacts.distance[free]))]
     name = looker.workspace.obstacles.obstacle_name(int(contacts.part[k]))
     pose = scene.obstacle(name).pose.copy()
-    pose[:3, 3] += (_PUSH if into is None else contacts.distance[k] + into) * contacts.direction[k]
+    pose[:3, 3] += (_PUSH_STEP if into is None else contacts.distance[k] + into) * contacts.direction[k]
     return scene.moved(name, pose)

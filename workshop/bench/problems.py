@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.control import DriveParams, ObstacleAssumptions, Tolerance
+from elastic_strips.arrays import Array
+from elastic_strips.control import DriveParams, DriveResult, ObstacleAssumptions, Tolerance
 from elastic_strips.errors import ElasticStripsError
-from elastic_strips.planning import plan_report
+from elastic_strips.planning import PlanReport, plan_report
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
@@ -70,20 +71,43 @@ def _driven(problem: DriveProblem, robot: RobotModel, seed: int, compute: str) -
     params, limits = _problem_params(problem, robot)
     start, *goals = problem.configurations(robot)
     driven = simulation(
-        robot, problem.world, start, np.array(goals), params=params, limits=limits, seed=seed, grid=True,
-        path=problem.path, compute=compute,
-    )  # fmt: skip
+        robot,
+        problem.world,
+        start,
+        np.array(goals),
+        params=params,
+        limits=limits,
+        seed=seed,
+        grid=True,
+        path=problem.path,
+        compute=compute,
+    )
     plan = driven.controller.first_plan
     result = driven.run()
+    return _evaluated(problem, robot, limits, np.array(robot.space.to_coordinates(goals[-1])), plan, result)
+
+
+def _evaluated(
+    problem: DriveProblem,
+    robot: RobotModel,
+    limits: MotionLimits,
+    goal: Array,
+    plan: PlanReport | None,
+    result: DriveResult,
+) -> Figures:
+    """Figures of a drive, of which only what comes before its goal counts."""
     rows = result.record.control
-    goal = np.array(robot.space.to_coordinates(goals[-1]))
     near = np.hypot(*(rows.coordinates[:, :2] - goal[:2]).T) <= problem.goal_tolerance
     arrived = int(np.argmax(near)) if near.any() else len(rows) - 1
     end = max(arrived, 1) + 1
     evaluation = evaluate(
-        (rows.time[:end], rows.coordinates[:end], rows.v[:end]), robot, problem.world, limits, goal=goal,
+        (rows.time[:end], rows.coordinates[:end], rows.v[:end]),
+        robot,
+        problem.world,
+        limits,
+        goal=goal,
         tolerance=Tolerance(position=problem.goal_tolerance, yaw=np.pi, joints=np.pi),
-    )  # fmt: skip
+    )
     passive = bool(near.any()) and not evaluation.collisions
     success = passive and not evaluation.rest_contacts  # the problems count any contact, the robot's fault or not
     time = float(rows.time[arrived] - rows.time[0])

@@ -34,9 +34,9 @@ from elastic_strips.trajectory import MotionLimits
 from .drive import hall_world
 from .measure import Figures, Note, head, silent
 
-_BURST = 0.005  # [s] commands that follow each other faster come in a burst
-_STALL = 0.005  # [s] a witness that sleeps for 1 ms, and longer than this, was stopped
-_LEG = 5.0  # [s] no leg takes less
+_BURST_GAP = 0.005  # [s] commands that follow each other faster come in a burst
+_STALL_GAP = 0.005  # [s] a witness that sleeps for 1 ms, and longer than this, was stopped
+_SHORTEST_LEG = 5.0  # [s] no leg takes less
 _Stalls = list[tuple[float, float]]  # from, to [s]
 
 
@@ -59,7 +59,7 @@ def bench_realtime(
         Figures: gaps between commands and durations of control steps [ms], legs, stops, contacts at speed.
     """
     ends = [robot.home(x=-3.5), robot.home(x=3.5)]
-    goals = np.stack([ends[(k + 1) % 2] for k in range(max(2, round(60.0 * minutes / _LEG)))])
+    goals = np.stack([ends[(k + 1) % 2] for k in range(max(2, round(60.0 * minutes / _SHORTEST_LEG)))])
     params = DriveParams(deform=DeformParams(max_nodes=200), time_limit=60.0 * minutes, replan_time=0.0)
     told = [0.0]
 
@@ -111,22 +111,44 @@ def _processes(
     senses = NoisyGroundTruth(world, params.assumptions, PerceptionParams(), rng)
     executor = ExecutorProcess(robot, start, goals[0], params=params, limits=limits, log=log)
     controller = Controller(
-        robot, start, goals, senses.known(), params=params, limits=limits, seed=seed, executor=executor,
+        robot,
+        start,
+        goals,
+        senses.known(),
+        params=params,
+        limits=limits,
+        seed=seed,
+        executor=executor,
         meter=time.monotonic,
-    )  # fmt: skip
+    )
     machine.reset(robot.space.to_coordinates(start))
     make = partial(KinematicPlant, robot, limits, MACHINE, seed=seed)
     return RealtimeSimulation(
-        controller, executor, world, make, machine, senses, watch=watch, log=log, eager=True,  # type: ignore[arg-type]
-    ), []  # fmt: skip
+        controller,
+        executor,
+        world,
+        make,
+        machine,
+        senses,
+        watch=watch,  # type: ignore[arg-type]
+        log=log,
+        eager=True,
+    ), []
 
 
 def _inline(
     robot: RobotModel, goals: Array, start: Array, params: DriveParams, seed: int, watch: object
 ) -> tuple[Simulation[Controller], list[float]]:
     driven = simulation(
-        robot, hall_world(seed), start, goals, params=params, seed=seed, watch=watch, realtime=True,  # type: ignore[arg-type]
-    )  # fmt: skip
+        robot,
+        hall_world(seed),
+        start,
+        goals,
+        params=params,
+        seed=seed,
+        watch=watch,  # type: ignore[arg-type]
+        realtime=True,
+    )
     sent: list[float] = []
     advance = driven.plant.step
 
@@ -149,7 +171,7 @@ def _gap_figures(sent: Array, stalls: _Stalls, dt: float) -> Figures:
         "commands": len(sent),
         "gap_ms": _percentiles(gaps),
         "gap_unpaused_ms": _percentiles(gaps[~paused]),
-        "bursts": float((gaps < _BURST).mean()) if len(gaps) else None,
+        "bursts": float((gaps < _BURST_GAP).mean()) if len(gaps) else None,
         "late": int(late.sum()),
         "late_paused": int((late & paused).sum()),
         "paused_s": float(sum(end - begin for begin, end in stalls)),
@@ -211,7 +233,7 @@ def _notice(told: Connection) -> None:
     while not told.poll():
         time.sleep(0.001)
         now = time.monotonic()
-        if now - before > _STALL:
+        if now - before > _STALL_GAP:
             stalls.append((before, now))
         before = now
     told.send(stalls)

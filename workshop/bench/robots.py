@@ -21,13 +21,13 @@ from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 
 from .measure import Figures, Note, head, silent
 
-_DRIVEN = (1.5, 0.2)
+_BASE_GOAL = (1.5, 0.2)
 """Goal of a moving base [m]."""
-TURN = 0.6
+LARGEST_JOINT_MOTION = 0.6
 """Largest displacement of a joint [rad], or part of its range."""
-_RADII = (0.1, 0.06, 0.03, 0.015)
+_SPHERE_RADII = (0.1, 0.06, 0.03, 0.015)
 """Radii [m] of the sphere in the path, in order of preference; start and goal must be free."""
-_PATIENCE = 20.0
+_LONGEST_SETTLING = 20.0
 """Longest time [s] that a strip gets to settle."""
 
 
@@ -62,10 +62,12 @@ def robot_cases(names: Sequence[str] = (), data: str | Path | None = None) -> li
         wheels = "wheel" in file.read_text(encoding="utf-8", errors="replace").lower()
         cases.append(
             RobotCase(
-                f"{Path(data).name}/{file.stem}", str(file), "diff_drive" if wheels else "fixed",
+                f"{Path(data).name}/{file.stem}",
+                str(file),
+                "diff_drive" if wheels else "fixed",
                 str(srdf) if srdf.is_file() else None,
             )
-        )  # fmt: skip
+        )
     return cases
 
 
@@ -152,7 +154,7 @@ def _settled(robot: RobotModel, strip: Strip, scene: Scene) -> Figures:
     def watch(report: DeformReport) -> None:
         nonlocal status
         status = f"{report.status.value}, {'certified' if report.certified else 'not certified'}, still moving"
-        if perf_counter() - begin > _PATIENCE:
+        if perf_counter() - begin > _LONGEST_SETTLING:
             raise _Impatient
 
     with suppress(_Impatient):
@@ -175,9 +177,9 @@ def _small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
     span = np.where(np.isfinite(space.upper - space.lower), space.upper - space.lower, 2.0 * np.pi)
     easy: tuple[Scene, Array] | None = None
     for _ in range(60):
-        coordinates = home + rng.uniform(-1.0, 1.0, space.nv) * np.minimum(TURN, 0.4 * span)
+        coordinates = home + rng.uniform(-1.0, 1.0, space.nv) * np.minimum(LARGEST_JOINT_MOTION, 0.4 * span)
         if space.planar:
-            coordinates[:3] = (*_DRIVEN, 0.0)
+            coordinates[:3] = (*_BASE_GOAL, 0.0)
         goal = space.from_coordinates(np.clip(coordinates, space.lower, space.upper))
         try:
             check_endpoints(robot, Scene([]), robot.home(), goal, params)
@@ -185,7 +187,7 @@ def _small_problem(robot: RobotModel, *, seed: int = 0) -> tuple[Scene, Array]:
             continue
         easy = easy or (Scene([]), goal)
         at = _passing(robot, robot.home(), goal)
-        for radius in _RADII:
+        for radius in _SPHERE_RADII:
             scene = Scene([Sphere(radius, at=tuple(at), name="ball")])
             try:
                 check_endpoints(robot, scene, robot.home(), goal, params)

@@ -8,16 +8,17 @@ from time import perf_counter
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
 from elastic_strips.sim.scenarios import get_scenario
-from elastic_strips.strip import Deformer, DeformReport, DeformStatus, strip_clearance
+from elastic_strips.strip import Deformer, DeformReport, DeformStatus, Strip, strip_clearance
 
 from .measure import Figures, Note, head, percentiles, silent
 
-_SOON = 60
+_FEW_TICKS = 60
 """Ticks within which a strip should be at rest."""
-_UNFELT = 5e-3
+_UNFELT_CLEARANCE = 5e-3
 """Between two nodes a strip may be so much nearer [m] than at them, where nodes feel nothing."""
-_LOST = 1e-3
+_CLEARANCE_LOSS = 1e-3
 """A strip that is nearer to something by more than this [m] has got worse."""
 
 
@@ -45,39 +46,7 @@ def bench_settle(robot: RobotModel, scenario: str, seeds: int, step: Note = sile
         step(f"seed {seed}: {plan.method}")
         if not plan.certified:
             continue
-        energies: list[tuple[float, int]] = []
-
-        def watch(report: DeformReport, energies: list[tuple[float, int]] = energies) -> None:
-            energies.append((sum(report.energies.values()), len(report.strip)))
-
-        began = perf_counter()
-        report = deformer.settle(plan.strip, problem.scene, watch=watch)
-        seconds = perf_counter() - began
-        before, after = (
-            min(float(strip_clearance(strip, problem.scene)), deformer.params.influence - _UNFELT)
-            for strip in (plan.strip, report.strip)
-        )
-        # a tick's energy is that of the nodes it found, which the tick before had left
-        found = [len(plan.strip), *(count for _, count in energies)]
-        rises = [
-            (b[0] - a[0]) / max(a[0], 1e-9)
-            for (a, b), (one, two) in zip(pairwise(energies), pairwise(found), strict=False) if one == two
-        ]  # fmt: skip
-        runs.append(
-            {
-                "seed": seed,
-                "status": report.status.value,
-                "reason": report.reason,
-                "certified": report.usable,
-                "at_rest": report.status is DeformStatus.SETTLED,
-                "ticks": report.ticks,
-                "ms": 1e3 * seconds,
-                "clearance_before_m": before,
-                "clearance_after_m": after,
-                "energy_rise": max(0.0, max(rises, default=0.0)),
-                "nodes": (len(plan.strip), len(report.strip)),
-            }
-        )
+        runs.append({"seed": seed, **_settled(deformer, plan.strip, problem.scene)})
     count = max(len(runs), 1)
     lost = [r["clearance_before_m"] - r["clearance_after_m"] for r in runs]
     return {
@@ -87,11 +56,46 @@ def bench_settle(robot: RobotModel, scenario: str, seeds: int, step: Note = sile
         "strips": len(runs),
         "certified": sum(r["certified"] for r in runs) / count,
         "at_rest": sum(r["at_rest"] for r in runs) / count,
-        "at_rest_soon": sum(r["at_rest"] and r["ticks"] <= _SOON for r in runs) / count,
+        "at_rest_soon": sum(r["at_rest"] and r["ticks"] <= _FEW_TICKS for r in runs) / count,
         "ticks": percentiles([r["ticks"] for r in runs]),
         "ms": percentiles([r["ms"] for r in runs]),
         "lost_m": percentiles([max(x, 0.0) for x in lost]),
-        "worse": sum(x > _LOST for x in lost) / count,
+        "worse": sum(x > _CLEARANCE_LOSS for x in lost) / count,
         "energy_rise": max((r["energy_rise"] for r in runs), default=0.0),
         "runs": runs,
+    }
+
+
+def _settled(deformer: Deformer, strip: Strip, scene: Scene) -> Figures:
+    """What becomes of one strip."""
+    energies: list[tuple[float, int]] = []
+
+    def watch(report: DeformReport) -> None:
+        energies.append((sum(report.energies.values()), len(report.strip)))
+
+    began = perf_counter()
+    report = deformer.settle(strip, scene, watch=watch)
+    seconds = perf_counter() - began
+    before, after = (
+        min(float(strip_clearance(one, scene)), deformer.params.influence - _UNFELT_CLEARANCE)
+        for one in (strip, report.strip)
+    )
+    # a tick's energy is that of the nodes it found, which the tick before had left
+    found = [len(strip), *(count for _, count in energies)]
+    rises = [
+        (b[0] - a[0]) / max(a[0], 1e-9)
+        for (a, b), (one, two) in zip(pairwise(energies), pairwise(found), strict=False)
+        if one == two
+    ]
+    return {
+        "status": report.status.value,
+        "reason": report.reason,
+        "certified": report.usable,
+        "at_rest": report.status is DeformStatus.SETTLED,
+        "ticks": report.ticks,
+        "ms": 1e3 * seconds,
+        "clearance_before_m": before,
+        "clearance_after_m": after,
+        "energy_rise": max(0.0, max(rises, default=0.0)),
+        "nodes": (len(strip), len(report.strip)),
     }

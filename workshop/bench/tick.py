@@ -16,11 +16,11 @@ from elastic_strips.strip import Deformer, DeformParams, Strip
 
 from .measure import Figures, Note, head, percentiles, silent
 
-STEP = 0.02
+OBSTACLE_STEP = 0.02
 """How far the obstacle moves in a tick [m]."""
-_EVERY = 10
-_NODES = (32, 64, 128, 256, 512, 1024)
-_OBSTACLES = (10, 100, 1000, 10_000, 60_000)
+_COLD_TICK_PERIOD = 10  # of so many ticks, after one the baseline is timed
+_NODE_COUNTS = (32, 64, 128, 256, 512, 1024)  # of strips whose ticks are timed
+_OBSTACLE_COUNTS = (10, 100, 1000, 10_000, 60_000)  # of scenes
 
 
 def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = silent, *, scaling: bool = True) -> Figures:
@@ -49,7 +49,7 @@ def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = silent, *, scal
     }
     if scaling:
         document["nodes_scaling"] = {}
-        for n in _NODES:
+        for n in _NODE_COUNTS:
             document["nodes_scaling"][str(n)] = _measure(robot, _strip(robot, scene, n), scene, max(ticks // 4, 20))[
                 "tick_ms"
             ]
@@ -57,7 +57,7 @@ def bench_tick(robot: RobotModel, ticks: int = 200, step: Note = silent, *, scal
         document["obstacles_scaling"] = {}
         near = Scene([*list(scene)[:2], *sorted(list(scene)[2:], key=lambda o: abs(o.pose[0, 3] - 4.0))[:8]])
         strip = _strip(robot, near, 64)
-        for m in _OBSTACLES:
+        for m in _OBSTACLE_COUNTS:
             crowd = Scene([*near, *_far(m - len(near))])
             document["obstacles_scaling"][str(m)] = _measure(robot, strip, crowd, max(ticks // 4, 20))["tick_ms"]
             step(f"{m} obstacles")
@@ -106,7 +106,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
     for k in range(warm + ticks):
         sign = 1.0 if (k // 5) % 2 == 0 else -1.0
         pose = scene.obstacle(name).pose.copy()
-        pose[:3, 3] += sign * STEP * direction
+        pose[:3, 3] += sign * OBSTACLE_STEP * direction
         scene = scene.moved(name, pose)
         _ = scene.table  # made by the perception, not by the tick
         began = perf_counter()
@@ -119,7 +119,7 @@ def _measure(robot: RobotModel, strip: Strip, scene: Scene, ticks: int, *, basel
             seconds.append(elapsed)
             for phase, value in report.timings.items():
                 phases.setdefault(phase, []).append(value)
-        cold = every_pair is not None and k % _EVERY == 0
+        cold = every_pair is not None and k % _COLD_TICK_PERIOD == 0
         certified += report.certified
         queries += report.queries
         if every_pair is not None and cold:

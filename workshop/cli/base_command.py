@@ -58,6 +58,10 @@ def base(
     number = problem.seed if seed is None else seed
     setup = DriveSetup(robot=model, seed=number, plant=plant, sensors=options.sensors_of(sensors, model.name))
     return drive_and_report(
-        problem, partial(make_base_simulation, problem, method, setup, realtime=view),
-        Outputs(json_file, record_file, html_file), time_limit=time_limit, view=view, no_browser=no_browser,
-    )  # fmt: skip
+        problem,
+        partial(make_base_simulation, problem, method, setup, realtime=view),
+        Outputs(json_file, record_file, html_file),
+        time_limit=time_limit,
+        view=view,
+        no_browser=no_browser,
+    )

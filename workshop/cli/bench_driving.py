@@ -116,20 +116,29 @@ def _disturb(name: str, scenario: str) -> click.Command:
         chosen = tuple(Fault.parse(f"{kind}@0").kind for kind in kinds) or tuple(FAULTS)
         with options.LateProgress("putting in faults", seeds * len(chosen)) as bar:
             figures = bench_disturb(
-                robot, range(seeds), bar.step, kinds=chosen, scenario=scenario, compute=_compute(compute),
+                robot,
+                range(seeds),
+                bar.step,
+                kinds=chosen,
+                scenario=scenario,
+                compute=_compute(compute),
                 processes=processes,
-            )  # fmt: skip
-        for kind, some in figures["kinds"].items():
-            row(
-                kind,
-                f"{some['count']} runs: {100 * some['reached']:.0f} % reached, {some['collisions']} contacts at speed "
-                f"({some['collisions_standing']} with what stands), {100 * some['at_rest_or_goal']:.0f} % end at rest "
-                f"or at the goal, at most {some['tracking_m'].get('max', 0.0):.3f} m off, "
-                f"{100 * some['named']:.0f} % named in the log",
             )
+        _disturbed_rows(figures)
         output.write_document("figures", json_file, figures)
 
     return command
+
+
+def _disturbed_rows(figures: Figures) -> None:
+    for kind, some in figures["kinds"].items():
+        row(
+            kind,
+            f"{some['count']} runs: {100 * some['reached']:.0f} % reached, {some['collisions']} contacts at speed "
+            f"({some['collisions_standing']} with what stands), {100 * some['at_rest_or_goal']:.0f} % end at rest "
+            f"or at the goal, at most {some['tracking_m'].get('max', 0.0):.3f} m off, "
+            f"{100 * some['named']:.0f} % named in the log",
+        )
 
 
 disturb: click.Command = _disturb("disturb", "corridor")
@@ -158,9 +167,15 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
 
         with options.LateProgress(kind) as bar:
             figures = bench_problems(
-                kind, root, bar.step, robot=robot, seeds=seeds, ids=ids or None, compute=_compute(compute),
+                kind,
+                root,
+                bar.step,
+                robot=robot,
+                seeds=seeds,
+                ids=ids or None,
+                compute=_compute(compute),
                 processes=processes,
-            )  # fmt: skip
+            )
         output.say(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs, computing: {figures['compute']}")
         _problem_rows(figures)
         for name, group in figures["by_difficulty"].items():
@@ -176,13 +191,15 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
 
 _CHALLENGE = "from the BARN challenge (github.com/Daffan/the-barn-challenge)"
 barn: click.Command = _problem(
-    "barn", "BARN's static worlds, for a base as large as a Jackal.",
+    "barn",
+    "BARN's static worlds, for a base as large as a Jackal.",
     f"made of the worlds {_CHALLENGE}; workshop.datasets reads it.",
-)  # fmt: skip
+)
 dynabarn: click.Command = _problem(
-    "dynabarn", "DynaBARN's moving discs, for a base as large as a Jackal.",
+    "dynabarn",
+    "DynaBARN's moving discs, for a base as large as a Jackal.",
     f"made of the arenas {_CHALLENGE}; workshop.datasets reads it.",
-)  # fmt: skip
+)
 
 
 @click.command(short_help="The bridge: the arm has to duck.")
@@ -209,8 +226,11 @@ def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str
             f"{verdict} by {leg['method']} in {leg['seconds']:.2f} s, clearance {leg['clearance_m']:.3f} m",
         )
     driven = "reached" if figures["reached"] else "not reached"
-    row("driven", f"{driven} in {figures['time_s']:.1f} s, {figures['collisions']} collisions, "
-         f"least clearance {figures['min_clearance_m']:.3f} m")  # fmt: skip
+    row(
+        "driven",
+        f"{driven} in {figures['time_s']:.1f} s, {figures['collisions']} collisions, "
+        f"least clearance {figures['min_clearance_m']:.3f} m",
+    )
     output.write_document("figures", json_file, figures)
 
 
@@ -245,9 +265,17 @@ def house(
     config = options.sensors_of(sensors, robot)
     with options.LateProgress("driving", seeds) as bar:
         figures = bench_drive(
-            robot, range(first, first + seeds), bar.step, scenario="house", evade=evade is not False, sensors=config,
-            compute=_compute(compute), time_limit=180.0, root=root, processes=processes,
-        )  # fmt: skip
+            robot,
+            range(first, first + seeds),
+            bar.step,
+            scenario="house",
+            evade=evade is not False,
+            sensors=config,
+            compute=_compute(compute),
+            time_limit=180.0,
+            root=root,
+            processes=processes,
+        )
     output.say(f"{robot}, house, {seeds} pairs, computing: {figures['compute']}")
     _drive_rows(figures)
     _failed_rows(figures)
@@ -311,17 +339,25 @@ def realtime(robot: str, minutes: float, inline: bool, json_file: str | None) ->
 
     with options.LateProgress("driving") as bar:
         figures = bench_realtime(load_robot(robot), minutes, bar.step, inline=inline)
-    row("driven", f"{figures['seconds']:.0f} s in {figures['mode']} ({figures['priority']}), {figures['legs']} legs, "
-         f"{len(figures['stops'])} stops, {figures['contacts_at_speed']} contacts at speed")  # fmt: skip
+    row(
+        "driven",
+        f"{figures['seconds']:.0f} s in {figures['mode']} ({figures['priority']}), {figures['legs']} legs, "
+        f"{len(figures['stops'])} stops, {figures['contacts_at_speed']} contacts at speed",
+    )
     for name, key in (
-        ("gaps of commands", "gap_ms"), ("without pauses", "gap_unpaused_ms"), ("control steps", "step_ms")
-    ):  # fmt: skip
+        ("gaps of commands", "gap_ms"),
+        ("without pauses", "gap_unpaused_ms"),
+        ("control steps", "step_ms"),
+    ):
         gap = figures[key]
         if gap["p50"] is not None:
             row(name, f"p50 {gap['p50']:.2f}, p99 {gap['p99']:.2f}, p99.9 {gap['p99_9']:.2f}, max {gap['max']:.2f} ms")
     row("in bursts", f"{100 * figures['bursts']:.2f} %")
-    row("two periods late", f"{figures['late']}, {figures['late_paused']} of them in pauses of the computer "
-         f"({figures['paused_s']:.1f} s in all, the longest {figures['longest_pause_ms']:.0f} ms)")  # fmt: skip
+    row(
+        "two periods late",
+        f"{figures['late']}, {figures['late_paused']} of them in pauses of the computer "
+        f"({figures['paused_s']:.1f} s in all, the longest {figures['longest_pause_ms']:.0f} ms)",
+    )
     output.write_document("figures", json_file, figures)
 
 
@@ -345,10 +381,13 @@ def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None
         figures = bench_trials(robot, range(seeds), bar.step, kinds=kinds or None)
     for kind, some in figures["kinds"].items():
         longest = some["longest_to_rest_s"]
-        row(kind, f"{some['count']} trials: {100 * some['at_rest']:.0f} % at rest in the end, "
-             + ("" if longest is None else f"after {longest:.2f} s at most, ")
-             + f"{some['contacts_at_speed']} contacts at speed, {100 * some['reached']:.0f} % reached, "
-             f"{100 * some['named']:.0f} % named")  # fmt: skip
+        row(
+            kind,
+            f"{some['count']} trials: {100 * some['at_rest']:.0f} % at rest in the end, "
+            + ("" if longest is None else f"after {longest:.2f} s at most, ")
+            + f"{some['contacts_at_speed']} contacts at speed, {100 * some['reached']:.0f} % reached, "
+            f"{100 * some['named']:.0f} % named",
+        )
     output.write_document("figures", json_file, figures)
 
 
@@ -375,14 +414,20 @@ def _drive_rows(figures: Figures) -> None:
                 "off level",
                 f"p50 {degrees(off['p50']):.1f}, max {degrees(off['max']):.1f}°, at the worst of each run",
             )
-        row("planning tick", f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, "
-             f"of p99 {figures['tick_ms_p99']['p50']:.1f} ms")  # fmt: skip
+        row(
+            "planning tick",
+            f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, of p99 {figures['tick_ms_p99']['p50']:.1f} ms",
+        )
         ticks = figures["ticks"]
         if ticks["count"]:
             moving = ticks["moving_max_ms"]
-            row("all ticks", times(ticks["ms"]) + f", max {ticks['ms']['max']:.1f} ms"
-                 + ("" if moving is None else f" ({moving:.1f} while moving)")
-                 + f", {100 * ticks['over_20_ms']:.2f} % over 20 ms")  # fmt: skip
+            row(
+                "all ticks",
+                times(ticks["ms"])
+                + f", max {ticks['ms']['max']:.1f} ms"
+                + ("" if moving is None else f" ({moving:.1f} while moving)")
+                + f", {100 * ticks['over_20_ms']:.2f} % over 20 ms",
+            )
         anew = figures["planned_anew_s"]
         if anew["p50"] is not None:
             row("waits for plans", f"p50 {anew['p50']:.2f}, p99 {anew['p99']:.2f}, max {anew['max']:.2f} s")
@@ -403,8 +448,11 @@ def _failed_rows(figures: Figures) -> None:
 def _problem_rows(figures: Figures) -> None:
     row("success", f"{100 * figures['success']:.1f} % without any contact", figures["success"] == 1.0)
     row("passively safe", f"{100 * figures['success_passive']:.1f} % reached without a contact at speed")
-    row("collisions", f"{100 * figures['collisions']:.1f} % of the runs at speed, "
-         f"{100 * figures['run_into_at_rest']:.1f} % run into at rest")  # fmt: skip
+    row(
+        "collisions",
+        f"{100 * figures['collisions']:.1f} % of the runs at speed, "
+        f"{100 * figures['run_into_at_rest']:.1f} % run into at rest",
+    )
     if figures["time_s"]["p50"] is not None:
         row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
     if "score" in figures:

@@ -55,9 +55,12 @@ class _DataFolder(click.Path):
 def root_option(needed: str, about: str) -> Callable[[_F], _F]:
     """``--root``: the folder of published data; what has to be in it, and where that comes from."""
     return click.option(
-        "--root", required=True, metavar="DIR", type=_DataFolder(needed, about),
+        "--root",
+        required=True,
+        metavar="DIR",
+        type=_DataFolder(needed, about),
         help=f"Folder that holds {needed}: {about}",
-    )  # fmt: skip
+    )
 
 
 def times(figure: dict[str, float | None]) -> str:

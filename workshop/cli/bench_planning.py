@@ -140,9 +140,12 @@ def page(robot: str, obstacles: int, movers: int, seconds: float, json_file: str
     "--timeout", type=options.Finite(0.01, 3600), default=10.0, show_default=True, help="Longest planning [s]."
 )
 @click.option(
-    "--table", "table_file", type=options.OutputFile(), metavar="FILE.md",
+    "--table",
+    "table_file",
+    type=options.OutputFile(),
+    metavar="FILE.md",
     help="Write the table there, between its marks if the file has them.",
-)  # fmt: skip
+)
 @figures_option
 def robots(
     names: tuple[str, ...], data: str | None, timeout: float, table_file: str | None, json_file: str | None
@@ -186,13 +189,10 @@ def robots(
 @click.option("--timeout", type=options.Finite(0.01, 600), default=2.0, show_default=True, help="Limit for each [s].")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
 @click.option(
-    "--base", type=options.BASE, default="fixed", show_default=True,
-    help="A base that can move starts two metres away.",
-)  # fmt: skip
+    "--base", type=options.BASE, default="fixed", show_default=True, help="A base that can move starts two metres away."
+)
 @runs_option
-def mbm(
-    root: str, robot: str, stride: int, timeout: float, seed: int, base: str, json_file: str | None
-) -> None:  # fmt: skip
+def mbm(root: str, robot: str, stride: int, timeout: float, seed: int, base: str, json_file: str | None) -> None:
     """Plan MotionBenchMaker's problems of the Fetch or the Panda: how many are certified, how fast, how clear."""
     from workshop.bench.reach import bench_mbm
 
@@ -250,15 +250,24 @@ def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_fil
     help="Only this one; may be given again.",
 )
 @click.option(
-    "--environments", default="peers", show_default=True, metavar="DIR", type=click.Path(file_okay=False),
+    "--environments",
+    default="peers",
+    show_default=True,
+    metavar="DIR",
+    type=click.Path(file_okay=False),
     help="Where each peer gets a virtual environment of its own, by pip.",
-)  # fmt: skip
+)
 @click.option("--timeout", type=options.Finite(0.01, 600), default=10.0, show_default=True, help="For each path [s].")
 @runs_option
 def peers(
-    robot: str, seeds: int, scenario: str, peers: tuple[str, ...], environments: str, timeout: float,
+    robot: str,
+    seeds: int,
+    scenario: str,
+    peers: tuple[str, ...],
+    environments: str,
+    timeout: float,
     json_file: str | None,
-) -> None:  # fmt: skip
+) -> None:
     """First paths, and paths again after an obstacle was pushed 35 mm into them: here, and by other planners.
 
     The robot's base may go sideways, since the others know no wheels. Their paths are certified here."""
@@ -268,9 +277,14 @@ def peers(
     model = load_robot(robot, base="omni")
     with options.LateProgress("planning") as bar:
         figures = bench_peers(
-            model, seeds, bar.step, scenario=scenario, peers=peers or tuple(REQUIREMENTS), environments=environments,
+            model,
+            seeds,
+            bar.step,
+            scenario=scenario,
+            peers=peers or tuple(REQUIREMENTS),
+            environments=environments,
             timeout=timeout,
-        )  # fmt: skip
+        )
     output.say(f"{figures['robot']} ({figures['base']}), {seeds} problems of {scenario}")
     for name, peer in figures["planners"].items():
         if "skipped" in peer:

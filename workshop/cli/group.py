@@ -21,10 +21,29 @@ def workshop(context: click.Context, verbose: bool) -> None:
 
 
 for _command in (
-    planning.plan, planning.replan, planning.tick, planning.settle, planning.ik, planning.robots, planning.mbm,
-    planning.peers, driving.drive, driving.disturb, driving.faults, driving.reaction, driving.soak, driving.realtime,
-    driving.trials, driving.barn, driving.dynabarn, driving.bridge, driving.house, planning.page, base, study,
-):  # fmt: skip
+    planning.plan,
+    planning.replan,
+    planning.tick,
+    planning.settle,
+    planning.ik,
+    planning.robots,
+    planning.mbm,
+    planning.peers,
+    driving.drive,
+    driving.disturb,
+    driving.faults,
+    driving.reaction,
+    driving.soak,
+    driving.realtime,
+    driving.trials,
+    driving.barn,
+    driving.dynabarn,
+    driving.bridge,
+    driving.house,
+    planning.page,
+    base,
+    study,
+):
     workshop.add_command(_command)
 
 

@@ -30,15 +30,20 @@ def paper(out: str, processes: int | None, quick: bool, json_file: str | None) -
         output.say(f"{case:8} ", output.verdict(f"{run.outcome.value:10}", good), f" {run.reason}")
     output.say(f"report   {found.report}")
     document = {
-        "format": "elastic-strips-study", "version": 1, "as_the_paper_says": found.as_the_paper_says,
+        "format": "elastic-strips-study",
+        "version": 1,
+        "as_the_paper_says": found.as_the_paper_says,
         "cases": [
             {
-                "case": case, "outcome": run.outcome.value, "reason": run.reason, "length_m": run.length,
+                "case": case,
+                "outcome": run.outcome.value,
+                "reason": run.reason,
+                "length_m": run.length,
                 "clearance_m": run.clearance,
             }
             for case, run in found.runs.items()
         ],
         "files": [str(file) for file in found.files],
-    }  # fmt: skip
+    }
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if found.as_the_paper_says else options.EXIT_NOT_DONE

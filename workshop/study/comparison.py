@@ -17,13 +17,13 @@ from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.sim.scenarios.drive import STRIP
 from elastic_strips.sim.sensors import SensorConfig
 from workshop.baselines import BASE_METHODS, drive_by
-from workshop.baselines.base_controller import PATIENCE
+from workshop.baselines.base_controller import BLOCKED_PATIENCE
 
 _STRIP_SENSED = "strip-sensed"
 METHODS = (*BASE_METHODS, _STRIP_SENSED, STRIP)
 """Names of the methods; ``strip-sensed`` has the sensors of the base methods, ``strip`` knows the obstacles."""
 CASES = ("case-1", "case-2", "case-3", "case-4", "case-5", "case-6", "bottleneck", "dead-end")
-_LIMIT = 90.0  # [s]
+_TRIAL_TIME_LIMIT = 90.0  # [s] of one drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Trial:
     case: str
     method: str
     seed: int = 0
-    time_limit: float = _LIMIT
+    time_limit: float = _TRIAL_TIME_LIMIT
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +109,14 @@ def attempt(trial: Trial) -> TrialResult:
     scenario = get_scenario(trial.case, seed=trial.seed)
     try:
         outcome = drive_by(
-            scenario, STRIP if trial.method == _STRIP_SENSED else trial.method, robot=robot, seed=trial.seed,
-            time_limit=trial.time_limit, sensors=None if trial.method == STRIP else SensorConfig(),
+            scenario,
+            STRIP if trial.method == _STRIP_SENSED else trial.method,
+            robot=robot,
+            seed=trial.seed,
+            time_limit=trial.time_limit,
+            sensors=None if trial.method == STRIP else SensorConfig(),
             **({"watch": _Patience(), "compute": "1"} if trial.method in (STRIP, _STRIP_SENSED) else {}),
-        )  # fmt: skip
+        )
     except ElasticStripsError as error:
         nothing = float("nan")
         return TrialResult(trial.case, trial.method, trial.seed, False, (), nothing, 0.0, 0.0, 0.0, nothing, str(error))
@@ -121,9 +125,18 @@ def attempt(trial: Trial) -> TrialResult:
     turning, roughness = _turns(rows.time, rows.coordinates[:, 2])
     touched = tuple(dict.fromkeys(contact.obstacle for contact in evaluation.contacts))
     return TrialResult(
-        trial.case, trial.method, trial.seed, bool(evaluation.reached), touched, float(evaluation.min_clearance_m),
-        evaluation.path_m, evaluation.time_s, turning, roughness, reason,
-    )  # fmt: skip
+        trial.case,
+        trial.method,
+        trial.seed,
+        bool(evaluation.reached),
+        touched,
+        float(evaluation.min_clearance_m),
+        evaluation.path_m,
+        evaluation.time_s,
+        turning,
+        roughness,
+        reason,
+    )
 
 
 class _Patience:
@@ -137,7 +150,7 @@ class _Patience:
             self._since = None
         elif self._since is None:
             self._since = driven.time
-        elif driven.time - self._since > PATIENCE:
+        elif driven.time - self._since > BLOCKED_PATIENCE:
             driven.stop()
 
 

@@ -18,7 +18,7 @@ from .simulation import PaperRun
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MM = 1e3
+_MM_PER_M = 1e3
 _BASE, _ARM, _LINE, _PATH, _SENSED = "#3b6ea5", "#d9822b", "#999999", "#1a1a1a", "#b3261e"
 _OBSTACLE, _SAFE = "#c9c9c9", "#e2b4b0"
 
@@ -63,16 +63,18 @@ def draw_scene(axes: Axes, scene: Scene, safe: float | None = None) -> None:
     for obstacle in scene:
         for shape, size in _shapes(obstacle):
             if not isinstance(shape, np.ndarray):
-                x, y = _MM * size
-                axes.add_patch(Circle((x, y), _MM * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
+                x, y = _MM_PER_M * size
+                axes.add_patch(Circle((x, y), _MM_PER_M * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
                 if safe is not None:
-                    axes.add_patch(Circle((x, y), _MM * (shape + safe), fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
+                    axes.add_patch(
+                        Circle((x, y), _MM_PER_M * (shape + safe), fill=False, edgecolor=_SAFE, ls="--", lw=0.8)
+                    )
                 continue
-            axes.add_patch(Polygon(_MM * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
+            axes.add_patch(Polygon(_MM_PER_M * shape, facecolor=_OBSTACLE, edgecolor="k", lw=0.8, zorder=2))
             if safe is not None:
                 grown = _outline(_grown(shape, safe))
-                axes.add_patch(Polygon(_MM * grown, fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
-        x, y = _MM * obstacle.pose[:2, 3]
+                axes.add_patch(Polygon(_MM_PER_M * grown, fill=False, edgecolor=_SAFE, ls="--", lw=0.8))
+        x, y = _MM_PER_M * obstacle.pose[:2, 3]
         axes.annotate(obstacle.name or "", (x, y), fontsize=6, ha="center", va="center", zorder=6)
 
 
@@ -83,9 +85,11 @@ def _draw_postures(axes: Axes, robot: RobotModel, coordinates: Array, *, arm: bo
     outline = Outline(robot)
     for k, row in enumerate(coordinates):
         alpha = 0.25 + 0.75 * (k + 1) / len(coordinates)
-        axes.add_patch(Polygon(_MM * outline.base(row), fill=False, edgecolor=_BASE, alpha=alpha, lw=0.8, zorder=3))
+        axes.add_patch(
+            Polygon(_MM_PER_M * outline.base(row), fill=False, edgecolor=_BASE, alpha=alpha, lw=0.8, zorder=3)
+        )
         if arm:
-            points = _MM * outline.arm(row)
+            points = _MM_PER_M * outline.arm(row)
             axes.plot(points[:, 0], points[:, 1], "-", color=_ARM, alpha=alpha, lw=0.9, zorder=4)
     axes.plot([], [], "-", color=_BASE, label=label)
 
@@ -94,14 +98,14 @@ def draw_paper_run(axes: Axes, run: PaperRun, *, every: int = 3) -> None:
     """Draw a run with preset ``paper``: original line, postures, detections, safe distances."""
     arm = not run.params.mobile_only
     draw_scene(axes, run.scenario.scene, run.params.influence)
-    axes.plot(*(_MM * run.line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
-    axes.plot(*(_MM * run.coordinates[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
+    axes.plot(*(_MM_PER_M * run.line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
+    axes.plot(*(_MM_PER_M * run.coordinates[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
     if len(run.ahead) > 2:
-        axes.plot(*(_MM * run.ahead[:, :2].T), ".-", color=_SENSED, lw=0.8, ms=3, label="strip ahead", zorder=5)
+        axes.plot(*(_MM_PER_M * run.ahead[:, :2].T), ".-", color=_SENSED, lw=0.8, ms=3, label="strip ahead", zorder=5)
     rows = run.coordinates[:: max(1, every)]
     _draw_postures(axes, run.robot, np.vstack((rows, run.coordinates[-1:])), arm=arm, label="postures")
     for k, detection in enumerate(run.detections):
-        here, there = _MM * np.array(detection.robot), _MM * np.array(detection.point[:2])
+        here, there = _MM_PER_M * np.array(detection.robot), _MM_PER_M * np.array(detection.point[:2])
         axes.plot(*np.stack((here, there)).T, "-", color=_SENSED, lw=0.6, zorder=5)
         axes.plot(*there, "x", color=_SENSED, ms=4, zorder=6, label="sensed points" if k == 0 else None)
     _finish(axes, run.line)
@@ -110,8 +114,8 @@ def draw_paper_run(axes: Axes, run: PaperRun, *, every: int = 3) -> None:
 def draw_drive(axes: Axes, robot: RobotModel, scene: Scene, line: Array, coordinates: Array, *, arm: bool) -> None:
     """Draw a drive with preset ``default``, from coordinate rows (T, nv) of its true states."""
     draw_scene(axes, scene)
-    axes.plot(*(_MM * line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
-    axes.plot(*(_MM * coordinates[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
+    axes.plot(*(_MM_PER_M * line.T), ":", color=_LINE, lw=1.0, label="original line", zorder=1)
+    axes.plot(*(_MM_PER_M * coordinates[:, :2].T), "-", color=_PATH, lw=1.0, label="way of the mobile", zorder=5)
     picked = np.linspace(0, len(coordinates) - 1, 21).round().astype(int)
     _draw_postures(axes, robot, coordinates[picked], arm=arm, label="postures")
     _finish(axes, line)
@@ -119,9 +123,9 @@ def draw_drive(axes: Axes, robot: RobotModel, scene: Scene, line: Array, coordin
 
 def _finish(axes: Axes, line: Array) -> None:
     """Start, target, labels, and a frame about the line (N, 2) [m]."""
-    axes.plot(*(_MM * line[0]), "s", color="k", ms=5, zorder=7)
-    axes.plot(*(_MM * line[-1]), "*", color="k", ms=9, zorder=7)
-    low, high = _MM * (line.min(axis=0) - 1.2), _MM * (line.max(axis=0) + 1.2)
+    axes.plot(*(_MM_PER_M * line[0]), "s", color="k", ms=5, zorder=7)
+    axes.plot(*(_MM_PER_M * line[-1]), "*", color="k", ms=9, zorder=7)
+    low, high = _MM_PER_M * (line.min(axis=0) - 1.2), _MM_PER_M * (line.max(axis=0) + 1.2)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes.tick_params(labelsize=7)
     axes.legend(fontsize=6, loc="lower right", framealpha=0.9)

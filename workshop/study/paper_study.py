@@ -40,7 +40,7 @@ SAYS = {
 """Statements of the paper on its figures, reworded."""
 EXPECTED = {name: Outcome.BLOCKED if name == "case-3" else Outcome.REACHED for name in TABLE_2}
 _MARKDOWN, _PAGE = "paper.md", "paper.html"
-_DPI = 70
+_FIGURE_DPI = 70  # [pixels per inch]
 _STYLE = """
 body { font: 15px/1.5 sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em; color: #1a1a1a; }
 table { border-collapse: collapse; margin: 1em 0; font-size: 13px; }
@@ -279,11 +279,16 @@ def _figures(
         document.picture(name, f"Fig. {_FIGURES[case]}: {case}; preset paper (left) and default (right)")
         summary.append(
             [
-                case, run.outcome.value, _mm(run.clearance), _mm(run.length),
-                driven, _mm(drive.evaluation.min_clearance_m), _mm(drive.evaluation.path_m),
+                case,
+                run.outcome.value,
+                _mm(run.clearance),
+                _mm(run.length),
+                driven,
+                _mm(drive.evaluation.min_clearance_m),
+                _mm(drive.evaluation.path_m),
                 f"{drive.evaluation.time_s:.1f}",
             ]
-        )  # fmt: skip
+        )
     document.heading("All cases", 3)
     document.table(
         ["case", "paper", "clearance [mm]", "way [mm]", "default", "clearance [mm]", "way [mm]", "time [s]"], summary
@@ -293,7 +298,7 @@ def _figures(
 
 def _png(figure: Figure) -> bytes:
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI)
+    figure.savefig(stream, format="png", dpi=_FIGURE_DPI)
     return stream.getvalue()
 
 
@@ -323,17 +328,34 @@ def _comparison(document: Document, rows: Sequence[TrialResult]) -> None:
         "which the base methods pay no attention. Roughness is the root mean square of the yaw acceleration."
     )
     document.table(
-        ["case", "method", "reached", "touched", "clearance [mm]", "way [mm]", "time [s]", "turning [rad]",
-         "roughness [rad/s²]", "ended"],
+        [
+            "case",
+            "method",
+            "reached",
+            "touched",
+            "clearance [mm]",
+            "way [mm]",
+            "time [s]",
+            "turning [rad]",
+            "roughness [rad/s²]",
+            "ended",
+        ],
         [
             [
-                r.case, r.method, "yes" if r.reached else "no", ", ".join(r.contacts) or "–", _mm(r.clearance),
-                _mm(r.path), f"{r.time:.1f}", f"{r.turning:.1f}",
-                f"{r.roughness:.2f}" if math.isfinite(r.roughness) else "–", r.reason[:90],
+                r.case,
+                r.method,
+                "yes" if r.reached else "no",
+                ", ".join(r.contacts) or "–",
+                _mm(r.clearance),
+                _mm(r.path),
+                f"{r.time:.1f}",
+                f"{r.turning:.1f}",
+                f"{r.roughness:.2f}" if math.isfinite(r.roughness) else "–",
+                r.reason[:90],
             ]
             for r in rows
         ],
-    )  # fmt: skip
+    )
     traps = [case for case in (BOTTLENECK, DEAD_END) if any(r.case == case for r in rows)]
     if traps:
         told = "; ".join(f"{case}: {_reached_by(rows, case)}" for case in traps)
@@ -361,9 +383,11 @@ def _map(document: Document, case: str, cells: Sequence[MapCell], files: dict[st
     axes = figure.subplots(1, len(safe), squeeze=False)
     for axis, distance in zip(axes[0], safe, strict=True):
         grid = np.array(
-            [[next(kinds.index(c.outcome) for c in cells if (c.k_r, c.k_c, c.safe) == (r, k, distance)) for k in k_c]
-             for r in k_r]
-        )  # fmt: skip
+            [
+                [next(kinds.index(c.outcome) for c in cells if (c.k_r, c.k_c, c.safe) == (r, k, distance)) for k in k_c]
+                for r in k_r
+            ]
+        )
         axis.imshow(grid, cmap=ListedColormap(colors), vmin=-0.5, vmax=3.5, origin="lower", aspect="auto")
         axis.set_xticks(range(len(k_c)), [f"{k:g}" for k in k_c], fontsize=7)
         axis.set_yticks(range(len(k_r)), [f"{r:g}" for r in k_r], fontsize=7)

@@ -25,17 +25,17 @@ from elastic_strips.strip import Strip
 from elastic_strips.strip.paper import PaperDeformer, PaperParams
 from elastic_strips.summary import Summary
 
-SPACING = 0.216
+POSTURE_SPACING = 0.216
 """From posture to posture of the initial line [m]; 59 segments for its 12.7 m."""
 LONGEST_STEP = 0.4
 """Largest motion of the robot in a sampling time [m]: about two of these."""
-_PATIENCE = 40  # sampling times at one place until it counts as blocked
+_LONGEST_STAND = 40  # sampling times at one place until it counts as blocked
 _MAX_SAMPLES = 400  # sampling times
-_CAP = 1.0  # clearances are not measured beyond [m]
-_BETWEEN = 0.05  # from one look for contacts to the next, while the robot moves [m]
+_LARGEST_CLEARANCE = 1.0  # clearances are not measured beyond [m]
+_CONTACT_CHECK_STEP = 0.05  # from one look for contacts to the next, while the robot moves [m]
 _K_R = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8)
 _K_C = (0.1, 0.3, 0.5, 0.7, 0.9)
-_SAFE = (0.4, 0.6, 0.8, 1.0, 1.5)
+_SAFE_DISTANCES = (0.4, 0.6, 0.8, 1.0, 1.5)
 """Gains, and safe distances [m], that are tried; the paper's own are among them."""
 
 
@@ -120,21 +120,22 @@ def simulate_paper(
         RobotError: the robot's base is fixed.
         ParameterError: a parameter is unknown or outside its range.
     """
+    # In one piece: the paper's loop, to be read from top to bottom.
     robot = scenario.load_robot(preset="paper") if robot is None else robot
     if not robot.space.planar:
         raise RobotError(f"the base of {robot.name!r} is fixed; the paper's strip is of a mobile")
     params = PaperParams().replaced(**{**scenario.params.get("paper", {}), **(overrides or {})})
     start, goal = scenario.ends(robot)
-    rows = straight_line(robot, start, goal, spacing=SPACING)
+    rows = straight_line(robot, start, goal, spacing=POSTURE_SPACING)
     rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
     line = rows[:, :2].copy()
     deformer = PaperDeformer(robot, params)
     sensors = _NearestPoints(robot, deformer.control_points, params.influence)
-    links = _NearestPoints(robot, BodySet.links(robot), _CAP)
+    links = _NearestPoints(robot, BodySet.links(robot), _LARGEST_CLEARANCE)
     max_nodes = 2 * len(rows)
-    strip, known = Strip.from_coordinates(robot, rows), set[str]()
+    strip = Strip.from_coordinates(robot, rows)
     path, moved, arrived = [rows[0].copy()], rows[:1], False
-    detections, clearance, standing = list[Detection](), _CAP, 0
+    detections, clearance, standing = list[Detection](), _LARGEST_CLEARANCE, 0
     outcome, reason = Outcome.UNFINISHED, f"not there after {_MAX_SAMPLES} sampling times"
     for sample in range(_MAX_SAMPLES):
         distances = links.nearest(scenario.scene, moved)
@@ -147,10 +148,8 @@ def simulate_paper(
             outcome, reason = Outcome.REACHED, f"at the target after {sample} sampling times"
             break
         here = strip.coordinates[0]
-        for name, (distance, point) in sensors.nearest(scenario.scene, here[None]).items():
-            if name not in known:
-                known.add(name)
-                detections.append(Detection(sample, name, (float(here[0]), float(here[1])), point, distance))
+        detections += _detected(sensors.nearest(scenario.scene, here[None]), detections, sample, here)
+        known = {detection.name for detection in detections}
         report = deformer.step(strip, Scene([o for o in scenario.scene if o.name in known]))
         strip = report.strip
         assert report.hulls is not None
@@ -158,33 +157,52 @@ def simulate_paper(
         if len(gaps) and gaps[0] == 0:
             strip, moved = _bridged(strip, gaps, max_nodes), strip.coordinates[:1]
             standing += 1
-            if standing > _PATIENCE:
+            if standing > _LONGEST_STAND:
                 apart = max(-float(report.hulls.overlap[0].min()), 0.0)
                 outcome = Outcome.BLOCKED
                 reason = f"stands at ({here[0]:.2f}, {here[1]:.2f}) m: the next hulls are {apart:.2f} m apart"
                 break
             continue
-        standing, moved = 0, _between(robot, *strip.coordinates[:2])
-        most = round(LONGEST_STEP / _BETWEEN)  # pushed postures may be far apart; the robot does not jump
-        complete, moved = len(moved) <= most, moved[:most]
+        way = _between(robot, *strip.coordinates[:2])
+        most = round(LONGEST_STEP / _CONTACT_CHECK_STEP)  # pushed postures may be far apart; the robot does not jump
+        standing, moved = 0, way[:most]
         path.append(moved[-1])
-        arrived = complete and len(strip.coordinates) == 2
+        arrived = len(way) <= most and len(strip.coordinates) == 2
         if not arrived:
-            ahead = np.vstack((moved[-1:], strip.coordinates[2 if complete else 1 :]))
-            strip = Strip.from_coordinates(
-                robot, ahead, ends=np.vstack((robot.space.from_coordinates(moved[-1:]), strip.q[-1:]))
-            )
+            strip = _from_there(strip, moved[-1:], passed=2 if len(way) <= most else 1)
     ahead = strip.coordinates.copy()
     return PaperRun(
         scenario, params, robot, line, np.array(path), ahead, tuple(detections), outcome, reason, float(clearance)
     )
 
 
+def _detected(
+    nearest: Mapping[str, tuple[float, tuple[float, float, float]]],
+    before: list[Detection],
+    sample: int,
+    here: Array,
+) -> list[Detection]:
+    """The obstacles that were not detected ``before``."""
+    known, robot = {detection.name for detection in before}, (float(here[0]), float(here[1]))
+    return [
+        Detection(sample, name, robot, point, distance)
+        for name, (distance, point) in nearest.items()
+        if name not in known
+    ]
+
+
+def _from_there(strip: Strip, row: Array, passed: int) -> Strip:
+    """The rest of a strip, from a coordinate row (1, nv) on; so many of its postures are behind that."""
+    q = strip.robot.space.from_coordinates(row)
+    ahead = np.vstack((row, strip.coordinates[passed:]))
+    return Strip.from_coordinates(strip.robot, ahead, ends=np.vstack((q, strip.q[-1:])))
+
+
 def _between(robot: RobotModel, a: Array, b: Array) -> Array:
     """(K, nv) the straight line from one coordinate row to the next, without the first of the two."""
     v = robot.space.difference(a[None], b[None])[0]
     v[:2] = b[:2] - a[:2]  # not the arc of a twist
-    count = max(int(np.ceil(max(np.hypot(*v[:2]), 0.5 * np.abs(v[2:]).max()) / _BETWEEN)), 1)
+    count = max(int(np.ceil(max(np.hypot(*v[:2]), 0.5 * np.abs(v[2:]).max()) / _CONTACT_CHECK_STEP)), 1)
     rows = a + np.linspace(0.0, 1.0, count + 1)[1:, None] * v
     rows[-1] = b
     return rows
@@ -194,7 +212,7 @@ def _bridged(strip: Strip, gaps: Indices, max_nodes: int) -> Strip:
     """A strip with another posture in the middle of every gap that is longer than usual, up to so many of them."""
     space, coordinates = strip.robot.space, strip.coordinates
     v = space.difference(coordinates[gaps], coordinates[gaps + 1])
-    wide = gaps[np.hypot(v[:, 0], v[:, 1]) > 2.0 * SPACING][: max(max_nodes - len(coordinates), 0)]
+    wide = gaps[np.hypot(v[:, 0], v[:, 1]) > 2.0 * POSTURE_SPACING][: max(max_nodes - len(coordinates), 0)]
     if len(wide) == 0:
         return strip
     middle = space.integrate(coordinates[wide], 0.5 * space.difference(coordinates[wide], coordinates[wide + 1]))
@@ -249,7 +267,7 @@ def parameter_map(
     *,
     k_r: Sequence[float] = _K_R,
     k_c: Sequence[float] = _K_C,
-    safe: Sequence[float] = _SAFE,
+    safe: Sequence[float] = _SAFE_DISTANCES,
     processes: int | None = None,
     step: Callable[[str], object] = lambda note: None,
 ) -> tuple[MapCell, ...]:

@@ -228,33 +228,15 @@ def read_map(
     mode = entries["mode"].text(valid=_MODES) if "mode" in entries else "trinary"
     negate = "negate" in entries and _flag(entries["negate"])
     resolution = entries["resolution"].number(low=1e-4, high=100.0)
-    x, y, yaw = entries["origin"].vector(3).tolist()
-    if abs(yaw) > _WHOLE_TURN:
-        _log.warning(
-            "%s: the origin's yaw is %g rad, more than a turn: it is in radians; %g degrees would be %.6g",
-            root.source.path,
-            yaw,
-            yaw,
-            math.radians(yaw),
-        )
-        yaw = math.remainder(yaw, _WHOLE_TURN)
+    pose = _origin(entries["origin"])
     high, free = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
     if free > high:
         entries["free_thresh"].fail(f"is {free:g}; it must not exceed 'occupied_thresh', {high:g}")
     image, opacity = _read_image(entries["image"])
     occupancy = _occupancy(image, opacity, mode, negate, free, high)
-    filled = occupancy >= lethal
-    partly, nothing = np.count_nonzero((occupancy > 0.0) & ~filled), np.isnan(occupancy)
-    if unknown == "occupied":
-        filled |= nothing
-    left_out = ((np.count_nonzero(nothing & ~filled), "unknown"), (partly, "between free and occupied"))
-    if any(count for count, _ in left_out):
-        said = ", ".join(f"{count} cells that are {what}" for count, what in left_out if count)
-        _log.warning("%s: left out: %s", root.source.path, said)
+    filled = _filled(occupancy, lethal, unknown, root.source.path)
     if np.count_nonzero(filled) > MAX_CENTERS:
         entries["image"].fail(f"{np.count_nonzero(filled)} cells are occupied; at most {MAX_CENTERS} are read")
-    pose = np.eye(4)
-    pose[:2, :2], pose[:2, 3] = ((math.cos(yaw), -math.sin(yaw)), (math.sin(yaw), math.cos(yaw))), (x, y)
     pose = entries["origin"].checked(_upright, pose if at is None else at @ pose)
     area = MapArea(pose, resolution * np.array(filled.shape[::-1], dtype=float), low, height)
     rows, columns = np.nonzero(filled[::-1])  # the first row of an image is its upper edge
@@ -269,6 +251,36 @@ def read_map(
         return [made] if len(rows) else []
 
     return root.checked(walls), area
+
+
+def _origin(node: Node) -> Array:
+    """Pose (4, 4) of a map's lower left corner in the map's frame."""
+    x, y, yaw = node.vector(3).tolist()
+    if abs(yaw) > _WHOLE_TURN:
+        _log.warning(
+            "%s: the origin's yaw is %g rad, more than a turn: it is in radians; %g degrees would be %.6g",
+            node.source.path,
+            yaw,
+            yaw,
+            math.radians(yaw),
+        )
+        yaw = math.remainder(yaw, _WHOLE_TURN)
+    pose = np.eye(4)
+    pose[:2, :2], pose[:2, 3] = ((math.cos(yaw), -math.sin(yaw)), (math.sin(yaw), math.cos(yaw))), (x, y)
+    return pose
+
+
+def _filled(occupancy: Array, lethal: float, unknown: str, path: Path) -> Mask:
+    """Which cells (rows, columns) are obstacles; the log says how many that are not quite free are none."""
+    filled = occupancy >= lethal
+    partly, nothing = np.count_nonzero((occupancy > 0.0) & ~filled), np.isnan(occupancy)
+    if unknown == "occupied":
+        filled |= nothing
+    left_out = ((np.count_nonzero(nothing & ~filled), "unknown"), (partly, "between free and occupied"))
+    if any(count for count, _ in left_out):
+        said = ", ".join(f"{count} cells that are {what}" for count, what in left_out if count)
+        _log.warning("%s: left out: %s", path, said)
+    return filled
 
 
 def _upright(pose: Array) -> Array:

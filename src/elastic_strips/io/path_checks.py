@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from elastic_strips.arrays import Mask
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL
+from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL, ConfigurationSpace
 
 from .path_table import BASE_NAMES, Angles, PathTable, PlacedPath
 
@@ -35,36 +37,9 @@ def check_values(
     unnamed = np.array([units.get(k) is None for k in range(space.nv)], dtype=bool)
     unsaid = unnamed & (angles is None)
     endless = np.isinf(space.upper) & angular
-    for far, bound, unit in (
-        (np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m"),
-        (endless, MAX_ANGLE, "rad"),
-    ):
-        beyond = np.argwhere((np.abs(values) > bound) & far)
-        if len(beyond):
-            k, column = (int(i) for i in beyond[0])
-            table.fail(k, f"{names[column]} = {values[k, column]:.6g}, beyond ±{bound:g} {unit}")
-    excess = np.maximum(space.lower - values, values - space.upper)
-    outside = excess > LIMIT_TOLERANCE
-    if outside.any():
-        k, column = (int(i) for i in np.argwhere(outside)[0])
-        wrong = outside.any(axis=0)
-        hint = ""
-        for kind, scale, most, ask in (
-            (angular, np.pi / 180.0, 2.0 * np.pi, "Are these degrees? Name the unit (--angles deg, angles='deg')"),
-            (~angular, 1e-3, 2.0, f"Are these millimetres? Name the unit ({names[column]}_mm)"),
-        ):
-            these = wrong & kind & unsaid
-            scaled = values[:, these] * scale
-            fits = ((scaled >= space.lower[these]) & (scaled <= space.upper[these])).all()
-            if these[column] and fits and np.abs(values[:, these]).max() > most:
-                hint = f". {ask}"
-        unit = "rad" if angular[column] else "m"
-        table.fail(
-            k,
-            f"joint {names[column]!r} = {values[k, column]:.6g} is outside its limits [{space.lower[column]:.6g}, "
-            f"{space.upper[column]:.6g}] by {excess[k, column]:.3g} {unit}; up to {LIMIT_TOLERANCE:g} is taken to the "
-            f"limit{hint}",
-        )
+    _check_unlimited(table, values, np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m", names)
+    _check_unlimited(table, values, endless, MAX_ANGLE, "rad", names)
+    excess = _rounded_beyond(table, values, space, angular, unsaid, names)
     clipped = np.flatnonzero((excess > 0.0).any(axis=0))
     if len(clipped):
         named = ", ".join(f"{names[i]} by {excess[:, i].max():.2g}" for i in clipped)
@@ -85,6 +60,46 @@ def check_values(
             f"degrees? {', '.join(turning)} turn by more than two turns, and the file names no unit. Name it "
             "(--angles rad or deg, angles=)"
         )
+
+
+def _check_unlimited(
+    table: PathTable, values: Array, which: Mask, bound: float, unit: str, names: Sequence[str]
+) -> None:
+    """Refuse a value of a coordinate without limits that is farther from 0 than a bound."""
+    beyond = np.argwhere((np.abs(values) > bound) & which)
+    if len(beyond):
+        k, column = (int(i) for i in beyond[0])
+        table.fail(k, f"{names[column]} = {values[k, column]:.6g}, beyond ±{bound:g} {unit}")
+
+
+def _rounded_beyond(
+    table: PathTable, values: Array, space: ConfigurationSpace, angular: Mask, unsaid: Mask, names: Sequence[str]
+) -> Array:
+    """By how much values are outside their limits, (N, nv), which is refused where it is more than files round.
+
+    A hint is given where they may be in another unit, which is ``unsaid`` in the file.
+    """
+    excess = np.maximum(space.lower - values, values - space.upper)
+    outside = excess > LIMIT_TOLERANCE
+    if not outside.any():
+        return excess
+    k, column = (int(i) for i in np.argwhere(outside)[0])
+    if angular[column]:
+        unit, kind, scale, most = "rad", angular, np.pi / 180.0, 2.0 * np.pi
+        ask = "Are these degrees? Name the unit (--angles deg, angles='deg')"
+    else:
+        unit, kind, scale, most = "m", ~angular, 1e-3, 2.0
+        ask = f"Are these millimetres? Name the unit ({names[column]}_mm)"
+    these = outside.any(axis=0) & kind & unsaid  # all that are wrong have to fit, scaled
+    scaled = values[:, these] * scale
+    fits = ((scaled >= space.lower[these]) & (scaled <= space.upper[these])).all()
+    hint = f". {ask}" if these[column] and fits and np.abs(values[:, these]).max() > most else ""
+    table.fail(
+        k,
+        f"joint {names[column]!r} = {values[k, column]:.6g} is outside its limits [{space.lower[column]:.6g}, "
+        f"{space.upper[column]:.6g}] by {excess[k, column]:.3g} {unit}; up to {LIMIT_TOLERANCE:g} is taken to the "
+        f"limit{hint}",
+    )
 
 
 def check_times(table: PathTable, placed: PlacedPath, starts_at: float | None) -> None:

@@ -45,6 +45,29 @@ class Column:
 
 def identify_columns(table: PathTable, robot: RobotModel, ignore: Collection[str]) -> list[Column]:
     """What each column is."""
+    kept = _named_columns(table, ignore)
+    joints = {name: robot.space.base_nv + k for k, name in enumerate(robot.joint_names)}
+    found: list[Column] = []
+    poses: list[tuple[Column, str, int]] = []
+    for k, name, below in kept:
+        column, pose = _by_name(k, name, below, robot, joints)
+        if pose is not None:
+            poses.append((column, *pose))
+        else:
+            found.append(column)
+    found += _base_columns(table, poses, robot.space.planar)
+    _check_joints_once(table, found)
+    names = {name for _, name, _ in kept}
+    own = {*joints, *robot.locked, *robot.followers}
+    stems = names.union(joints, robot.locked)
+    nameless = own.difference(stem for name in names for stem, _ in readings_of(name))
+    found = [_told_apart(column, table, stems, own) for column in found]
+    found = [replace(c, of=namesake(c.name, nameless)) if c.kind == "other" else c for c in found]
+    return sorted(found, key=lambda column: column.index)
+
+
+def _named_columns(table: PathTable, ignore: Collection[str]) -> list[tuple[int, str, str]]:
+    """Number, name and unit (of a line below the names) of each column that is not ignored."""
     assert table.names is not None
     names = [clean_name(name) for name in table.names]
     for name in ignore:
@@ -59,26 +82,16 @@ def identify_columns(table: PathTable, robot: RobotModel, ignore: Collection[str
     twice = [name for name, count in Counter(name for _, name, _ in kept if name).items() if count > 1]
     if twice:
         table.source.fail(f"names a joint twice, or another column: {', '.join(twice)[:200]}")
-    joints = {name: robot.space.base_nv + k for k, name in enumerate(robot.joint_names)}
-    found: list[Column] = []
-    poses: list[tuple[Column, str, int]] = []
-    for k, name, below in kept:
-        column, pose = _by_name(k, name, below, robot, joints)
-        if pose is not None:
-            poses.append((column, *pose))
-        else:
-            found.append(column)
-    found += _base_columns(table, poses, robot.space.planar)
-    taken = Counter(c.number for c in found if c.kind == "joint")
-    for c in found:
-        if c.kind == "joint" and taken[c.number] > 1:
-            table.source.fail(f"names a joint twice: {c.name}")
-    stems = {*joints, *robot.locked, *(name for _, name, _ in kept)}
-    own = {*joints, *robot.locked, *robot.followers}
-    named = {stem for _, name, _ in kept for stem, _ in readings_of(name)}
-    found = [_told_apart(c, table, stems, own) for c in found]
-    found = [replace(c, of=namesake(c.name, own - named)) if c.kind == "other" else c for c in found]
-    return sorted(found, key=lambda c: c.index)
+    return kept
+
+
+def _check_joints_once(table: PathTable, columns: Collection[Column]) -> None:
+    """Refuse a table with two columns of one joint."""
+    joints = [column for column in columns if column.kind == "joint"]
+    taken = Counter(column.number for column in joints)
+    for column in joints:
+        if taken[column.number] > 1:
+            table.source.fail(f"names a joint twice: {column.name}")
 
 
 def _by_name(
@@ -109,22 +122,10 @@ def _by_name(
 def with_headings(table: PathTable, ignore: Collection[str]) -> PathTable:
     """The table with a yaw in the place of each quaternion: columns called after its x, y (or neither), z and w."""
     assert table.names is not None
-    parts: dict[str, dict[str, int]] = {}
-    for k, name in enumerate(table.names):
-        found = quaternion_part(clean_name(name))
-        if found is not None and clean_name(name) not in ignore:
-            parts.setdefault(found[0], {}).setdefault(found[1], k)
-    parts = {p: at for p, at in parts.items() if {"z", "w"} <= set(at) and not set(p.split()) & OTHER_WORDS}
+    parts = _quaternions(table.names, ignore)
     if not parts:
         return table
-    yaws = np.empty((len(table.rows), len(parts)))
-    for column, at in zip(yaws.T, parts.values(), strict=True):
-        turns = np.column_stack([table.rows[:, at[k]] if k in at else np.zeros(len(table.rows)) for k in "xyzw"])
-        for row, turn in enumerate(turns):
-            try:
-                column[row] = heading_of(turn)
-            except ConfigurationError as problem:
-                table.fail(row, f"{table.names[at['w']]}: {problem}")
+    yaws = np.column_stack([_yaws(table, at) for at in parts.values()])
     gone = {k for at in parts.values() for k in at.values()}
     kept = [k for k in range(len(table.names)) if k not in gone]
     named = len(table.units) == len(table.names)
@@ -134,6 +135,31 @@ def with_headings(table: PathTable, ignore: Collection[str]) -> PathTable:
         units=(*(table.units[k] for k in kept), *("rad" for _ in parts)) if named else table.units,
         rows=np.column_stack((table.rows[:, kept], np.unwrap(yaws, axis=0))),
     )
+
+
+def _quaternions(names: Collection[str], ignore: Collection[str]) -> dict[str, dict[str, int]]:
+    """Whose quaternion → its parts, of which z and w are there → the column of each; none of what the base is not."""
+    parts: dict[str, dict[str, int]] = {}
+    for k, name in enumerate(map(clean_name, names)):
+        found = quaternion_part(name)
+        if found is not None and name not in ignore:
+            whose, part = found
+            parts.setdefault(whose, {}).setdefault(part, k)
+    return {whose: at for whose, at in parts.items() if {"z", "w"} <= set(at) and OTHER_WORDS.isdisjoint(whose.split())}
+
+
+def _yaws(table: PathTable, at: Mapping[str, int]) -> Array:
+    """(N,) yaws [rad] of the quaternions in columns ``at``."""
+    assert table.names is not None
+    zero = np.zeros(len(table.rows))
+    turns = np.column_stack([table.rows[:, at[k]] if k in at else zero for k in "xyzw"])
+    yaws = np.empty(len(turns))
+    for row, turn in enumerate(turns):
+        try:
+            yaws[row] = heading_of(turn)
+        except ConfigurationError as problem:
+            table.fail(row, f"{table.names[at['w']]}: {problem}")
+    return yaws
 
 
 def heading_of(turn: Array) -> float:

@@ -229,16 +229,19 @@ def _left_out(
                 wheels.append(column.name)
             else:
                 apart[column.kind].append(unlike)
+    _check_floor(table, columns)
+    if wheels:
+        placed.notes.append(f"wheels turn, and are round: {', '.join(wheels)}")
+    placed.doubts += [_UNLIKE[kind].format("; ".join(said)) for kind, said in apart.items() if said]
+
+
+def _check_floor(table: PathTable, columns: list[Column]) -> None:
+    """Refuse a base that is tilted, or not on the floor."""
     for column in columns:
         values = table.rows[:, column.index]
         if column.kind == "floor" and np.abs(values).max() > LIMIT_TOLERANCE:
             row = int(np.abs(values).argmax())
             table.fail(row, f"{column.name} = {values[row]:.6g}; a base stands upright on the floor, where that is 0")
-    if wheels:
-        placed.notes.append(f"wheels turn, and are round: {', '.join(wheels)}")
-    for kind, said in apart.items():
-        if said:
-            placed.doubts.append(_UNLIKE[kind].format("; ".join(said)))
 
 
 def _compare_other(

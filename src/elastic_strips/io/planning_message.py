@@ -11,6 +11,7 @@ import logging
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -153,11 +154,24 @@ class _Reader:
 
     def _say(self, entries: Mapping[str, Node]) -> None:
         """Warn about everything that is not taken over."""
-        root = self._root
+        path = self._root.source.path
         if count := len(_list(entries, "object_colors")):
             self._dropped.append(f"{count} colours")
         if _given(entries, "is_diff") and entries["is_diff"].value is True:
             self._dropped.append("the contents of the scene to which this one is a difference (is_diff)")
+        self._drop_changed_links(entries)
+        if allowed := sorted(self._objects.keys() & _allowed_names(entries)):
+            self._dropped.append(f"that something may touch {', '.join(allowed[:6])}: nothing may")
+        if self._dropped:
+            counts = Counter(self._dropped)  # in the order of the message
+            said = ", ".join(what if n == 1 else f"{what} ({n} times)" for what, n in list(counts.items())[:20])
+            _log.warning("%s: left out: %s", path, said)
+        worlds = sorted(self._worlds - set(USUAL_WORLDS))
+        if worlds:
+            _log.warning("%s: the frame %s is taken as the world", path, ", ".join(worlds))
+
+    def _drop_changed_links(self, entries: Mapping[str, Node]) -> None:
+        """Links that are to be padded or scaled."""
         for key, usual in (("link_padding", 0.0), ("link_scale", 1.0)):
             what = key.removeprefix("link_")
             values = [node[what].finite() for node in _list(entries, key)]
@@ -166,18 +180,6 @@ class _Reader:
                     f"the {what} of {len(beyond)} links, up to {max(beyond):g}"
                     + (" m: a clearance of as much holds as well" if what == "padding" else "")
                 )
-        matrix = entries["allowed_collision_matrix"] if _given(entries, "allowed_collision_matrix") else None
-        keys = ("entry_names", "default_entry_names") if matrix is not None else ()
-        names = {n.value for key in keys if matrix is not None for n in _list(matrix.mapping(), key)}
-        if allowed := sorted(set(self._objects) & {n for n in names if isinstance(n, str)}):
-            self._dropped.append(f"that something may touch {', '.join(allowed[:6])}: nothing may")
-        if self._dropped:
-            counts = {what: self._dropped.count(what) for what in dict.fromkeys(self._dropped)}
-            said = ", ".join(what if n == 1 else f"{what} ({n} times)" for what, n in list(counts.items())[:20])
-            _log.warning("%s: left out: %s", root.source.path, said)
-        worlds = sorted(self._worlds - set(USUAL_WORLDS))
-        if worlds:
-            _log.warning("%s: the frame %s is taken as the world", root.source.path, ", ".join(worlds))
 
     # frames
 
@@ -369,6 +371,15 @@ def _given(entries: Mapping[str, Node], key: str) -> bool:
 
 def _list(entries: Mapping[str, Node], key: str) -> list[Node]:
     return entries[key].items() if _given(entries, key) else []
+
+
+def _allowed_names(entries: Mapping[str, Node]) -> set[str]:
+    """What the matrix of allowed collisions has an entry for."""
+    if not _given(entries, "allowed_collision_matrix"):
+        return set()
+    matrix = entries["allowed_collision_matrix"].mapping()
+    names = [*_list(matrix, "entry_names"), *_list(matrix, "default_entry_names")]
+    return {name.value for name in names if isinstance(name.value, str)}
 
 
 def _frame_name(node: Node) -> str:

@@ -192,40 +192,11 @@ def record_robot(record: Record, robot: str | None = None) -> RobotModel:
 
 def _packed(record: Record) -> bytes:
     documents, names, position, quaternion = world_documents(record.world, record.control.time)
-    configuration, velocity = _row_columns(record)
-    planning = record.planning
-    metadata = {
-        "format": FORMAT,
-        "version": FORMAT_VERSION,
-        "elastic_strips": __version__,
-        "robot": record.robot,
-        "urdf": None if record.urdf is None else str(Path(record.urdf).absolute()),
-        "base": record.base.value,
-        "joint_names": list(record.joint_names),
-        "locked": {name: float(value) for name, value in record.locked.items()},
-        "goal": None if record.goal is None else record.goal.tolist(),
-        "states": list(record.states),
-        **{name: list(getattr(planning, name)) for name in _TABLES},
-        "columns": {
-            "chart": configuration,
-            "velocity": velocity,
-            "drive": record.drive_names,
-            "joints": record.joint_names,
-        },
-        "units": _UNITS,
-        "events": [[event.time, event.kind, event.reason] for event in record.events],
-        "tracks": names,
-        "obstacles": documents,
-        "metadata": dict(record.metadata),
-    }
-    try:
-        text = json.dumps(metadata, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise RecordError(f"metadata must be plain JSON values: {error}") from None
+    text = _metadata_text(record, names, documents)
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "metadata": np.array(text),
         **{f"control_{_key(name)}": getattr(record.control, name) for name in _CONTROL},
-        **{f"planning_{name}": getattr(planning, name) for name in _PLANNING},
+        **{f"planning_{name}": getattr(record.planning, name) for name in _PLANNING},
         "track_position": position,
         "track_quaternion": quaternion,
     }
@@ -241,6 +212,39 @@ def _packed(record: Record) -> bytes:
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
     return stream.getvalue()
+
+
+def _metadata_text(record: Record, names: list[str], documents: list[TrackedPiece]) -> str:
+    """What a record holds besides arrays, as JSON."""
+    configuration, velocity = _row_columns(record)
+    metadata = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "elastic_strips": __version__,
+        "robot": record.robot,
+        "urdf": None if record.urdf is None else str(Path(record.urdf).absolute()),
+        "base": record.base.value,
+        "joint_names": list(record.joint_names),
+        "locked": {name: float(value) for name, value in record.locked.items()},
+        "goal": None if record.goal is None else record.goal.tolist(),
+        "states": list(record.states),
+        **{name: list(getattr(record.planning, name)) for name in _TABLES},
+        "columns": {
+            "chart": configuration,
+            "velocity": velocity,
+            "drive": record.drive_names,
+            "joints": record.joint_names,
+        },
+        "units": _UNITS,
+        "events": [[event.time, event.kind, event.reason] for event in record.events],
+        "tracks": names,
+        "obstacles": documents,
+        "metadata": dict(record.metadata),
+    }
+    try:
+        return json.dumps(metadata, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise RecordError(f"metadata must be plain JSON values: {error}") from None
 
 
 def _metadata(loaded: _Arrays) -> Document:

@@ -70,11 +70,17 @@ def free_posture(robot: RobotValue) -> tuple[Array, str]:
                 row = trial
     q = space.from_coordinates(row)
     q.setflags(write=False)
-    deep = [k for k in np.argsort(-now) if now[k] > _LINK_DISTANCE]
-    if not deep and (hit := robot.self_collision(q)) is not None:  # asked anew: distances began from the last answers
+    said = _overlaps(robot, now)
+    if not said and (hit := robot.self_collision(q)) is not None:  # asked anew: distances began from the last answers
         return q, f"{hit[0]!r} and {hit[1]!r}"
-    names = [[robot.geometries[i].name for i in robot.self_pairs[k]] for k in deep]
-    said = [
-        f"{a!r} and {b!r} ({1e3 * (now[k] - _LINK_DISTANCE):.0f} mm)" for (a, b), k in zip(names, deep, strict=True)
-    ]
     return q, ", ".join(said[:4]) + (f" and {len(said) - 4} more pairs" if len(said) > 4 else "")
+
+
+def _overlaps(robot: RobotValue, lacking: Array) -> list[str]:
+    """The pieces that are in each other, the deepest first, by what the distance of each pair lacks [m] (S,)."""
+    said: list[str] = []
+    for k in np.argsort(-lacking):
+        if lacking[k] > _LINK_DISTANCE:
+            a, b = (robot.geometries[i].name for i in robot.self_pairs[k])
+            said.append(f"{a!r} and {b!r} ({1e3 * (lacking[k] - _LINK_DISTANCE):.0f} mm)")
+    return said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Protocol, TypeVar
 
 import coal
@@ -78,10 +79,7 @@ def attached(
         raise RobotError(
             f"{robot.name!r} has no frame {frame!r}{nearest_name(frame, [f.name for f in robot.model.frames])}"
         )
-    links = sorted({link for piece in robot.geometries for link in piece.links})
-    allowed = {touch} if isinstance(touch, str) else set(touch)
-    for link in sorted(allowed - {f.name for f in robot.model.frames}):
-        raise RobotError(f"touch: {robot.name!r} has no link {link!r}{nearest_name(link, links)}")
+    allowed = _links_that_touch(robot, touch)
     name = name or shape.name or "load"
     if any(piece.name == name or name in piece.links for piece in robot.geometries):
         raise RobotError(f"{robot.name!r} has a link or a shape {name!r} already; name=… gives another name")
@@ -90,39 +88,22 @@ def attached(
     joint = int(carrier.parentJoint)
     if joint == 0:
         raise RobotError(f"frame {frame!r} of {robot.name!r} does not move: what it carries is an obstacle")
-    T_joint_shape = np.array(carrier.placement.homogeneous) @ shape.pose
-    if q is not None:
-        data = robot.model.createData()
-        pin.forwardKinematics(robot.model, data, robot.check_q(q))
-        T_joint_shape = np.linalg.inv(data.oMi[joint].homogeneous) @ shape.pose
+    T_joint_shape = _pose_in_joint(robot, carrier, shape.pose, q)
     pieces = _pieces(shape, name, joint, T_joint_shape)
     pairs, unchecked = _pairs(robot, len(pieces), joint, allowed, name)
     model = robot.model.copy()
     if weight > 0.0:
         model.appendBodyToJoint(joint, pin.Inertia(weight, np.zeros(3), np.zeros((3, 3))), pin.SE3(T_joint_shape))
-    collision = robot.collision_model.clone()
-    for piece in pieces:
-        collision.addGeometryObject(_object(piece, index))
-    for i, k in pairs:
-        collision.addCollisionPair(pin.CollisionPair(i, k))
-
-    def visual() -> pin.GeometryModel:
-        drawn = robot.visual_model.clone()
-        if drawn.ngeoms == 0:  # what collides is drawn then, the load with it
-            return drawn
-        for piece in pieces:
-            drawn.addGeometryObject(_object(piece, index))
-        return drawn
-
+    load = [_object(piece, index) for piece in pieces]
     held = replace(
         robot,
         model=model,
-        collision_model=collision,
+        collision_model=_with_load(robot.collision_model, load, pairs),
         geometries=(*robot.geometries, *pieces),
         self_pairs=np.concatenate((robot.self_pairs, np.array(pairs, dtype=np.intp).reshape(-1, 2))),
         self_apart=np.concatenate((robot.self_apart, np.zeros(len(pairs)))),
         unchecked_pairs=(*robot.unchecked_pairs, *unchecked),
-        visual=visual,
+        visual=partial(_drawn_with_load, robot, load),
     )
     if q is None or robot.self_collision(q) is not None:
         return held
@@ -133,6 +114,41 @@ def attached(
             "that may"
         )
     return held
+
+
+def _links_that_touch(robot: RobotValue, touch: Collection[str]) -> set[str]:
+    """The links that may touch a load, which the robot must have."""
+    allowed = {touch} if isinstance(touch, str) else set(touch)
+    links = sorted({link for piece in robot.geometries for link in piece.links})
+    for link in sorted(allowed - {f.name for f in robot.model.frames}):
+        raise RobotError(f"touch: {robot.name!r} has no link {link!r}{nearest_name(link, links)}")
+    return allowed
+
+
+def _pose_in_joint(robot: RobotValue, carrier: pin.Frame, pose: Array, q: ArrayLike | None) -> Array:
+    """Pose (4, 4) in its joint of what a frame carries: from that in the frame, or in the world at ``q``."""
+    if q is None:
+        return np.array(carrier.placement.homogeneous) @ pose
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.check_q(q))
+    return np.linalg.inv(data.oMi[carrier.parentJoint].homogeneous) @ pose
+
+
+def _with_load(
+    shapes: pin.GeometryModel, load: Sequence[pin.GeometryObject], pairs: Sequence[tuple[int, int]] = ()
+) -> pin.GeometryModel:
+    """Shapes and a load, of which further pairs can touch."""
+    both = shapes.clone()
+    for item in load:
+        both.addGeometryObject(item)
+    for i, k in pairs:
+        both.addCollisionPair(pin.CollisionPair(i, k))
+    return both
+
+
+def _drawn_with_load(robot: RobotValue, load: Sequence[pin.GeometryObject]) -> pin.GeometryModel:
+    drawn = robot.visual_model
+    return _with_load(drawn, load) if drawn.ngeoms else drawn.clone()  # else what collides is drawn, the load with it
 
 
 def _pairs(

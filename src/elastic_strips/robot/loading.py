@@ -45,9 +45,8 @@ from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
-_LARGEST_MESH = (
-    20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
-)
+# No part of a robot is longer [m]; in a mesh of millimetres that is read as metres, one of 2 cm is.
+_LARGEST_MESH = 20.0
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
@@ -116,14 +115,8 @@ def load_robot(
         raise RobotError(f"mappings={dict(mappings)!r} are arguments of a xacro file; {str(name_or_path)!r} is none")
     kind = BaseKind.parse(known.base if base is None else base)
     semantics = None if (file := srdf or known.srdf) is None else read_srdf(file, source)
-    if srdf is not None and semantics is not None and semantics.name not in ("", source.name):
-        _log.warning(
-            "%s is written for a robot that is called %.60r; this one is called %.60r: the pairs that it leaves out "
-            "may be another robot's",
-            semantics.path,
-            semantics.name,
-            source.name,
-        )
+    if srdf is not None and semantics is not None:
+        _say_whose(semantics, source)
     locked = locked or {}
     if joints is None and group is None and known.planned is not None:
         joints = [joint for joint in known.planned if joint not in locked]
@@ -136,6 +129,29 @@ def load_robot(
     robot = made.robot
     _say_who_is_elsewhere(source, robot, locked)
     compare_states(robot.name, semantics, robot.followers)
+    _say_many_and_bare(robot)
+    if made.turned:
+        _log.warning("%s: %s", robot.name, said_of_turned(made.turned))
+    say_what_grew(robot, source.from_visual)
+    if not is_ours(source.path):  # those are compared by the tests
+        _say_what_differs(source, made.described, robot.name)
+    return robot
+
+
+def _say_whose(semantics: Srdf, source: UrdfSource) -> None:
+    """Warn of an SRDF file that is another robot's."""
+    if semantics.name not in ("", source.name):
+        _log.warning(
+            "%s is written for a robot that is called %.60r; this one is called %.60r: the pairs that it leaves out "
+            "may be another robot's",
+            semantics.path,
+            semantics.name,
+            source.name,
+        )
+
+
+def _say_many_and_bare(robot: RobotModel) -> None:
+    """Warn of many planned joints, and of links about which nothing is proven."""
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning(
             "%s plans %d joints, which are many: slow to plan and to deform. %s",
@@ -151,12 +167,6 @@ def load_robot(
             len(robot.bare_links),
             listed(robot.bare_links, 40),
         )
-    if made.turned:
-        _log.warning("%s: %s", robot.name, said_of_turned(made.turned))
-    say_what_grew(robot, source.from_visual)
-    if not is_ours(source.path):  # those are compared by the tests
-        _say_what_differs(source, made.described, robot.name)
-    return robot
 
 
 def _is_xacro(name_or_path: str | Path) -> bool:
@@ -203,15 +213,10 @@ def _made(
     following = following_planned(source, planned, locked)
     unplanned = names - planned - set(following)
     model, source = with_their_limits(model, source, following)
-    collision = pinocchio_geometry(source, model, pin.COLLISION)
-    turned = meant_turned(source.document, model, collision)
-    thicken(collision, source)
-    _check_shapes(collision, source)
+    collision, turned = _collision(source, model)
     drawn = drawn_alone(source, model)
     rolling = round_wheels(model, collision, resting & source.continuous)
-
-    def still(home: Mapping[str, float]) -> dict[str, float]:
-        return held_still(source, unplanned, held, home)
+    still = partial(held_still, source, unplanned, held)
 
     def build(home: Mapping[str, float]) -> RobotModel:
         values = still(home)
@@ -240,6 +245,15 @@ def _made(
 
     robot = _at_home(build, still, known.home, semantics, source, resting)
     return _Made(replace(robot, bare_links=bare_links(source, robot, drawn)), turned, described)
+
+
+def _collision(source: UrdfSource, model: pin.Model) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+    """The collision geometry of a file, and the links whose meshes may have been meant turned."""
+    collision = pinocchio_geometry(source, model, pin.COLLISION)
+    turned = meant_turned(source.document, model, collision)
+    thicken(collision, source)
+    _check_shapes(collision, source)
+    return collision, turned
 
 
 def _say_who_is_elsewhere(source: UrdfSource, robot: RobotModel, locked: Mapping[str, float]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import partial
 
 import pinocchio as pin
 
@@ -135,6 +136,7 @@ class RobotModel(RobotValue):
                 hang on the world beside a base that moves, or a joint that follows another one and is locked, is
                 elsewhere at home, or cannot go around with it.
         """
+        # Long and in one piece: a step for each thing that a robot has, each of which needs others before it.
         kind = _base_kind(model, base)
         values, home = dict(locked or {}), dict(home or {})
         check_joint_names(model, values, "locked")
@@ -157,15 +159,6 @@ class RobotModel(RobotValue):
             drawn = without_shapes(visual_model, collision_model)
         bare = () if drawn is None else uncovered(reduced, carried_over(model, reduced, drawn), made.pieces)
 
-        def visual() -> pin.GeometryModel:
-            try:
-                given = visual_model() if callable(visual_model) else visual_model
-            except Exception as error:  # whatever Pinocchio and Coal throw; a picture is all that it is for
-                said = " ".join(str(error).split())
-                _log.warning("%s: the collision geometry is drawn: %s", name or model.name, said)
-                given = None
-            return collision if given is None else carried_over(model, reduced, given)
-
         if control_points is None:
             points = default_control_points(reduced, kind.planar, hand_frame)
         else:
@@ -185,7 +178,7 @@ class RobotModel(RobotValue):
             unchecked_pairs=made.unchecked,
             control_point_set=points,
             home_q=q_home,
-            visual=visual,
+            visual=partial(_drawn, visual_model, model, reduced, collision, name or model.name),
             locked=values,
             states={k: dict(v) for k, v in (states or {}).items()},
             urdf_path=urdf_path,
@@ -197,6 +190,22 @@ class RobotModel(RobotValue):
             description=description,
             round_wheels=frozenset(round_wheels) & frozenset(values),
         )
+
+
+def _drawn(
+    given: pin.GeometryModel | Callable[[], pin.GeometryModel] | None,
+    model: pin.Model,
+    reduced: pin.Model,
+    collision: pin.GeometryModel,
+    name: str,
+) -> pin.GeometryModel:
+    """What is drawn of a robot: the visual geometry of all its joints, or else ``collision``, of the reduced model."""
+    try:
+        shapes = given() if callable(given) else given
+    except Exception as error:  # whatever Pinocchio and Coal throw; a picture is all that it is for
+        _log.warning("%s: the collision geometry is drawn: %s", name, " ".join(str(error).split()))
+        shapes = None
+    return collision if shapes is None else carried_over(model, reduced, shapes)
 
 
 def _base_kind(model: pin.Model, base: str | BaseKind | None) -> BaseKind:

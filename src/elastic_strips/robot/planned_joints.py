@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -41,41 +41,56 @@ def planned_joints(
     if joints is not None and group is not None:
         raise RobotError(f"joints={joints!r} and group={group!r} both say what is planned; give one of them")
     if group is not None:
-        groups = {} if semantics is None else semantics.groups
-        if group not in groups:
-            where = "no SRDF is given" if semantics is None else str(semantics.path)
-            raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
-        joints = []
-        for joint in groups[group]:
-            if why := _cannot_lead(source, joint):
-                _log.warning("group %r: joint %r is held still: %s", group, joint, why)
-            else:
-                joints.append(joint)
-        if not joints:
-            raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
+        joints = _of_group(group, source, semantics)
     if joints is None:
         return None
     if isinstance(joints, str):
         raise RobotError(f"joints={joints!r} is one text; give a list of joint names")
-    movable = set(source.joint_limits) | set(source.continuous)
-    planned, following = list(joints), source.following()
-    for joint in planned:
+    named = list(joints)
+    _check_planned(source, named)
+    planned = frozenset(joint for joint in named if joint not in source.followers)
+    both = sorted(planned & set(locked or {}))
+    if both:
+        raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
+    return planned
+
+
+def _of_group(group: str, source: UrdfSource, semantics: Srdf | None) -> list[str]:
+    """The joints of an SRDF's group that can be planned; the log names the others.
+
+    Raises:
+        RobotError: no such group, or none can.
+    """
+    groups = {} if semantics is None else semantics.groups
+    if group not in groups:
+        where = "no SRDF is given" if semantics is None else str(semantics.path)
+        raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
+    joints: list[str] = []
+    for joint in groups[group]:
+        if why := _cannot_lead(source, joint):
+            _log.warning("group %r: joint %r is held still: %s", group, joint, why)
+        else:
+            joints.append(joint)
+    if not joints:
+        raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
+    return joints
+
+
+def _check_planned(source: UrdfSource, joints: Collection[str]) -> None:
+    """Raise a `RobotError` where one of the joints does not move, cannot lead, or follows one that is not named."""
+    movable, following = set(source.joint_limits) | set(source.continuous), source.following()
+    for joint in joints:
         if joint not in movable:
             hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
             raise RobotError(f"joints: cannot plan {joint!r}{hint}")
         if why := _cannot_lead(source, joint):
             raise RobotError(f"joints: cannot plan {joint!r}: {why}. Hold it still (locked={{{joint!r}: …}}, --lock)")
-        if joint in source.followers and following[joint].leader not in planned:
+        if joint in source.followers and following[joint].leader not in joints:
             leader = following[joint].leader
             raise RobotError(
                 f"joints: cannot plan {joint!r} alone: it has to <mimic> {leader!r}. Plan that one, and it follows; or "
                 f"hold that one still (locked={{{leader!r}: …}}, --lock), and it is held where that puts it"
             )
-    planned = [joint for joint in planned if joint not in source.followers]
-    both = sorted(set(planned) & set(locked or {}))
-    if both:
-        raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
-    return frozenset(planned)
 
 
 def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
@@ -210,21 +225,25 @@ def held_still(
 
 def what_to_lock(robot: RobotModel) -> str:
     """Which of a robot's many joints might better be held still."""
-    names, model = robot.joint_names, robot.model
-    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)]
-    if not ends:  # what branches off several times from one body at the end of a chain, as fingers do
-        first = model.njoints - len(names)
-        leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
-        chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
-        parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
-        roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
-        ends = [model.names[k] for i in roots for k in (i, *leaves[i])]
+    names = robot.joint_names
+    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)] or _fingers(robot)
     said = f"Name those to plan with joints=[…]{' or group=…' if robot.groups else ''}, or hold some still: "
     if ends:
         return f"{said}locked={{{', '.join(f'{name!r}: {0.0:g}' for name in ends[:12])}{', …' * (len(ends) > 12)}}}"
     if robot.groups:
         return f"{said}the SRDF's groups are {listed(tuple(robot.groups), 12)}"
     return f"{said}locked={{…}}, of {listed(names, 40)}"
+
+
+def _fingers(robot: RobotModel) -> list[str]:
+    """The joints of what branches off several times from one body at the end of a chain, as fingers do."""
+    model = robot.model
+    first = model.njoints - len(robot.joint_names)
+    leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
+    chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
+    parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
+    roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
+    return [model.names[k] for i in roots for k in (i, *leaves[i])]
 
 
 def why_held(

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -118,22 +119,33 @@ def _joints(source: UrdfSource, model: pin.Model, second: yourdfpy.URDF) -> Iter
         if (joint.type == "continuous") != (own.nq == 2):
             yield f"joint {name!r} is {joint.type} there"
             continue
-        if joint.type != "continuous" and joint.limit is not None:
-            limits = [float(model.lowerPositionLimit[own.idx_q]), float(model.upperPositionLimit[own.idx_q])]
-            theirs = [joint.limit.lower or 0.0, joint.limit.upper or 0.0]
-            if not np.allclose(limits, theirs, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
-                yield f"joint {name!r} has limits {_span(limits)} here, {_span(theirs)} there"
-        if joint.limit is not None and joint.limit.velocity is not None:
-            speed = float(model.velocityLimit[own.idx_v])
-            if not np.isclose(speed, joint.limit.velocity, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
-                yield f"joint {name!r} has speed {speed:g} here, {joint.limit.velocity:g} there"
-        ours, mimic = source.followers.get(name), joint.mimic
+        if joint.limit is not None:
+            yield from _limits(name, model, joint.limit, own)
+        ours = source.followers.get(name)
         ours = ours if ours is None or ours[0] in other else None  # what has no value of its own is no leader there
-        follows = None
-        if mimic is not None and mimic.joint in other:
-            follows = mimic.joint, float(mimic.multiplier or 0.0), float(mimic.offset or 0.0)
+        follows = _followed(joint.mimic, other)
         if not _alike(ours, follows):
             yield f"joint {name!r} mimics {ours or 'nothing'} here, {follows or 'nothing'} there"
+
+
+def _limits(name: str, model: pin.Model, limit: yourdfpy.Limit, own: pin.JointModel) -> Iterator[str]:
+    """What differs in a joint's limits, of one that has some, and its speed."""
+    if own.nq == 1:  # not continuous
+        limits = [float(model.lowerPositionLimit[own.idx_q]), float(model.upperPositionLimit[own.idx_q])]
+        theirs = [limit.lower or 0.0, limit.upper or 0.0]
+        if not np.allclose(limits, theirs, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
+            yield f"joint {name!r} has limits {_span(limits)} here, {_span(theirs)} there"
+    if limit.velocity is not None:
+        speed = float(model.velocityLimit[own.idx_v])
+        if not np.isclose(speed, limit.velocity, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
+            yield f"joint {name!r} has speed {speed:g} here, {limit.velocity:g} there"
+
+
+def _followed(mimic: yourdfpy.Mimic | None, joints: Collection[str]) -> tuple[str, float, float] | None:
+    """Leader, multiplier and offset of a joint that mimics one of the joints there."""
+    if mimic is None or mimic.joint not in joints:
+        return None
+    return mimic.joint, float(mimic.multiplier or 0.0), float(mimic.offset or 0.0)
 
 
 def _alike(one: tuple[str, float, float] | None, two: tuple[str, float, float] | None) -> bool:
@@ -196,10 +208,43 @@ def _gap(one: Array, two: Array) -> str:
 
 
 def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> Iterator[str]:
+    second, capsules = _only_shapes(source)
+    own = {str(item.name): item for item in shapes.geometryObjects}
+    for link in second.robot.links:
+        read: list[tuple[_Shape, Array]] = []
+        for k, collision in enumerate(link.collisions):
+            shape = capsules.get((link.name, k)) or _read_shape(collision.geometry)
+            if any(shape.sizes):
+                read.append((shape, np.eye(4) if collision.origin is None else collision.origin))
+        if len(read) != source.collisions.get(link.name, 0):
+            yield f"link {link.name!r} has {source.collisions.get(link.name, 0)} shapes here, {len(read)} there"
+            continue
+        for k, (shape, pose) in enumerate(read):
+            item = own[f"{link.name}_{k}"]
+            found = model.frames[item.parentFrame].placement.actInv(item.placement)
+            if gap := _gap(np.array(found.homogeneous), pose):
+                yield f"collision shape {item.name!r} is {gap} elsewhere there"
+            yield from _sizes(item, shape)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """Kind and half sizes [m] of a shape, radii in whole, and the mesh that it is."""
+
+    kind: str
+    sizes: list[float]
+    mesh: yourdfpy.Mesh | None = None
+
+
+def _only_shapes(source: UrdfSource) -> tuple[yourdfpy.URDF, dict[tuple[str, int], _Shape]]:
+    """The file's links with their collision shapes as yourdfpy reads them, and what it does not read.
+
+    These are capsules, by their link and number: it gets spheres in their place. One without length is a sphere.
+    """
     import yourdfpy
 
     root = _root(source)
-    capsules: dict[tuple[str, int], list[float]] = {}  # link, number → half sizes: yourdfpy reads none
+    capsules: dict[tuple[str, int], _Shape] = {}
     for element in list(root):
         if element.tag != "link":
             root.remove(element)
@@ -213,45 +258,33 @@ def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> 
             for material in inner.findall("material"):
                 inner.remove(material)
             for capsule in inner.findall("geometry/capsule"):
-                capsules[element.get("name"), k] = [float(capsule.get("radius")), 0.5 * float(capsule.get("length"))]
+                half = 0.5 * float(capsule.get("length"))
+                if half:
+                    capsules[element.get("name"), k] = _Shape("capsule", [float(capsule.get("radius")), half])
                 capsule.tag = "sphere"
     data = io.BytesIO(etree.tostring(root, encoding="utf-8"))
-    second = yourdfpy.URDF.load(data, build_scene_graph=False, load_meshes=False)
-    own = {str(item.name): item for item in shapes.geometryObjects}
-    for link in second.robot.links:
-        read: list[tuple[str, list[float], yourdfpy.Mesh | None, Array]] = []
-        for k, collision in enumerate(link.collisions):
-            kind, sizes, mesh = _read_shape(collision.geometry)
-            if capsules.get((link.name, k), [0.0, 0.0])[1]:
-                kind, sizes = "capsule", capsules[link.name, k]
-            if any(sizes):
-                read.append((kind, sizes, mesh, np.eye(4) if collision.origin is None else collision.origin))
-        if len(read) != source.collisions.get(link.name, 0):
-            yield f"link {link.name!r} has {source.collisions.get(link.name, 0)} shapes here, {len(read)} there"
-            continue
-        for k, (kind, sizes, mesh, pose) in enumerate(read):
-            item = own[f"{link.name}_{k}"]
-            found = model.frames[item.parentFrame].placement.actInv(item.placement)
-            if gap := _gap(np.array(found.homogeneous), pose):
-                yield f"collision shape {item.name!r} is {gap} elsewhere there"
-            mine, half = shape_of(item.geometry)
-            if mesh is not None and mine in (ShapeKind.MESH, ShapeKind.CONVEX):
-                yield from _mesh(item, mesh)
-            elif mine.value != kind or not np.allclose(half, sizes, rtol=_NUMBER_TOLERANCE, atol=PLATE_THICKNESS):
-                ours = ", ".join(f"{1e3 * x:.4g}" for x in half)
-                theirs = ", ".join(f"{1e3 * x:.4g}" for x in sizes)
-                yield f"collision shape {item.name!r}: {mine.value} of {ours} mm here, {kind} of {theirs} mm there"
+    return yourdfpy.URDF.load(data, build_scene_graph=False, load_meshes=False), capsules
 
 
-def _read_shape(shape: yourdfpy.Geometry) -> tuple[str, list[float], yourdfpy.Mesh | None]:
-    """Kind and half sizes [m] of a shape, radii in whole, and the mesh that it is."""
+def _sizes(item: pin.GeometryObject, shape: _Shape) -> Iterator[str]:
+    """What differs in the kind and size of a shape."""
+    mine, half = shape_of(item.geometry)
+    if shape.mesh is not None and mine in (ShapeKind.MESH, ShapeKind.CONVEX):
+        yield from _mesh(item, shape.mesh)
+    elif mine.value != shape.kind or not np.allclose(half, shape.sizes, rtol=_NUMBER_TOLERANCE, atol=PLATE_THICKNESS):
+        ours = ", ".join(f"{1e3 * x:.4g}" for x in half)
+        theirs = ", ".join(f"{1e3 * x:.4g}" for x in shape.sizes)
+        yield f"collision shape {item.name!r}: {mine.value} of {ours} mm here, {shape.kind} of {theirs} mm there"
+
+
+def _read_shape(shape: yourdfpy.Geometry) -> _Shape:
     if shape.box is not None:
-        return "box", [0.5 * float(x) for x in shape.box.size], None
+        return _Shape("box", [0.5 * float(x) for x in shape.box.size])
     if shape.sphere is not None:
-        return "sphere", [shape.sphere.radius], None
+        return _Shape("sphere", [shape.sphere.radius])
     if shape.cylinder is not None:
-        return "cylinder", [shape.cylinder.radius, 0.5 * shape.cylinder.length], None
-    return "mesh", [1.0], shape.mesh
+        return _Shape("cylinder", [shape.cylinder.radius, 0.5 * shape.cylinder.length])
+    return _Shape("mesh", [1.0], shape.mesh)
 
 
 def _mesh(item: pin.GeometryObject, mesh: yourdfpy.Mesh) -> Iterator[str]:

@@ -138,52 +138,73 @@ def left_out(
         rules: what else is known about the pairs.
         shares: the part of :attr:`LeftOut.shares` that is known already.
     """
-    n = len(shapes)
-    joined = joints_of_links(model)
-    mask = np.eye(n, dtype=bool)
-    pairs: dict[LinkPair, UncheckedPair] = {}
-    asked: dict[LinkPair, list[tuple[int, int]]] = {}
-    never: dict[LinkPair, list[tuple[int, int]]] = {}
-
-    def leave_out(members: list[tuple[int, int]]) -> None:
-        for i, k in members:
-            mask[i, k] = mask[k, i] = True
-
-    for pair, members in _pairs_by_links(shapes).items():
-        if len(pair) == 1:
-            leave_out(members)
-        elif pair in joined and pair not in rules.enabled:
-            leave_out(members)
-            pairs[pair] = _unchecked(pair, WhyUnchecked.JOINED, joined[pair])
-        elif pair in rules.disabled:
-            leave_out(members)
-            pairs[pair] = _unchecked(pair, WhyUnchecked.SRDF, rules.disabled[pair])
-            if rules.disabled[pair] == _NEVER_TOUCHING:
-                never[pair] = members
-        else:
-            asked[pair] = members
+    by_links = _pairs_by_links(shapes)
+    between = {pair: members for pair, members in by_links.items() if len(pair) > 1}
+    pairs = _told_unchecked(between, joints_of_links(model), rules)
+    asked = {pair: members for pair, members in between.items() if pair not in pairs}
+    never = {p: between[p] for p, out in pairs.items() if out.why is WhyUnchecked.SRDF and out.note == _NEVER_TOUCHING}
     postures = SampledPostures(model, shapes, meshes, rules.followers)
+    always, crowded, shares = _nearly_always_touching(postures, asked, shapes, meshes, shares or {})
+    pairs |= always
+    hidden = frozenset(pair for pair, share in shares.items() if share < (1.0 if pair in pairs else _HIDDEN_SHARE))
+    mask = np.eye(len(shapes), dtype=bool)
+    for pair, members in by_links.items():
+        if pair in pairs or pair not in between:
+            for i, k in members:
+                mask[i, k] = mask[k, i] = True
+    return LeftOut(mask, pairs, shares, hidden, crowded, touching_in_some(postures, never))
+
+
+def _told_unchecked(
+    pairs: Collection[LinkPair], joined: Mapping[LinkPair, str], rules: PairRules
+) -> dict[LinkPair, UncheckedPair]:
+    """The pairs that a joint or the SRDF leaves out."""
+    found: dict[LinkPair, UncheckedPair] = {}
+    for pair in pairs:
+        if pair in joined and pair not in rules.enabled:
+            found[pair] = _unchecked(pair, WhyUnchecked.JOINED, joined[pair])
+        elif pair in rules.disabled:
+            found[pair] = _unchecked(pair, WhyUnchecked.SRDF, rules.disabled[pair])
+    return found
+
+
+def _nearly_always_touching(
+    postures: SampledPostures,
+    asked: Mapping[LinkPair, list[tuple[int, int]]],
+    shapes: Sequence[LinkGeometry],
+    meshes: Sequence[coal.CollisionGeometry],
+    given: Mapping[LinkPair, float],
+) -> tuple[dict[LinkPair, UncheckedPair], frozenset[LinkPair], dict[LinkPair, float]]:
+    """The pairs that touch in every posture, and are left out; those that nearly do; and shares of their meshes."""
     first_apart = touching_at_first(postures, asked)
-    often = {
-        pair: asked[pair]
-        for pair, count in first_apart.items()
-        if count >= _NEARLY_ALL_POSTURES
-        and shapes[asked[pair][0][0]].joint != shapes[asked[pair][0][1]].joint
-        and any(isinstance(meshes[m], coal.BVHModelBase) for member in asked[pair] for m in member)
-    }
-    known = {pair: share for pair, share in (shares or {}).items() if pair in often}
-    shares = known | mesh_shares(postures, {pair: each for pair, each in often.items() if pair not in known})
-    for pair, count in first_apart.items():
-        if count == POSTURES:
+    often = [pair for pair, count in first_apart.items() if count >= _NEARLY_ALL_POSTURES]
+    rigid = {pair for pair in often if len({shapes[i].joint for i in asked[pair][0]}) == 1}
+    shares = _shares(postures, {pair: asked[pair] for pair in often if pair not in rigid}, meshes, given)
+    always: dict[LinkPair, UncheckedPair] = {}
+    for pair in often:
+        if first_apart[pair] == POSTURES:
             share = shares.get(pair, 1.0)
             note = f"their hulls; their meshes in {100.0 * share:.3g} % of them" if share < 1.0 else ""
-            if shapes[asked[pair][0][0]].joint == shapes[asked[pair][0][1]].joint:
+            if pair in rigid:
                 note = "nothing moves them to each other"
-            leave_out(asked[pair])
-            pairs[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
-    hidden = frozenset(pair for pair, share in shares.items() if share < (1.0 if pair in pairs else _HIDDEN_SHARE))
-    crowded = frozenset(pair for pair, count in first_apart.items() if _NEARLY_ALL_POSTURES <= count < POSTURES)
-    return LeftOut(mask, pairs, shares, hidden, crowded, touching_in_some(postures, never))
+            always[pair] = _unchecked(pair, WhyUnchecked.ALWAYS, note)
+    return always, frozenset(often).difference(always), shares
+
+
+def _shares(
+    postures: SampledPostures,
+    pairs: Mapping[LinkPair, list[tuple[int, int]]],
+    meshes: Sequence[coal.CollisionGeometry],
+    given: Mapping[LinkPair, float],
+) -> dict[LinkPair, float]:
+    """Share of postures in which the meshes of pairs touch that have any; those that are ``given`` are not counted."""
+    meshed = {
+        pair: members
+        for pair, members in pairs.items()
+        if any(isinstance(meshes[k], coal.BVHModelBase) for member in members for k in member)
+    }
+    known = {pair: share for pair, share in given.items() if pair in meshed}
+    return known | mesh_shares(postures, {pair: each for pair, each in meshed.items() if pair not in known})
 
 
 def _unchecked(pair: LinkPair, why: WhyUnchecked, note: str = "") -> UncheckedPair:

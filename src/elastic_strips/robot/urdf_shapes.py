@@ -195,6 +195,18 @@ def _check_element(
         RobotError: a fault of it.
     """
     check_origins(element, source, what)
+    shape = _only_shape(element, source, what)
+    if shape.tag == "mesh":
+        _check_mesh(shape, source, folders, packages, what, mends)
+        return True
+    if shape.tag not in _SHAPES:
+        hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
+        raise fault(source, shape, f"{what} has unknown shape <{shape.tag!s:.60}>{hint}")
+    return _check_sizes(shape, source, what, mends, link)
+
+
+def _only_shape(element: etree._Element, source: Path, what: str) -> etree._Element:
+    """The one shape that a <collision> or <visual> has."""
     geometry = element.find("geometry")
     if geometry is None or len(geometry) == 0:
         raise fault(source, element, f"{what} has no <geometry>")
@@ -203,13 +215,11 @@ def _check_element(
         raise fault(
             source, shapes[1], f"{what} has a second shape <{shapes[1].tag!s:.60}>; give it its own <{element.tag}>"
         )
-    shape = geometry[0]
-    if shape.tag == "mesh":
-        _check_mesh(shape, source, folders, packages, what, mends)
-        return True
-    if shape.tag not in _SHAPES:
-        hint = nearest_name(shape.tag, [*_SHAPES, "mesh"])
-        raise fault(source, shape, f"{what} has unknown shape <{shape.tag!s:.60}>{hint}")
+    return geometry[0]
+
+
+def _check_sizes(shape: etree._Element, source: Path, what: str, mends: Mends, link: str) -> bool:
+    """Check the sizes of a shape, and make a plate that has a thickness of one that has none; False if all are 0."""
     keys, count = _SHAPES[shape.tag]
     sizes = {key: floats(shape, key, count, source, what, bound=MAX_LENGTH) for key in keys.split()}
     for key, values in sizes.items():

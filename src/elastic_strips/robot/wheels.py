@@ -54,27 +54,37 @@ def wheel_joints(model: pin.Model, source: UrdfSource) -> set[str]:
     named = {j for j in source.continuous if any(word in j.lower() for word in ("wheel", "caster", "castor"))}
     if model.njoints < 2 or model.joints[1].shortname() != "JointModelPlanar":
         return named
+    return named | {model.names[i] for i in _wheels_by_motion(model, source)}
+
+
+def _wheels_by_motion(model: pin.Model, source: UrdfSource) -> set[int]:
+    """The joints of wheels and casters on a planar root, whatever they are called."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    upright = {i: abs(float(data.J[5, model.joints[i].idx_v])) for i in range(2, model.njoints)}  # z of its axis
     height = [float(pose.translation[2]) for pose in data.oMi]
-    turning = {i for i in upright if model.names[i] in source.continuous}
-
-    def carried(i: int) -> list[int]:
-        return [k for k in model.subtrees[i] if k != i and model.names[k] not in source.mimic]
-
-    rolling = {i for i in turning if upright[i] < _WHEEL_TILT and not carried(i)}
+    turning = {  # joint → z of its axis
+        i: abs(float(data.J[5, model.joints[i].idx_v]))
+        for i in range(2, model.njoints)
+        if model.names[i] in source.continuous
+    }
+    carried = {i: _carried(i, model, source) for i in turning}
+    rolling = {i for i, up in turning.items() if up < _WHEEL_TILT and not carried[i]}
     wheels = {i for i in rolling if model.parents[i] == 1}
     casters = {
         i
-        for i in turning
-        if model.parents[i] == 1 and upright[i] > 1.0 - _WHEEL_TILT and carried(i) and rolling.issuperset(carried(i))
+        for i, up in turning.items()
+        if model.parents[i] == 1 and up > 1.0 - _WHEEL_TILT and carried[i] and rolling.issuperset(carried[i])
     }
     top = max((height[i] for i in wheels), default=float("inf") if len(casters) > 1 else -float("inf"))
     for i in casters:
-        if max(height[k] for k in carried(i)) <= top + _CASTER_HEIGHT:
-            wheels |= {i, *carried(i)}
-    return named | {model.names[i] for i in wheels}
+        if max(height[k] for k in carried[i]) <= top + _CASTER_HEIGHT:
+            wheels |= {i, *carried[i]}
+    return wheels
+
+
+def _carried(i: int, model: pin.Model, source: UrdfSource) -> list[int]:
+    """The joints that a joint carries, but for those that mimic another one."""
+    return [k for k in model.subtrees[i] if k != i and model.names[k] not in source.mimic]
 
 
 def round_wheels(model: pin.Model, collision: pin.GeometryModel, wheels: Iterable[str]) -> frozenset[str]:
@@ -125,10 +135,8 @@ def driven_wheels(source: UrdfSource, locked: Container[str]) -> DrivenWheels:
     model = pinocchio_model(source)
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
-    turning = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
-    called = _without_casters([joint for joint in turning if "wheel" in joint.get("name").lower()], model)
     sideways, others = [], []
-    for joint in called or [joint for joint in turning if joint.get("name") in locked]:
+    for joint in _candidates(root, model, locked):
         name = joint.get("name")
         pose = data.oMi[model.getJointId(name)]
         if _points_sideways(joint, pose, path):
@@ -153,6 +161,13 @@ def driven_wheels(source: UrdfSource, locked: Container[str]) -> DrivenWheels:
         names = "; ".join(", ".join(w.joints) for w in found)
         raise RobotError(f"{path} has several different pairs of wheels ({names})")
     return first
+
+
+def _candidates(root: etree._Element, model: pin.Model, locked: Container[str]) -> list[etree._Element]:
+    """The continuous joints that are called wheels and are no casters; where none is, those that are locked."""
+    turning = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
+    called = _without_casters([joint for joint in turning if "wheel" in joint.get("name").lower()], model)
+    return called or [joint for joint in turning if joint.get("name") in locked]
 
 
 def _points_sideways(joint: etree._Element, pose: pin.SE3, path: Path) -> bool:
