@@ -200,7 +200,7 @@ def test_what_is_not_taken_over_is_said(tmp_path, caplog):
         assert what in caplog.text
     assert "scale" not in caplog.text
     caplog.clear()
-    usual = {"default_entry_names": ["lamp"], "default_entry_values": [True]}
+    usual = {"default_entry_names": ["lamp", ["no", "name"]], "default_entry_values": [True, True]}
     with caplog.at_level(logging.WARNING):
         read_scene(write(tmp_path, box("lamp"), allowed_collision_matrix=usual))
     assert "lamp" in caplog.text
