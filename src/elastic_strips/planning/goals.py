@@ -165,9 +165,11 @@ def is_goal_region(goal: object) -> bool:
     """Whether a goal is something other than one configuration."""
     if isinstance(goal, (HandPose, BasePose, Mapping)):
         return True
-    return isinstance(goal, Sequence) and not isinstance(goal, str) and (
-        len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray))
-    )  # fmt: skip
+    return (
+        isinstance(goal, Sequence)
+        and not isinstance(goal, str)
+        and (len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray)))
+    )
 
 
 def find_goals(
@@ -277,9 +279,14 @@ class _Source:
         """By the joints alone, and with the base, where it may move and nothing is found without."""
         robot = self._search.robot
         self.hand = hand = PoseSearch(
-            robot, goal.frame, goal.position, goal.orientation, near=self._search.start, within=goal.within,
+            robot,
+            goal.frame,
+            goal.position,
+            goal.orientation,
+            near=self._search.start,
+            within=goal.within,
             rng=self.rng,
-        )  # fmt: skip
+        )
 
         def rounds() -> Iterator[Array]:
             moves = robot.space.planar and self._search.base
@@ -339,9 +346,7 @@ class _Source:
 class _Search:
     """What configurations of goals are measured against, and what becomes of them."""
 
-    def __init__(
-        self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool
-    ) -> None:  # fmt: skip
+    def __init__(self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool) -> None:
         self.robot, self.scene, self.start, self.base = robot, scene, start, base
         self.params: DeformParams = params or DeformParams()
         self.here: Array = robot.space.to_coordinates(start)
@@ -394,9 +399,16 @@ class _Search:
 
 
 def goal_configurations(
-    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, seed: int,
-    params: DeformParams | None, deadline: Deadline, count: int = _ENOUGH_CONFIGURATIONS,
-) -> Array:  # fmt: skip
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: Goal | Sequence[Goal],
+    *,
+    seed: int,
+    params: DeformParams | None,
+    deadline: Deadline,
+    count: int = _ENOUGH_CONFIGURATIONS,
+) -> Array:
     """Configurations (K, nq) of a goal, to be planned to one after the other; looked for in a few seconds, or rounds
     where the deadline bounds work.
 
@@ -406,7 +418,7 @@ def goal_configurations(
     timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_LONGEST_GOAL_SEARCH, None)
     search = find_goals(
         robot, scene, start, goal, count=count, seed=seed, params=params, timeout=timeout, rounds=rounds
-    )  # fmt: skip
+    )
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations

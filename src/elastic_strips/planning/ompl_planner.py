@@ -144,9 +144,18 @@ def seed_ompl(seed: int) -> None:
 
 
 def _search(
-    robot: RobotModel, valid: ValidityChecker, endpoints: Array, low: Array, high: Array, seed: int,
-    search: Deadline, spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
-) -> Array | None:  # fmt: skip
+    robot: RobotModel,
+    valid: ValidityChecker,
+    endpoints: Array,
+    low: Array,
+    high: Array,
+    seed: int,
+    search: Deadline,
+    spacing: float,
+    fineness: float,
+    most: int | None,
+    deadline: Deadline | None,
+) -> Array | None:
     """Rows of a path, or None; for one thread at a time."""
     from ompl import base as ob
     from ompl import geometric as og
