@@ -23,7 +23,7 @@ from elastic_strips.scene.parts import Part
 from elastic_strips.scene.scene import PartTable
 from elastic_strips.work import count_work
 
-_LONGEST = 1e6  # [s]
+_LONGEST_MOTION = 1e6  # [s] that an obstacle is followed
 
 
 @dataclass(slots=True)
@@ -235,7 +235,7 @@ class Forecast:
 
     def predict(self, times: Array) -> NodePrediction:
         """The forecast at node times (N,) [s] after the snapshot; negative ones are before it."""
-        t = np.clip(times, -_LONGEST, min(self.horizon, _LONGEST))[:, None]
+        t = np.clip(times, -_LONGEST_MOTION, min(self.horizon, _LONGEST_MOTION))[:, None]
         uncertainty = self.offset + self.speed * np.abs(t) + 0.5 * self.acceleration * t * t
         return NodePrediction(self.obstacles, self.velocity[None] * t[:, :, None], uncertainty, times > self.horizon)
 

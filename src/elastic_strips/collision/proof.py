@@ -32,8 +32,8 @@ from elastic_strips.validation import check_choice, check_number, check_type
 from .bounds import BodySet
 from .path_rows import INTERPOLATIONS, PathLike, PathRows, column_names, path_rows
 
-_DEPTH = 24  # most halvings of a segment; what is still open then is not proven
-_GAIN = 2.0 * checker.ROUNDING  # that an interval has to spare
+_MOST_HALVINGS = 24  # of a segment; what is still open then is not proven
+_LEAST_SPARE = 2.0 * checker.ROUNDING  # [m] that an interval has to spare
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -206,21 +206,21 @@ class _Work:
         span = np.tile((0.0, 1.0), (len(pair), 1))
         done: list[tuple[Indices, Indices, Array, Array]] = []
         least, total = np.inf, 0
-        for _ in range(_DEPTH):
+        for _ in range(_MOST_HALVINGS):
             if not len(pair):
                 break
             _bounded("intervals", total + len(pair), checker.MOST)
             normal = np.stack([self._between_middles(segment, span[:, e], pair) for e in (0, 1)], axis=1)
             gap = np.stack([self._gaps(segment, span[:, e], pair, normal[:, e]) for e in (0, 1)], axis=1)
             spare = self._spare(segment, pair, span, gap)
-            near = np.flatnonzero(spare <= _GAIN)
+            near = np.flatnonzero(spare <= _LEAST_SPARE)
             for e in (0, 1):
                 normal[near, e] = self._exact(segment[near], span[near, e], pair[near], normal[near, e])
                 gap[near, e] = self._gaps(segment[near], span[near, e], pair[near], normal[near, e])
             if (gap[near] <= self.needed[pair[near], None]).any():
                 return None
             spare[near] = self._spare(segment[near], pair[near], span[near], gap[near])
-            proven = spare > _GAIN
+            proven = spare > _LEAST_SPARE
             total += int(proven.sum())
             least = min(least, float(spare[proven].min(initial=np.inf)))
             done.append((segment[proven], pair[proven], span[proven], normal[proven]))
