@@ -65,7 +65,7 @@ _SUFFIXES = (".dae", ".obj", ".ply", ".stl")
 
 _VOXELS_OF_FEW, _VOXELS_OF_MORE = 50_000, 10_000  # voxels of V-HACD, of few bodies and of more
 _FEW_BODIES, _SOME_BODIES = 3, 12
-_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
+_VHACD_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
 """Hulls and depth of V-HACD's recursion: the first; of more than some bodies by their share of the mesh's diagonal."""
 
 _MOST_PIECE_CORNERS = 600  # of one of V-HACD's pieces, which stick out of the body anyway
@@ -134,7 +134,7 @@ def _few(vertices: Array, faces: _Faces, most: int) -> list[Array]:
     closed = len(body) > 0 and bool(_closed(body, np.zeros(len(body), dtype=np.int64))[0])
     if not len(body) or len(_bars(points, body, triangles[~kept])) or (closed and _convex(points, body)):
         return [few_corners(vertices, "Mesh piece", SceneError)[0]]
-    return _solid_pieces(points, body, True, most, _EFFORTS[0][2], _VOXELS_OF_MORE)
+    return _solid_pieces(points, body, True, most, _VHACD_EFFORTS[0][2], _VOXELS_OF_MORE)
 
 
 def load_mesh(path: Path) -> tuple[Array, _Faces]:
@@ -447,7 +447,9 @@ def _plate(corners: Array) -> Array:
 def _decomposed(vertices: Array, faces: _Faces, closed: bool, bodies: int, whole: float) -> list[Array]:
     """Pieces of a body that is neither flat nor convex, one of several in a mesh of a diagonal ``whole`` [m]."""
     share = float(np.linalg.norm(np.ptp(vertices, axis=0))) / whole
-    most, depth = next((hulls, deep) for least, hulls, deep in _EFFORTS if bodies <= _SOME_BODIES or share >= least)
+    most, depth = next(
+        (hulls, deep) for least, hulls, deep in _VHACD_EFFORTS if bodies <= _SOME_BODIES or share >= least
+    )
     return _solid_pieces(
         vertices, faces, closed, most, depth, _VOXELS_OF_FEW if bodies <= _FEW_BODIES else _VOXELS_OF_MORE
     )

@@ -174,7 +174,7 @@ def _six_metres(name: str, obstacles: list[Obstacle], seed: int) -> Scenario:
 
 
 BOTTLENECK, DEAD_END = "bottleneck", "dead-end"
-DOOR = 0.75
+DOOR_WIDTH = 0.75
 """Width of the bottleneck [m]; the Silvermate's base is 0.54 m wide."""
 _WALL_LENGTH = 12.0  # [m] of wall on either side of the door: too long to drive around
 _DEAD_END_DEPTH, _DEAD_END_WIDTH = 1.2, 1.8  # [m] of the dead end, inside
@@ -188,8 +188,8 @@ def bottleneck(seed: int = 0) -> Scenario:
         seed: not used.
     """
     walls: list[Obstacle] = [
-        _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _WALL_LENGTH), across=_WALL_LENGTH),
-        _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _WALL_LENGTH), across=_WALL_LENGTH),
+        _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR_WIDTH + _WALL_LENGTH), across=_WALL_LENGTH),
+        _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR_WIDTH + _WALL_LENGTH), across=_WALL_LENGTH),
     ]
     return _six_metres(BOTTLENECK, walls, seed)
 

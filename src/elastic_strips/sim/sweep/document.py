@@ -20,7 +20,7 @@ from elastic_strips.sim.sensors import named_sensors
 
 from .runs import ENDS, KINDS, MEASURED, Run, Value, check_values, full_name, located
 
-VERSION = 1
+SWEEP_VERSION = 1
 MAX_RUNS = 1_000_000
 MAX_SEED = 2**31 - 1
 _KEYS = ("version", "kind", "scenarios", "robots", "presets", "seeds", "grid", "fixed", "plot")
@@ -147,7 +147,7 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     root = load_yaml(path, error=SweepError)
     entries = root.mapping(_KEYS, needed=("kind", "scenarios"), what="a sweep")
     if "version" in entries:
-        entries["version"].integer(low=VERSION, high=VERSION)
+        entries["version"].integer(low=SWEEP_VERSION, high=SWEEP_VERSION)
     kind = entries["kind"].text(valid=KINDS)
     folder = str(root.source.path.parent.absolute())
     scenarios = [node.text() for node in _listed(entries["scenarios"])]
