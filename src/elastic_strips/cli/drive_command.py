@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 
 
 _COMPUTING = {
-    "free": "computing free", "work": "computing charged by work counted", "realtime": "against the wall clock",
-}  # fmt: skip
+    "free": "computing free",
+    "work": "computing charged by work counted",
+    "realtime": "against the wall clock",
+}
 
 
 @click.command()
@@ -140,9 +142,17 @@ def drive(
     if log and not realtime:
         raise click.UsageError("--log is for --realtime; --record has everything about other drives")
     setup = DriveSetup(
-        robot=model, seed=number, plant=plant, evade=evade is not False, sensors=config, alternatives=alternatives,
-        level=level, faults=wrong, limits=allowed, compute="free" if realtime else compute or "1",
-    )  # fmt: skip
+        robot=model,
+        seed=number,
+        plant=plant,
+        evade=evade is not False,
+        sensors=config,
+        alternatives=alternatives,
+        level=level,
+        faults=wrong,
+        limits=allowed,
+        compute="free" if realtime else compute or "1",
+    )
     if realtime:
         make = partial(make_realtime, problem, setup, log=log)
     else:

@@ -67,10 +67,17 @@ class CandidateParts:
             rows = np.union1d(rows, np.flatnonzero(np.isin(table.obstacle_index, always)))
         parts = [table.parts[r] for r in rows]
         return CandidateParts(
-            scene, rows, low, high, parts, table.rotation[rows], table.translation[rows],
-            table.local_center[rows] - table.local_translation[rows], table.local_half[rows],
+            scene,
+            rows,
+            low,
+            high,
+            parts,
+            table.rotation[rows],
+            table.translation[rows],
+            table.local_center[rows] - table.local_translation[rows],
+            table.local_half[rows],
             table.obstacle_index[rows],
-        )  # fmt: skip
+        )
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -301,8 +308,9 @@ class MovingParts:
             columns, shift, risen = changed, np.zeros((1, 1, 3)), np.zeros((1, 1))
             rotation, translation = rotation[columns], translation[columns]
             self._rotation[columns], self._translation[columns] = (
-                candidates.rotation[columns], candidates.translation[columns],
-            )  # fmt: skip
+                candidates.rotation[columns],
+                candidates.translation[columns],
+            )
         else:
             self.begin(prediction, candidates)
             moved = former | self.columns

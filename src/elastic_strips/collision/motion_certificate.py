@@ -138,9 +138,15 @@ class MotionCertifier(OneThread):
         if self._narrow.native is not None:
             native = self._narrow.native
             found = native.calls.prove(
-                self._kin.T, self._kin.coordinates[: self._kin.n], v,
-                *native.scene(candidates, self._moving), travel, approach, clearance, _depth(len(travel)),
-            )  # fmt: skip
+                self._kin.T,
+                self._kin.coordinates[: self._kin.n],
+                v,
+                *native.scene(candidates, self._moving),
+                travel,
+                approach,
+                clearance,
+                _depth(len(travel)),
+            )
             return self._proof(pairs, found, len(travel))
         total = np.zeros((len(travel) + 1, count, len(candidates)))
         np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=total[1:])

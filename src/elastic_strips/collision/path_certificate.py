@@ -302,9 +302,7 @@ class _Work:
         kin.update(rows)
         tools.obstacles.update(kin, scene)
         tools.itself.update(kin)
-        found = tools.certifier.certify(
-            kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene
-        )  # fmt: skip
+        found = tools.certifier.certify(kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene)
         return found.states, found.broken
 
     def changing(self, when: Array, world: World, obstacles: tuple[Obstacle, ...]) -> None:
@@ -326,9 +324,7 @@ class _Work:
             while todo:
                 one, two, there = todo.pop()
                 (t0, low), (t1, high) = one, two
-                ends = self.robot.space.interpolate(
-                    self.rows[j][None], self.rows[j + 1][None], np.array([low, high])
-                )  # fmt: skip
+                ends = self.robot.space.interpolate(self.rows[j][None], self.rows[j + 1][None], np.array([low, high]))
                 open_, broken = self._open(ends, there, world, t0, t1)
                 middle = 0.5 * (t0 + t1), 0.5 * (low + high)
                 if broken is not None:
@@ -391,9 +387,7 @@ class _Work:
         assert broken is not None or not states.any()
         return broken
 
-    def result(
-        self, when: Array | None, least: float | None, notes: tuple[str, ...], began: float
-    ) -> PathCertificate:  # fmt: skip
+    def result(self, when: Array | None, least: float | None, notes: tuple[str, ...], began: float) -> PathCertificate:
         """The verdict; where something is broken, the configuration that shows it best."""
         whole, unknown = self.arcs.whole, self.arcs.unknown
         segments = tuple(sorted({int(whole[j]) for j in self.bad} | set(unknown)))
@@ -405,12 +399,20 @@ class _Work:
             shown = found if verdict is Verdict.REFUTED else None
             time = None if when is None or shown is None else float(np.interp(place, np.arange(len(when)), when))
             return PathCertificate(
-                verdict, self.clearance, self.self_clearance, least, segments, broken,
+                verdict,
+                self.clearance,
+                self.self_clearance,
+                least,
+                segments,
+                broken,
                 q=None if shown is None else self.robot.space.from_coordinates(shown.row),
-                place=None if shown is None or broken is None else place - broken.segment, time=time,
-                distance=None if shown is None else shown.distance, reason=reason + assumed, notes=notes,
+                place=None if shown is None or broken is None else place - broken.segment,
+                time=time,
+                distance=None if shown is None else shown.distance,
+                reason=reason + assumed,
+                notes=notes,
                 seconds=perf_counter() - began,
-            )  # fmt: skip
+            )
 
         if not segments:
             said = "" if least is None else f", {_mm(least)} at the nearest" if np.isfinite(least) else ", nothing near"

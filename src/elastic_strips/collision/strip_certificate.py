@@ -67,9 +67,15 @@ class Certifier(OneThread):
 
     @exclusive
     def certify(
-        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene,
+        self,
+        kin: Kinematics,
+        v: Array,
+        *,
+        clearance: float,
+        self_clearance: float,
+        scene: Scene,
         known: Mask | None = None,
-    ) -> Certificate:  # fmt: skip
+    ) -> Certificate:
         """Certify the segments between the nodes of ``kin``.
 
         Args:
@@ -125,9 +131,18 @@ class Certifier(OneThread):
         coordinates, checks = kin.coordinates[: kin.n], 0
         if len(candidates):
             broken, count, work = narrow.native.calls.certify(
-                kin.T, kin.J, coordinates, v, *narrow.native.scene(candidates, obstacles.moving), self.bounds.of_motion,
-                obstacles.moving.travel(), obstacles.arrays, searches[0].clearance, depth, states,
-            )  # fmt: skip
+                kin.T,
+                kin.J,
+                coordinates,
+                v,
+                *narrow.native.scene(candidates, obstacles.moving),
+                self.bounds.of_motion,
+                obstacles.moving.travel(),
+                obstacles.arrays,
+                searches[0].clearance,
+                depth,
+                states,
+            )
             obstacles.account(*work)
             searches[0].note(broken)
             checks += count

@@ -37,9 +37,16 @@ class ObstacleLookahead:
     """
 
     def __init__(
-        self, footprint: PlanarFootprint, scene: Scene, forecast: Forecast, centre: Array, *, reach: float,
-        horizon: float, most: int = 12,
-    ) -> None:  # fmt: skip
+        self,
+        footprint: PlanarFootprint,
+        scene: Scene,
+        forecast: Forecast,
+        centre: Array,
+        *,
+        reach: float,
+        horizon: float,
+        most: int = 12,
+    ) -> None:
         count_work(batches=1, obstacles=len(scene))
         self.body = footprint
         self._native = kernel()

@@ -116,9 +116,18 @@ class StripPlanner:
     def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:
         """A plan that satisfies the drive's constraint; where there is none, one that does not, and says so."""
         plan = partial(
-            plan_report, self.robot, scene, asked.start, asked.goal, seed=seed, params=asked.deform, path=asked.path,
-            line=line, grid=self.grid, backward=self.params.backward,
-        )  # fmt: skip
+            plan_report,
+            self.robot,
+            scene,
+            asked.start,
+            asked.goal,
+            seed=seed,
+            params=asked.deform,
+            path=asked.path,
+            line=line,
+            grid=self.grid,
+            backward=self.params.backward,
+        )
         constraint = self.params.constraint
         if constraint is None:
             return plan(timeout=timeout)
@@ -303,9 +312,13 @@ class SwitchingPlanner(StripPlanner):
         """Plan several strips and return the cheapest; where there are none, as :meth:`StripPlanner.first`."""
         first = super().first(asked)
         self.family = StripSet(
-            self.robot, asked.goal, params=self._kept, deform=asked.deform, seed=self.seed,
+            self.robot,
+            asked.goal,
+            params=self._kept,
+            deform=asked.deform,
+            seed=self.seed,
             constraint=self.params.constraint,
-        )  # fmt: skip
+        )
         try:
             found = self.family.plan(standing(asked.scene, _BLOCKING_SPEED), asked.start)
         except ConfigurationError:  # something slow blocks start or goal, and may go away
@@ -315,9 +328,14 @@ class SwitchingPlanner(StripPlanner):
             return first
         reason = f"{found.events[0] if found.events else 'planned'}; {first.reason}"
         return replace(
-            first, strip=best.strip, initial=best.strip, certified=True, method=best.method, reason=reason,
+            first,
+            strip=best.strip,
+            initial=best.strip,
+            certified=True,
+            method=best.method,
+            reason=reason,
             report=best.report,
-        )  # fmt: skip
+        )
 
     def another(self, asked: PlanRequest) -> Replanned:
         """One of the other strips, or else another plan."""

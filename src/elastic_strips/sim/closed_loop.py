@@ -150,10 +150,17 @@ class Simulation(Generic[_Driver]):
             self.recorder = self._new_recorder()
         reference = controller.reference
         self.recorder.control(
-            t, coordinates=plant.coordinates, v=plant.v, reference=reference.coordinates, reference_v=reference.v,
-            estimate=controller.estimate, drive=command.drive, joints=command.joints, motors=plant.motors,
+            t,
+            coordinates=plant.coordinates,
+            v=plant.v,
+            reference=reference.coordinates,
+            reference_v=reference.v,
+            estimate=controller.estimate,
+            drive=command.drive,
+            joints=command.joints,
+            motors=plant.motors,
             state=int(controller.state),
-        )  # fmt: skip
+        )
         self.perception.observe(t, plant.coordinates, controller.estimate)
         self.pedestrians.step(t, plant.coordinates, plant.v)
         self._measurement = None
@@ -317,9 +324,15 @@ def simulation(
         senses = noise
     begin = make or cast("Callable[..., _Driver]", partial(Controller, robot, start, goal))
     controller = begin(
-        senses.known(), params=params, limits=limits, seed=seed, workers=workers, meter=meter,
-        events=None if record else KEPT_EVENTS, **options,
-    )  # fmt: skip
+        senses.known(),
+        params=params,
+        limits=limits,
+        seed=seed,
+        workers=workers,
+        meter=meter,
+        events=None if record else KEPT_EVENTS,
+        **options,
+    )
     if meter is not None:
         controller.warm_up()
     if fault_plan.faults:
@@ -332,8 +345,16 @@ def simulation(
     if isinstance(noise, SensorPerception):
         noise.computing = computing
     driven = Simulation(
-        controller, world, machine, senses, goal=last, watch=watch, realtime=realtime, record=record,
-        metadata=metadata, computing=computing,
-    )  # fmt: skip
+        controller,
+        world,
+        machine,
+        senses,
+        goal=last,
+        watch=watch,
+        realtime=realtime,
+        record=record,
+        metadata=metadata,
+        computing=computing,
+    )
     workers.clock = lambda: driven.time
     return driven

@@ -28,9 +28,15 @@ from .perception import Perception, PerceptionError
 from .plant import KinematicPlant, Plant
 
 _SIZES = {
-    "slip": 0.5, "slip_left": 0.5, "slip_right": 0.5, "spin": 1.0, "localization_jump": 1.0, "localization_coarse": 1.0,
-    "scene_late": 0.3, "scene_future": 1.0,
-}  # fmt: skip
+    "slip": 0.5,
+    "slip_left": 0.5,
+    "slip_right": 0.5,
+    "spin": 1.0,
+    "localization_jump": 1.0,
+    "localization_coarse": 1.0,
+    "scene_late": 0.3,
+    "scene_future": 1.0,
+}
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
 _COARSE_LOCALIZATION = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
 _OUTLIER_FIXES = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]

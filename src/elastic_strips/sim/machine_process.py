@@ -383,9 +383,17 @@ class _Machine:
         """Send what was measured last."""
         last = self.last
         reading = _Reading(
-            last.time, self.travel.tolist(), self.lost, self.misread, last.joints.tolist(), self.fixes, self.fix,
-            last.contact or self.said["contact"], last.emergency or self.said["emergency"], self.error,
-        )  # fmt: skip
+            last.time,
+            self.travel.tolist(),
+            self.lost,
+            self.misread,
+            last.joints.tolist(),
+            self.fixes,
+            self.fix,
+            last.contact or self.said["contact"],
+            last.emergency or self.said["emergency"],
+            self.error,
+        )
         put(self.executor, tuple(reading))
         self.report()
 

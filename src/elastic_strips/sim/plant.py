@@ -205,9 +205,15 @@ class PlantParams:
     def ideal() -> PlantParams:
         """No lag, limits of speed or acceleration, slip, jitter, noise or latency: commands are driven exactly."""
         return PlantParams(
-            wheel_lag=0.0, joint_lag=0.0, speed_margin=math.inf, acceleration_margin=math.inf, slip=0.0,
-            slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal(),
-        )  # fmt: skip
+            wheel_lag=0.0,
+            joint_lag=0.0,
+            speed_margin=math.inf,
+            acceleration_margin=math.inf,
+            slip=0.0,
+            slip_noise=0.0,
+            jitter=0.0,
+            odometry=OdometryParams.ideal(),
+        )
 
 
 class Plant(Protocol):

@@ -223,9 +223,16 @@ class Retimer:
                 lead, window = _LEAD_WINDOWS[attempt]
                 heading = start.velocity if start.moving else None
                 path = smooth_path(
-                    self.robot, self.limits, line, length,
-                    weight=self.weight, heading=heading, bend=start.bend, lead=lead, window=window,
-                )  # fmt: skip
+                    self.robot,
+                    self.limits,
+                    line,
+                    length,
+                    weight=self.weight,
+                    heading=heading,
+                    bend=start.bend,
+                    lead=lead,
+                    window=window,
+                )
             result = self._timed(path, start, speed, _LIMIT_MARGINS[margin])
             if isinstance(result, Trajectory):
                 return result

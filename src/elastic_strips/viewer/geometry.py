@@ -472,9 +472,14 @@ def interpolated(space: ConfigurationSpace, coordinates: Array, at: Array, where
 
 
 def ribbon(
-    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0,
+    space: ConfigurationSpace,
+    coordinates: Array,
+    colors: Array,
+    *,
+    width: float = 0.06,
+    height: float = 0.0,
     steps: int = 4,
-) -> MeshData | None:  # fmt: skip
+) -> MeshData | None:
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
     Args:

@@ -101,9 +101,24 @@ class ExecutorProcess:
         resting = stationary(robot, self.limits, row, 0.0, self.params.control_dt)
         self._sent: tuple[float, int, Trajectory, bool] = (-np.inf, 0, resting, False)  # when, number, what, at goal
         self._status = Status(
-            0.0, RunState.STOPPED, "not started", 0, None, False, row, True, 0.0, "", 0.0, self.params.tracking_error,
-            0, row, np.zeros(robot.nv), (), (),
-        )  # fmt: skip
+            0.0,
+            RunState.STOPPED,
+            "not started",
+            0,
+            None,
+            False,
+            row,
+            True,
+            0.0,
+            "",
+            0.0,
+            self.params.tracking_error,
+            0,
+            row,
+            np.zeros(robot.nv),
+            (),
+            (),
+        )
         self._motions: deque[tuple[int, Trajectory]] = deque(
             maxlen=_REMEMBERED_MOTIONS
         )  # that were sent last, by number

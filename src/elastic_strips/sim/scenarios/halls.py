@@ -22,9 +22,14 @@ START, GOAL = (0.0, -1.2), (6.0, 1.2)
 HALF_WIDTH = 2.3
 """Half the distance [m] between the walls."""
 REACH = {
-    "arm_1_joint": 0.61, "arm_2_joint": 0.25, "arm_3_joint": -0.58, "arm_4_joint": 1.53, "arm_5_joint": 0.46,
-    "arm_6_joint": -0.36, "arm_7_joint": 0.55,
-}  # fmt: skip
+    "arm_1_joint": 0.61,
+    "arm_2_joint": 0.25,
+    "arm_3_joint": -0.58,
+    "arm_4_joint": 1.53,
+    "arm_5_joint": 0.46,
+    "arm_6_joint": -0.36,
+    "arm_7_joint": 0.55,
+}
 """The arm at the goal: the hand forward, level, above the table [rad]."""
 _BLOCKERS, _PILLARS, _TABLES, _SHELVES, _BEAMS = 3, 12, 6, 6, 2
 _FREE_RADII = {"pillar": 0.38, "table": 0.32, "shelf": 0.36}

@@ -66,10 +66,16 @@ class RunResult(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "scenario": self.scenario.name, "robot": self.robot.name, "preset": self.params.preset,
-            "status": self.report.status.value, "certified": self.certified, "reason": self.reason,
-            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passing_side,
-        }  # fmt: skip
+            "scenario": self.scenario.name,
+            "robot": self.robot.name,
+            "preset": self.params.preset,
+            "status": self.report.status.value,
+            "certified": self.certified,
+            "reason": self.reason,
+            "nodes": len(self.report.strip),
+            "ticks": self.ticks,
+            "passage": self.passing_side,
+        }
 
     def _measured(self) -> dict[str, object]:
         return {"clearance": f"{self.clearance:.3f} m", "length": f"{self.report.strip.length:.3f} m"}
@@ -148,11 +154,21 @@ def run_scenario(
         raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
     initial, report, method, reason, first = outcome
     return RunResult(
-        scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
-        passing_side=passing_side(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
-        tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
+        scenario=scenario,
+        robot=robot,
+        params=params,
+        initial=initial,
+        report=report,
+        method=method,
+        reason=reason,
+        passing_side=passing_side(report.strip, scenario.scene, scenario.gap),
+        seed=seed,
+        ticks=len(ticks),
+        tick_seconds=np.asarray(ticks),
+        time_to_certified=first,
+        frames=(initial, *frames),
         departure=departure,
-    )  # fmt: skip
+    )
 
 
 _P = TypeVar("_P", bound="DeformParams | PaperParams")
@@ -177,15 +193,27 @@ _Outcome = tuple[Strip, DeformReport, str, str, float | None]
 
 
 def _run_default(
-    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
-    timeout: float, start_depth: float,
-) -> tuple[_Outcome, Departure | None]:  # fmt: skip
+    scenario: Scenario,
+    robot: RobotModel,
+    params: DeformParams,
+    seed: int,
+    note: Callable[[DeformReport], None],
+    timeout: float,
+    start_depth: float,
+) -> tuple[_Outcome, Departure | None]:
     start, goal = scenario.ends(robot)
     deformer = Deformer(robot, params)
     planned = plan_report(
-        robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note,
+        robot,
+        scenario.scene,
+        start,
+        goal,
+        seed=seed,
+        deformer=deformer,
+        timeout=timeout,
+        watch=note,
         start_depth=start_depth,
-    )  # fmt: skip
+    )
     departure, strip, before = planned.departure, planned.strip, planned.report
     if departure is not None and departure.rest is not None:
         strip = departure.rest
@@ -200,9 +228,13 @@ def _run_default(
 
 
 def _run_paper(
-    scenario: Scenario, robot: RobotModel, params: PaperParams, seed: int, note: Callable[[DeformReport], None],
+    scenario: Scenario,
+    robot: RobotModel,
+    params: PaperParams,
+    seed: int,
+    note: Callable[[DeformReport], None],
     timeout: float,
-) -> _Outcome:  # fmt: skip
+) -> _Outcome:
     """As in the paper, the initial trajectory is planned: the straight line, or OMPL's path where the line is not free
     and does not settle to a certified strip.
     """
