@@ -1,8 +1,8 @@
 """Seeded corridors: 8 m of clutter that blocks the straight line of the whole body; with and without moving obstacles.
 
 In the moving corridor obstacles appear, cross, come head-on and wander. They do not yield: they pass through the robot,
-each other and static clutter. A robot that waits can pass in the end, as every mover leaves the corridor, by `MOVERS_GONE_TIME`
-at the latest.
+each other and static clutter. A robot that waits can pass in the end, as every mover leaves the corridor, by
+`MOVERS_GONE_TIME` at the latest.
 
 In the *courteous* corridor the same movers stop for a robot at rest in their path, and continue when it is gone.
 """
@@ -64,7 +64,8 @@ def corridor_scene(seed: int = 0, *, obstacles: int = _OBSTACLE_COUNT) -> Scene:
     """
     if obstacles < 2 + _BLOCKER_COUNT:
         raise ScenarioError(
-            f"corridor: obstacles={obstacles} must be at least {2 + _BLOCKER_COUNT}: two walls, {_BLOCKER_COUNT} blockers"
+            f"corridor: obstacles={obstacles} must be at least {2 + _BLOCKER_COUNT}: "
+            f"two walls, {_BLOCKER_COUNT} blockers"
         )
     rng = np.random.default_rng(seed)
     guide = _guide(rng)
@@ -171,7 +172,8 @@ COURTEOUS_SPEEDS = (0.2, 0.6)
 YIELDING_ACCELERATION = 0.46
 """Largest acceleration of a mover that yields, its turns included [m/s²].
 
-More than `MOVER_ACCELERATION`, so that it can brake in a turn, and a little less than the 0.5 m/s² that a robot assumes.
+More than `MOVER_ACCELERATION`, so that it can brake in a turn, and a little less than the 0.5 m/s² that a robot
+assumes.
 """
 MOVERS_GONE_TIME = 60.0
 """Time [s] at which all movers are gone."""
