@@ -114,18 +114,10 @@ def plan_approach(
             reasons.append(reach.reason)
             continue
         reach, before = _reversed(reach), reach.strip.q[-1]
-        time_left, share = deadline.turn(len(found) - k)
+        left, share = deadline.turn(len(found) - k)
         try:
             drive = plan_report(
-                robot,
-                beyond,
-                start,
-                before,
-                params=params,
-                constraint=constraint,
-                seed=seed,
-                work=share,
-                timeout=time_left,
+                robot, beyond, start, before, params=params, constraint=constraint, seed=seed, work=share, timeout=left
             )
         except ConfigurationError as error:
             reasons.append(f"before the place: {error}")

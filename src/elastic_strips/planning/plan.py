@@ -132,10 +132,7 @@ def plan_report(
         deadline = Deadline(timeout, work)
         goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked, deadline=deadline)
         force = deformer.constraint if isinstance(deformer, Deformer) else None
-        if constraint is not None:
-            force = ConstraintForce(robot, constraint)
-        if force is not None:
-            goals = _satisfying(robot, goals, force)
+        goals = _satisfying(robot, goals, force if constraint is None else ConstraintForce(robot, constraint))
         return _in_turns(partial(plan_anew, start), goals, deadline)
     problem = PlanningProblem(
         robot,
@@ -210,8 +207,10 @@ def _after(report: PlanReport, departure: Departure, deformer: Deformer) -> Plan
     )
 
 
-def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce) -> Array:
-    """The configurations (K, nq) of a goal that satisfy a constraint."""
+def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce | None) -> Array:
+    """The configurations (K, nq) of a goal that satisfy a constraint, if there is one."""
+    if force is None:
+        return goals
     off, constraint = force.errors_at(robot.space.to_coordinates(goals)), force.constraint
     if off.min() > constraint.tolerance:
         raise GoalError(

@@ -35,6 +35,8 @@ MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 LONGEST_OVERTIME = 30.0
 """Time [s] after the time limit for which a robot that does not come to rest is simulated."""
 
+_SLOW_TICK_LATENCIES = 10.0  # by which a tick is late where that fault is injected
+_STEPS_KEPT = 100  # of a run that is not recorded
 _Driver = TypeVar("_Driver", bound=Controller)
 
 
@@ -146,7 +148,7 @@ class Simulation(Generic[_Driver]):
     def _advance(self, t: float, command: Command) -> None:
         """Record the step, and advance the world by a control period."""
         controller, plant = self.controller, self.plant
-        if not self._recording and len(self.recorder) > 100:
+        if not self._recording and len(self.recorder) > _STEPS_KEPT:
             self.recorder = self._new_recorder()
         reference = controller.reference
         self.recorder.control(
@@ -317,11 +319,9 @@ def simulation(
     fault_plan = FaultPlan(faults)
     noise = PerceptionParams() if perception is None else perception
     world, machine, rng = prepare(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
-    senses: Perception
-    if isinstance(noise, PerceptionParams):
-        senses = NoisyGroundTruth(world, params.assumptions, noise, rng)
-    else:
-        senses = noise
+    senses: Perception = (
+        NoisyGroundTruth(world, params.assumptions, noise, rng) if isinstance(noise, PerceptionParams) else noise
+    )
     begin = make or cast("Callable[..., _Driver]", partial(Controller, robot, start, goal))
     controller = begin(
         senses.known(),
@@ -338,7 +338,7 @@ def simulation(
     if fault_plan.faults:
         senses = cast("Perception", FaultyPerception(senses, fault_plan))
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
-        slow = 10.0 * params.latency * params.control_dt
+        slow = _SLOW_TICK_LATENCIES * params.latency * params.control_dt
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
     last = robot.space.to_coordinates(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
