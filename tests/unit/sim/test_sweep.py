@@ -381,10 +381,10 @@ def test_a_journal_that_goes_away_before_it_is_locked_is_made_again(
         os.close(stream)
     store.journal.unlink()
 
-    def refused(stream: int, how: int) -> None:
+    def unlockable(stream: int, how: int) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(fcntl, "flock", refused)
+    monkeypatch.setattr(fcntl, "flock", unlockable)
     with refused(SweepError, "No locks available"):
         SweepStore(sweep, path)
 
