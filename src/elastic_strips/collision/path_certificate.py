@@ -454,9 +454,8 @@ class _Work:
         """The worst configuration of a segment of the refined path, among many."""
         j, scene = broken.j, broken.scene
         moments = None if when is None else np.interp(self.arcs.whole[j : j + 2], np.arange(len(when)), when)
-        part = np.sort(
-            np.append(np.linspace(0.0, 1.0, _BROKEN_SAMPLES), broken.place)
-        )  # what is there for a moment only
+        even = np.linspace(0.0, 1.0, _BROKEN_SAMPLES)
+        part = np.sort(np.append(even, broken.place))  # where something may be for a moment only
         best: _Found | None = None
         for _ in range(3):  # ever closer about the worst so far
             if not self.arcs.known[j]:

@@ -348,6 +348,5 @@ class EvasivePlanner(OneThread):
         to = self._ahead[node] - at
         turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
         turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is possible too
-        return least + _HEADING_COST * turn * np.minimum(
-            np.hypot(to[:, 0], to[:, 1]), 1.0
-        )  # at the goal there is none left
+        counts = np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is nothing left to head for
+        return least + _HEADING_COST * turn * counts

@@ -35,7 +35,6 @@ MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 LONGEST_OVERTIME = 30.0
 """Time [s] after the time limit for which a robot that does not come to rest is simulated."""
 
-_SLOW_TICK_LATENCIES = 10.0  # by which a tick is late where that fault is injected
 _STEPS_KEPT = 100  # of a run that is not recorded
 _Driver = TypeVar("_Driver", bound=Controller)
 
@@ -338,8 +337,7 @@ def simulation(
     if fault_plan.faults:
         senses = cast("Perception", FaultyPerception(senses, fault_plan))
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
-        slow = _SLOW_TICK_LATENCIES * params.latency * params.control_dt
-        controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
+        controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, params)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
     last = robot.space.to_coordinates(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
     if isinstance(noise, SensorPerception):

@@ -18,6 +18,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.catalogue import FAULTS
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.params import DriveParams
 from elastic_strips.control.strip_timer import PlanResult
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Scene
@@ -27,6 +28,7 @@ from elastic_strips.validation import Bound, check_choice, check_fields, check_t
 from .perception import Perception, PerceptionError
 from .plant import KinematicPlant, Plant
 
+_SLOW_TICK_LATENCIES = 10.0
 _SIZES = {
     "slip": 0.5,
     "slip_left": 0.5,
@@ -229,12 +231,13 @@ class FaultyPlant:
 
 
 def faulty_planning(
-    plan_tick: PlanTick, faults: FaultPlan, *, slow: float, wait: Callable[[float], object] | None = None
+    plan_tick: PlanTick, faults: FaultPlan, params: DriveParams, *, wait: Callable[[float], object] | None = None
 ) -> PlanTick:
-    """The planning tick, at times with exceptions, or with results that are late by ``slow`` [s].
+    """The planning tick, at times with exceptions, or with results that are late by ten of the drive's latencies.
 
     Where time is real, ``wait`` lets it pass.
     """
+    slow = _SLOW_TICK_LATENCIES * params.latency * params.control_dt
 
     def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):

@@ -101,27 +101,25 @@ class ExecutorProcess:
         resting = stationary(robot, self.limits, row, 0.0, self.params.control_dt)
         self._sent: tuple[float, int, Trajectory, bool] = (-np.inf, 0, resting, False)  # when, number, what, at goal
         self._status = Status(
-            0.0,
-            RunState.STOPPED,
-            "not started",
-            0,
-            None,
-            False,
-            row,
-            True,
-            0.0,
-            "",
-            0.0,
-            self.params.tracking_error,
-            0,
-            row,
-            np.zeros(robot.nv),
-            (),
-            (),
+            time=0.0,
+            state=RunState.STOPPED,
+            reason="not started",
+            serial=0,
+            samples=None,
+            at_goal=False,
+            estimate=row,
+            settled=True,
+            lost_for=0.0,
+            waits="",
+            coarse=0.0,
+            needed_error=self.params.tracking_error,
+            recoveries=0,
+            coordinates=row,
+            v=np.zeros(robot.nv),
+            events=(),
+            stops=(),
         )
-        self._motions: deque[tuple[int, Trajectory]] = deque(
-            maxlen=_REMEMBERED_MOTIONS
-        )  # that were sent last, by number
+        self._motions: deque[tuple[int, Trajectory]] = deque(maxlen=_REMEMBERED_MOTIONS)  # sent last, by number
         self._active: tuple[int, Trajectory] = (0, resting)
         self._lock = threading.Lock()
         self._closing = False

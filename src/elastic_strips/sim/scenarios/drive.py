@@ -263,8 +263,7 @@ def make_realtime(
     )
     machine.reset(model.space.to_coordinates(problem.start))
     if plan.faults:
-        slow = 10.0 * params.latency * params.control_dt
-        controller.plan_tick = faulty_planning(controller.plan_tick, plan, slow=slow, wait=sleep)
+        controller.plan_tick = faulty_planning(controller.plan_tick, plan, params, wait=sleep)
     return RealtimeSimulation(
         controller,
         executor,
