@@ -20,7 +20,7 @@ FARTHEST_SEPARATION = 3.0
 """Largest separation that is returned [m]."""
 _ROUND_SHAPES = ("Cylinder", "Sphere", "Capsule", "Cone")
 _LEAST_DISC = 0.12  # [m] radius of the smallest discs that cover the robot's boxes
-_PARTS = np.linspace(0.0, 1.0, 7)[:, None]  # of the horizon, at which moving pieces are looked at
+_HORIZON_SHARES = np.linspace(0.0, 1.0, 7)[:, None]  # of the horizon, at which moving pieces are looked at
 
 
 class ObstacleLookahead:
@@ -68,9 +68,9 @@ class ObstacleLookahead:
         at = np.flatnonzero(counts & (mover >= 0))
         vx, vy = forecast.velocity[mover[at], :2].T
         found = np.array([x[at], y[at], vx, vy, flat[at], low[at], high[at], mover[at]]).T
-        t = horizon * _PARTS
+        t = horizon * _HORIZON_SHARES
         apart = np.hypot(found[:, 0] + vx * t - centre[0], found[:, 1] + vy * t - centre[1])
-        soon = (apart - found[:, 4] - reach * _PARTS).min(axis=0)
+        soon = (apart - found[:, 4] - reach * _HORIZON_SHARES).min(axis=0)
         order = np.argsort(soon, kind="stable")[:most]
         self._discs: Array = found[order[soon[order] < footprint.reach()]].copy()
         at = self._discs[:, 7].astype(int)

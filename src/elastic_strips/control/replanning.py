@@ -28,7 +28,8 @@ from .strip_timer import PlanResult
 _log = logging.getLogger(__name__)
 _STATIC_SPEED = 0.05  # [m/s] slower obstacles count as static for a planner
 _BLOCKING_SPEED = 0.3  # [m/s] slower obstacles block a path for other strips; faster ones have soon passed
-_FIRST_TIMEOUT, _TIMEOUT, _FAMILY_TIMEOUT = 10.0, 4.0, 2.0  # [s] of the first plan, of those while the robot waits
+_FIRST_TIMEOUT, _WAITING_TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of those for which the robot waits
+_FAMILY_TIMEOUT = 2.0  # [s] of a plan of further strips
 _BERTH_STEP, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
 _FAMILY_EVERY = 5  # planning ticks from one tick of the other strips to the next
@@ -104,7 +105,7 @@ class StripPlanner:
         for width in widths:
             around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
             try:
-                report = self._planned(around, asked, seed, _TIMEOUT / len(widths), line=False)
+                report = self._planned(around, asked, seed, _WAITING_TIMEOUT / len(widths), line=False)
             except ElasticStripsError as error:
                 reason = f"failed: {error}"
                 continue

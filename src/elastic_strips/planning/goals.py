@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _GOAL_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much room
 _LEAST_GOAL_MARGIN = 1e-3  # [m] that they keep at least, where no clearance is given
 _ENOUGH_CONFIGURATIONS = 6  # configurations of a goal
-_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
+_JOINT_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
 _MOST_ASKED = 24  # configurations that touch something, of which it is asked what
 _ROUNDS_IN_ALL = 400  # where work is bounded
 _YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
@@ -290,7 +290,7 @@ class _Source:
 
         def rounds() -> Iterator[Array]:
             moves = robot.space.planar and self._search.base
-            for k in range(_ROUNDS):
+            for k in range(_JOINT_ROUNDS):
                 if moves and (self.free or self.narrow) and k > 0:
                     return
                 if moves and k >= _HOPELESS_ROUNDS and hand.distance > _HOPELESS_MISS:

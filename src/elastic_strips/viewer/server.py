@@ -39,7 +39,7 @@ Command = tuple[str, bytes]  # key, payload
 _HEADER = struct.Struct(">IQ")
 _HOST = "127.0.0.1"
 _FIRST_PORT, _PORTS = 7000, 100  # so many are tried
-_LONGEST_START, _LONGEST_SEND = 20.0, 10  # longest waits [s]
+_LONGEST_SERVER_START, _LONGEST_SEND = 20.0, 10  # longest waits [s]
 _LONGEST_MESSAGE = 4096  # bytes of what a page says
 _NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
 """Origins that may frame the page: those of notebooks on this machine."""
@@ -135,7 +135,7 @@ class ServerProcess:
         atexit.register(self.close)
         answer = self._process.stdout
         assert answer is not None
-        ready, _, _ = select.select([answer], [], [], _LONGEST_START)
+        ready, _, _ = select.select([answer], [], [], _LONGEST_SERVER_START)
         name, _, value = (answer.readline().decode().strip() if ready else "").partition("=")
         if name != "url":
             self.close()

@@ -40,12 +40,11 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 
 from .channel import ChannelClosedError, channel, put, take
-from .child import NOTHING_HEARD, end_process, start_process
+from .child import LONGEST_PROCESS_START, NOTHING_HEARD, end_process, start_process
 from .executor_loop import Status, serve
 
 _log = logging.getLogger(__name__)
 _CHANNEL_BUFFER = 1 << 20  # [bytes] of a channel
-_LONGEST_START = 120.0  # [s] longest start of the process
 _LONGEST_END = 15.0  # [s] longest time in which the robot comes to rest at the end
 _HEARTBEAT_PERIOD = 0.02  # [s] from one heartbeat of planning to the next
 _TAKEN_FOR_ACCEPTED = 0.03  # [s] a motion that was sent so short a time ago is taken for accepted
@@ -147,7 +146,7 @@ class ExecutorProcess:
         try:
             process = start_process(serve, (child, driver), (self._task, self._log), name="executor")
             child.close()
-            self._link.settimeout(_LONGEST_START)
+            self._link.settimeout(LONGEST_PROCESS_START)
             data = self._link.recv(_CHANNEL_BUFFER)
             self._link.setblocking(False)
             first = pickle.loads(data) if data else first
