@@ -71,7 +71,6 @@ _VHACD_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
 _MOST_PIECE_CORNERS = 600  # of one of V-HACD's pieces, which stick out of the body anyway
 _MANY_FACES = 50_000  # with more, V-HACD gets the body with vertices that are near each other taken together
 _CLUSTER_SHARE = 1.0 / 200.0  # of the body's diagonal, within which vertices are taken together
-_MERGE_DISTANCE = 1e-8  # [m] vertices nearer than this are one
 _DENT_SHARE = 1e-3  # of a body's diagonal: dents that may be filled where it counts as convex
 _DEPTH_SHARE = 0.02  # of a body's diagonal: what is so far beyond a plane is no dent
 _AREA_TOLERANCE = 1e-2  # by which the areas of a convex body and of its hull may differ
