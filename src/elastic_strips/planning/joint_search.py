@@ -14,7 +14,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import Kinematics
 
-from .ompl_planner import OMPL_LOCK, ended, seed_ompl, solved, waiting
+from .ompl_planner import OMPL_LOCK, ended, real_bounds, seed_ompl, solved, waiting
 from .problem import Deadline
 from .validity import Checker
 
@@ -117,11 +117,7 @@ def _scaled_space(valid: Checker, endpoints: Array, scale: Array) -> Any:
     low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
     low, high = np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
     space = ob.RealVectorStateSpace(len(scale))
-    bounds = ob.RealVectorBounds(len(scale))
-    for k in range(len(scale)):
-        bounds.setLow(k, float(low[k] * scale[k]))
-        bounds.setHigh(k, float(high[k] * scale[k]))
-    space.setBounds(bounds)
+    space.setBounds(real_bounds(low * scale, high * scale))
     projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
     cells = np.abs(projection) @ ((high - low) * scale) / _TREE_CELLS
     if (cells > 0.0).all():
