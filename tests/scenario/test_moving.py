@@ -25,7 +25,7 @@ from elastic_strips.sim.scenarios.corridors import (
     MOVER_ACCELERATION,
     MOVER_SPEEDS,
     MOVERS_GONE_TIME,
-    REACTION,
+    REACTION_TIME,
     corridor_guide,
 )
 
@@ -90,7 +90,7 @@ def test_nothing_appears_near_where_the_robot_can_be(problems: list[Scenario]) -
         for obstacle, motion, appears, _ in _movers(problem):
             x, y = motion.positions[0, :2]
             speed = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1).max() / KEYFRAME_PERIOD
-            apart = APPEAR_DISTANCE + REACTION * speed + _radius(obstacle)
+            apart = APPEAR_DISTANCE + REACTION_TIME * speed + _radius(obstacle)
             if appears == 0.0:
                 assert np.hypot(x, y) >= apart - 1e-9
                 assert np.hypot(x - CORRIDOR_LENGTH, y) >= 1.0 + _radius(obstacle)

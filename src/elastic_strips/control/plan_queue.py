@@ -13,7 +13,7 @@ _Planned = TypeVar("_Planned")
 
 
 class PlanQueue:
-    """Workspace: runs plans while the control loop goes on, one after the other, whoever runs them.
+    """Runs plans while the control loop goes on, one after the other, whoever runs them.
 
     Args:
         workers: run them; a thread of its own, which starts with the first plan, where None.
