@@ -105,11 +105,14 @@ _TIAGO_HOME = {
 
 _OWN = (
     ("silvermate", "silvermate", "hand_frame", "the paper's robot: round differential-drive base, 7-DOF arm"),
-    ("jackal-box", "jackal_box", None,
-     "a Jackal-sized box on two wheels, 0.508 x 0.43 m, no arm: differential drive"),
-    ("bridge-arm", "bridge_arm", "tool_frame",
-     "a box on two wheels, 0.5 x 0.5 m, with a 6-DOF arm of the UR5's proportions: differential drive"),
-)  # fmt: skip
+    ("jackal-box", "jackal_box", None, "a Jackal-sized box on two wheels, 0.508 x 0.43 m, no arm: differential drive"),
+    (
+        "bridge-arm",
+        "bridge_arm",
+        "tool_frame",
+        "a box on two wheels, 0.5 x 0.5 m, with a 6-DOF arm of the UR5's proportions: differential drive",
+    ),
+)
 
 _MAKERS = {
     "a1": "Unitree A1, quadruped",

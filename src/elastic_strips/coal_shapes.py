@@ -22,7 +22,7 @@ _CIRCLE = np.column_stack(
     (np.cos(np.linspace(0, 2 * np.pi, 16, endpoint=False)), np.sin(np.linspace(0, 2 * np.pi, 16, endpoint=False)))
 )
 _FARTHEST_VERTEX = 1e3  # [m] from the origin
-_CIRCUMSCRIBED = 1.0 / np.cos(np.pi / 16)
+_CIRCUMSCRIBED_RATIO = 1.0 / np.cos(np.pi / 16)  # of a 16-gon about a circle, to that circle
 SIGNS = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
 """(8, 3) signs of the corners of a box."""
 
@@ -175,7 +175,7 @@ def _core_points(geometry: coal.CollisionGeometry) -> tuple[Array, float]:
     if kind in (ShapeKind.BOX, ShapeKind.ELLIPSOID):
         return SIGNS * np.array(size), 0.0
     if kind in (ShapeKind.CYLINDER, ShapeKind.CONE):
-        ring = _CIRCLE * (size[0] * _CIRCUMSCRIBED)
+        ring = _CIRCLE * (size[0] * _CIRCUMSCRIBED_RATIO)
         low = np.column_stack((ring, np.full(len(ring), -size[1])))
         if kind is ShapeKind.CONE:
             return np.vstack((low, [[0, 0, size[1]]])), 0.0

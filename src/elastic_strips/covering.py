@@ -21,7 +21,7 @@ from elastic_strips.hulls import convex_hull
 _CUBE_SHARE = 1.0 / 32.0  # edge of a cube, as a share of the body's diagonal
 _MOST_CUT_TRIANGLES = 800_000  # triangles that the surface gets by being cut; with more, cubes are larger
 _FACE_TOLERANCE = 1e-9  # of a cube's edge, within which a point counts as on its face
-_SHIFT = np.array([0.37, 0.41, 0.43])  # of a cube's edge: bodies have faces at round numbers
+_GRID_SHIFT = np.array([0.37, 0.41, 0.43])  # of a cube's edge: bodies have faces at round numbers
 _POINTS_AT_ONCE = 50_000  # points that are measured at once
 
 _Faces = NDArray[np.int64]
@@ -90,7 +90,7 @@ def _cells_of(vertices: Array, faces: _Faces, closed: bool) -> _Cells:
     edge = _CUBE_SHARE * float(np.linalg.norm(high - low))
     while _pieces_of(vertices[faces], edge) > len(faces) + _MOST_CUT_TRIANGLES:
         edge *= 1.25
-    scaled = (vertices - low) / edge + _SHIFT + 1.0  # a layer of empty cubes about the body
+    scaled = (vertices - low) / edge + _GRID_SHIFT + 1.0  # a layer of empty cubes about the body
     points, triangles = _cut(scaled, faces)
     size = np.floor(points.max(axis=0)).astype(np.int64) + 2
     cell, point = _touched(points, triangles, size)
@@ -104,7 +104,7 @@ def _cells_of(vertices: Array, faces: _Faces, closed: bool) -> _Cells:
     cell, point = cell[order], point[order]
     starts = np.flatnonzero(np.concatenate(([True], cell[1:] != cell[:-1])))
     centers = np.column_stack(np.unravel_index(cell[starts], tuple(size))) + 0.5
-    points, centers = ((each - _SHIFT - 1.0) * edge + low for each in (points, centers))
+    points, centers = ((each - _GRID_SHIFT - 1.0) * edge + low for each in (points, centers))
     points[: len(vertices)] = vertices  # exactly
     return _Cells(points, point, starts, centers, edge * float(np.sqrt(0.75)) * (1.0 + 1e-6))
 

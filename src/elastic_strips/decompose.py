@@ -65,13 +65,12 @@ _SUFFIXES = (".dae", ".obj", ".ply", ".stl")
 
 _VOXELS_OF_FEW, _VOXELS_OF_MORE = 50_000, 10_000  # voxels of V-HACD, of few bodies and of more
 _FEW_BODIES, _SOME_BODIES = 3, 12
-_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
+_VHACD_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
 """Hulls and depth of V-HACD's recursion: the first; of more than some bodies by their share of the mesh's diagonal."""
 
 _MOST_PIECE_CORNERS = 600  # of one of V-HACD's pieces, which stick out of the body anyway
 _MANY_FACES = 50_000  # with more, V-HACD gets the body with vertices that are near each other taken together
 _CLUSTER_SHARE = 1.0 / 200.0  # of the body's diagonal, within which vertices are taken together
-_MERGE_DISTANCE = 1e-8  # [m] vertices nearer than this are one
 _DENT_SHARE = 1e-3  # of a body's diagonal: dents that may be filled where it counts as convex
 _DEPTH_SHARE = 0.02  # of a body's diagonal: what is so far beyond a plane is no dent
 _AREA_TOLERANCE = 1e-2  # by which the areas of a convex body and of its hull may differ
@@ -134,7 +133,7 @@ def _few(vertices: Array, faces: _Faces, most: int) -> list[Array]:
     closed = len(body) > 0 and bool(_closed(body, np.zeros(len(body), dtype=np.int64))[0])
     if not len(body) or len(_bars(points, body, triangles[~kept])) or (closed and _convex(points, body)):
         return [few_corners(vertices, "Mesh piece", SceneError)[0]]
-    return _solid_pieces(points, body, True, most, _EFFORTS[0][2], _VOXELS_OF_MORE)
+    return _solid_pieces(points, body, True, most, _VHACD_EFFORTS[0][2], _VOXELS_OF_MORE)
 
 
 def load_mesh(path: Path) -> tuple[Array, _Faces]:
@@ -447,7 +446,9 @@ def _plate(corners: Array) -> Array:
 def _decomposed(vertices: Array, faces: _Faces, closed: bool, bodies: int, whole: float) -> list[Array]:
     """Pieces of a body that is neither flat nor convex, one of several in a mesh of a diagonal ``whole`` [m]."""
     share = float(np.linalg.norm(np.ptp(vertices, axis=0))) / whole
-    most, depth = next((hulls, deep) for least, hulls, deep in _EFFORTS if bodies <= _SOME_BODIES or share >= least)
+    most, depth = next(
+        (hulls, deep) for least, hulls, deep in _VHACD_EFFORTS if bodies <= _SOME_BODIES or share >= least
+    )
     return _solid_pieces(
         vertices, faces, closed, most, depth, _VOXELS_OF_FEW if bodies <= _FEW_BODIES else _VOXELS_OF_MORE
     )

@@ -16,7 +16,7 @@ from . import EXIT_INTERRUPTED, options, output
 from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
-    from elastic_strips.control import Controller
+    from elastic_strips.control import Controller, DriveResult
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.scenarios import DriveOutcome, Scenario
@@ -24,9 +24,12 @@ if TYPE_CHECKING:
     from elastic_strips.strip.report import DeformReport
 
 
+_STOPS_TOLD = 5
 _COMPUTING = {
-    "free": "computing free", "work": "computing charged by work counted", "realtime": "against the wall clock",
-}  # fmt: skip
+    "free": "computing free",
+    "work": "computing charged by work counted",
+    "realtime": "against the wall clock",
+}
 
 
 @click.command()
@@ -131,18 +134,24 @@ def drive(
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, "default", base)
-    number, allowed = problem.seed if seed is None else seed, limits.of(model)
-    wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
+    setup = DriveSetup(
+        robot=model,
+        seed=problem.seed if seed is None else seed,
+        plant=plant,
+        evade=evade is not False,
+        limits=limits.of(model),
+        faults=[Fault.parse(text) for text in faults],
+        sensors=options.sensors_of(sensors, model.name),
+        alternatives=alternatives,
+        level=level,
+        compute="free" if realtime else compute or "1",
+    )
     if realtime and (compute or plant != "kinematic"):
         raise click.UsageError(
             "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
         )
     if log and not realtime:
         raise click.UsageError("--log is for --realtime; --record has everything about other drives")
-    setup = DriveSetup(
-        robot=model, seed=number, plant=plant, evade=evade is not False, sensors=config, alternatives=alternatives,
-        level=level, faults=wrong, limits=allowed, compute="free" if realtime else compute or "1",
-    )  # fmt: skip
     if realtime:
         make = partial(make_realtime, problem, setup, log=log)
     else:
@@ -176,27 +185,7 @@ def drive_and_report(
     from elastic_strips.sim.scenarios import drive_document
     from elastic_strips.sim.scenarios.drive import conclude
 
-    viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
-    with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
-
-        def watch(driven: Simulation[Controller]) -> None:
-            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
-            if viewer is not None:
-                viewer.update(
-                    _shown(driven),
-                    driven.world.at(driven.time),
-                    q=driven.robot.space.from_coordinates(driven.plant.coordinates),
-                )
-
-        driven = make(watch=watch)
-        if viewer is not None:
-            viewer.show(driven.robot, problem.world.at(0.0), _shown(driven))
-            output.say(f"viewer  {viewer.url}")
-        try:
-            with _stopping(driven) as interrupted:
-                result = driven.run(time_limit=time_limit)
-        finally:
-            driven.plant.close()
+    driven, result, interrupted = _driven(problem, make, time_limit=time_limit, view=view, no_browser=no_browser)
     if outputs.record_file is not None:  # before the evaluation, which may take a while: the drive is not to be lost
         write_record(result.record, outputs.record_file)
     outcome = conclude(problem, driven, result)
@@ -220,6 +209,39 @@ def drive_and_report(
     if interrupted:
         return EXIT_INTERRUPTED
     return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE
+
+
+def _driven(
+    problem: Scenario,
+    make: Callable[..., Simulation[Controller]],
+    *,
+    time_limit: float | None,
+    view: bool,
+    no_browser: bool,
+) -> tuple[Simulation[Controller], DriveResult, bool]:
+    """Make a simulation, run and watch it; it, its result, and whether it was interrupted."""
+    viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
+    with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
+
+        def watch(driven: Simulation[Controller]) -> None:
+            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
+            if viewer is not None:
+                viewer.update(
+                    _shown(driven),
+                    driven.world.at(driven.time),
+                    q=driven.robot.space.from_coordinates(driven.plant.coordinates),
+                )
+
+        driven = make(watch=watch)
+        if viewer is not None:
+            viewer.show(driven.robot, problem.world.at(0.0), _shown(driven))
+            output.say(f"viewer  {viewer.url}")
+        try:
+            with _stopping(driven) as interrupted:
+                result = driven.run(time_limit=time_limit)
+        finally:
+            driven.plant.close()
+    return driven, result, bool(interrupted)
 
 
 def _shown(driven: Simulation[Controller]) -> Strip | DeformReport:
@@ -251,7 +273,6 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     import numpy as np
 
     from elastic_strips.control import RunState
-    from elastic_strips.robot.geometry import link_labels
 
     result, evaluation = outcome.result, outcome.evaluation
     if outcome.reached:
@@ -284,7 +305,21 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         output.say(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
         output.say(f"  {name} was in no laser's view in the second before it was touched")
-    pieces = outcome.robot.geometries
+    _say_contacts(outcome)
+    for event in result.events:
+        if event.kind == "replanned" and event.reason.startswith("switched"):
+            output.say(f"  at {event.time:.2f} s {event.reason}")
+    for time, reason in result.stops[:_STOPS_TOLD]:
+        output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
+    if len(result.stops) > _STOPS_TOLD:
+        output.say(f"  … and {len(result.stops) - _STOPS_TOLD} more stops")
+
+
+def _say_contacts(outcome: DriveOutcome) -> None:
+    """Say what touched the robot, at rest and while it drove."""
+    from elastic_strips.robot.geometry import link_labels
+
+    evaluation, pieces = outcome.evaluation, outcome.robot.geometries
     called = dict(zip((piece.name for piece in pieces), link_labels(pieces), strict=True))
     for contact in evaluation.rest_contacts:
         link = called.get(contact.link, contact.link)
@@ -292,10 +327,3 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     for contact in evaluation.collisions:
         link = called.get(contact.link, contact.link)
         output.say((f"  COLLISION of {link} with {contact.obstacle} at {contact.speed:.2f} m/s", output.BAD))
-    for event in result.events:
-        if event.kind == "replanned" and event.reason.startswith("switched"):
-            output.say(f"  at {event.time:.2f} s {event.reason}")
-    for time, reason in result.stops[:5]:
-        output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
-    if len(result.stops) > 5:
-        output.say(f"  … and {len(result.stops) - 5} more stops")

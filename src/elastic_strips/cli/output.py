@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # rich is imported where it is used: elsewhere than on a terminal nobody needs it, and the doctor works without.
 Part: TypeAlias = "str | tuple[str, str]"
 """Text, or text and rich's name of its style."""
-GOOD, BAD, NOTE, NAME, QUIET = "green", "bold red", "yellow", "cyan", "dim"
+GOOD, BAD, NOTE, NAME = "green", "bold red", "yellow", "cyan"
 STDOUT = "-"
 """The name of a ``--json`` file that means standard output."""
 _TAKEN = f"{__name__}.taken"

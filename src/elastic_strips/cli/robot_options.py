@@ -20,6 +20,34 @@ if TYPE_CHECKING:
 _ROBOTS_NAMED = 12  # in a message
 
 
+_OPTIONS = (
+    click.option("--joints", metavar="NAMES", help="The joints to plan, separated by commas, and no others."),
+    click.option(
+        "--lock",
+        multiple=True,
+        metavar="NAME=VALUE",
+        type=JointValue(Finite()),
+        help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
+        "given again.",
+    ),
+    click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups."),
+    click.option(
+        "--package-dir",
+        multiple=True,
+        metavar="DIR",
+        type=click.Path(file_okay=False, exists=True),
+        help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
+    ),
+    click.option(
+        "--visual-as-collision",
+        multiple=True,
+        metavar="LINK|missing",
+        help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
+        "again.",
+    ),
+)
+
+
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
     """``--joints``, ``--lock``, ``--srdf``, ``--package-dir`` and ``--visual-as-collision``, as one argument
     ``described`` for ``load_robot``."""
@@ -50,31 +78,9 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
             described["visual_as_collision"] = "missing" if missing else visual_as_collision
         return command(described=described, **others)
 
-    folder = click.option(
-        "--package-dir",
-        multiple=True,
-        metavar="DIR",
-        type=click.Path(file_okay=False, exists=True),
-        help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
-    )
-    shapes = click.option(
-        "--visual-as-collision",
-        multiple=True,
-        metavar="LINK|missing",
-        help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
-        "again.",
-    )
-    pairs = click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups.")
-    still = click.option(
-        "--lock",
-        multiple=True,
-        metavar="NAME=VALUE",
-        type=JointValue(Finite()),
-        help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
-        "given again.",
-    )
-    planned = click.option("--joints", metavar="NAMES", help="The joints to plan, separated by commas, and no others.")
-    return planned(still(pairs(folder(shapes(with_options)))))
+    for option in reversed(_OPTIONS):
+        with_options = option(with_options)
+    return with_options
 
 
 def load_robot(

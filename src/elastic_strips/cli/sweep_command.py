@@ -91,26 +91,15 @@ def sweep(
     table = f"{found.path.stem}.csv" if out is None else out
     options.check_outputs(file, table, f"{table}.journal", plot_file, json_file)
     if dry_run:
-        output.say(f"{found.path.stem}: {_runs(len(found))}")
-        for run in found.runs():
-            output.say(f"  {run.index:>6}  {run}")
+        _say_runs(found)
         output.write_document("answer", json_file, _document(found, None))
         return options.EXIT_DONE
     if scheduler:
         _quieten_dask()
     with SweepStore(found, table) as store:
-        todo = len(store.todo(retry_failed=retry_failed))
-        done = len(found) - todo
-        output.say(f"{found.path.stem}: {_runs(len(found))}" + (f", {done} done before, {todo} to go" * (done > 0)))
-        wrong = 0
         try:
-            rows = run_sweep(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)
-            with closing(rows), options.LateProgress(found.path.stem, todo, lines=True) as bar:
-                for row in rows:
-                    wrong += row["error_type"] is not None
-                    bar.step(f"{wrong} with an error" if wrong else "")
+            _run_rest(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)
         except (KeyboardInterrupt, SchedulerLost) as reason:
-            lost = isinstance(reason, SchedulerLost)
             given = {
                 "--out": out,
                 "--processes": processes,
@@ -123,16 +112,55 @@ def sweep(
             }
             words = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
             again = shlex.join(["elastic-strips", "sweep", file, *words, *(["--retry-failed"] * retry_failed)])
-            output.say(
-                ("error:", output.BAD) if lost else "interrupted",
-                f" {reason}" if lost else "",
-                f"; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}",
-                err=True,
-            )
-            return options.EXIT_NOT_DONE if lost else EXIT_INTERRUPTED
+            return _left_off(reason, store, again)
         except InputError as error:
-            error.args = (f"{error} ({len(store.rows)} of {_runs(len(found))} are kept)",) if store.rows else error.args
+            error.args = (f"{error} ({_kept(store)})",) if store.rows else error.args
             raise
+    _say_table(store)
+    if plot_file:
+        drawn = plot_sweep(found, list(store.rows.values()), plot_file, plot=plot)
+        output.say(
+            f"plot    {plot_file}  ({drawn.y} over {drawn.x}" + (f", {drawn.hue} in colours)" if drawn.hue else ")")
+        )
+    output.write_document("answer", json_file, _document(found, store))
+    return options.EXIT_NOT_DONE if store.failed else options.EXIT_DONE
+
+
+def _say_runs(found: Sweep) -> None:
+    """List the runs of a sweep."""
+    output.say(f"{found.path.stem}: {_runs(len(found))}")
+    for run in found.runs():
+        output.say(f"  {run.index:>6}  {run}")
+
+
+def _run_rest(store: SweepStore, *, processes: int | None, scheduler: str | None, retry_failed: bool) -> None:
+    """Run what the table does not have yet, with a bar that shows it."""
+    title, count = store.sweep.path.stem, len(store.sweep)
+    todo = len(store.todo(retry_failed=retry_failed))
+    done = count - todo
+    output.say(f"{title}: {_runs(count)}" + (f", {done} done before, {todo} to go" * (done > 0)))
+    wrong = 0
+    rows = run_sweep(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)
+    with closing(rows), options.LateProgress(title, todo, lines=True) as bar:
+        for row in rows:
+            wrong += row["error_type"] is not None
+            bar.step(f"{wrong} with an error" if wrong else "")
+
+
+def _left_off(reason: BaseException, store: SweepStore, again: str) -> int:
+    """Say that a sweep was interrupted, or lost its cluster, and with which command it goes on; the exit code."""
+    lost = isinstance(reason, SchedulerLost)
+    output.say(
+        ("error:", output.BAD) if lost else "interrupted",
+        f" {reason}" if lost else "",
+        f"; {_kept(store)}. Go on with:\n  {again}",
+        err=True,
+    )
+    return options.EXIT_NOT_DONE if lost else EXIT_INTERRUPTED
+
+
+def _say_table(store: SweepStore) -> None:
+    """Say what the table has, and the first of the runs that ended in an error."""
     failed = store.failed
     count = output.verdict(f"{len(failed)} with an error", not failed)
     output.say(f"table   {store.path}  ({len(store.rows)} rows, ", count, ")")
@@ -140,13 +168,10 @@ def sweep(
         output.say(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
     if len(failed) > _FAILURES_TOLD:
         output.say(f"  … and {len(failed) - _FAILURES_TOLD} more")
-    if plot_file:
-        drawn = plot_sweep(found, list(store.rows.values()), plot_file, plot=plot)
-        output.say(
-            f"plot    {plot_file}  ({drawn.y} over {drawn.x}" + (f", {drawn.hue} in colours)" if drawn.hue else ")")
-        )
-    output.write_document("answer", json_file, _document(found, store))
-    return options.EXIT_NOT_DONE if failed else options.EXIT_DONE
+
+
+def _kept(store: SweepStore) -> str:
+    return f"{len(store.rows)} of {_runs(len(store.sweep))} are kept"
 
 
 def _quieten_dask() -> None:

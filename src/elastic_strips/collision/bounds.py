@@ -112,9 +112,16 @@ class BodySet:
         """One of the bodies alone."""
         k = slice(index, index + 1)
         return replace(
-            self, names=self.names[k], labels=self.labels[k], geometries=self.geometries[k], joint=self.joint[k],
-            rotation=self.rotation[k], translation=self.translation[k], ends=self.ends[k], radius=self.radius[k],
-        )  # fmt: skip
+            self,
+            names=self.names[k],
+            labels=self.labels[k],
+            geometries=self.geometries[k],
+            joint=self.joint[k],
+            rotation=self.rotation[k],
+            translation=self.translation[k],
+            ends=self.ends[k],
+            radius=self.radius[k],
+        )
 
     def capsule_ends(self, kin: Kinematics) -> Array:
         """World capsule ends (N, G, 2, 3) [m] at the nodes of ``kin``."""

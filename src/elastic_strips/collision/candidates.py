@@ -23,7 +23,7 @@ from elastic_strips.scene.parts import Part
 from elastic_strips.scene.scene import PartTable
 from elastic_strips.work import count_work
 
-_LONGEST = 1e6  # [s]
+_LONGEST_MOTION = 1e6  # [s] that an obstacle is followed
 
 
 @dataclass(slots=True)
@@ -67,10 +67,17 @@ class CandidateParts:
             rows = np.union1d(rows, np.flatnonzero(np.isin(table.obstacle_index, always)))
         parts = [table.parts[r] for r in rows]
         return CandidateParts(
-            scene, rows, low, high, parts, table.rotation[rows], table.translation[rows],
-            table.local_center[rows] - table.local_translation[rows], table.local_half[rows],
+            scene,
+            rows,
+            low,
+            high,
+            parts,
+            table.rotation[rows],
+            table.translation[rows],
+            table.local_center[rows] - table.local_translation[rows],
+            table.local_half[rows],
             table.obstacle_index[rows],
-        )  # fmt: skip
+        )
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -235,7 +242,7 @@ class Forecast:
 
     def predict(self, times: Array) -> NodePrediction:
         """The forecast at node times (N,) [s] after the snapshot; negative ones are before it."""
-        t = np.clip(times, -_LONGEST, min(self.horizon, _LONGEST))[:, None]
+        t = np.clip(times, -_LONGEST_MOTION, min(self.horizon, _LONGEST_MOTION))[:, None]
         uncertainty = self.offset + self.speed * np.abs(t) + 0.5 * self.acceleration * t * t
         return NodePrediction(self.obstacles, self.velocity[None] * t[:, :, None], uncertainty, times > self.horizon)
 
@@ -301,8 +308,9 @@ class MovingParts:
             columns, shift, risen = changed, np.zeros((1, 1, 3)), np.zeros((1, 1))
             rotation, translation = rotation[columns], translation[columns]
             self._rotation[columns], self._translation[columns] = (
-                candidates.rotation[columns], candidates.translation[columns],
-            )  # fmt: skip
+                candidates.rotation[columns],
+                candidates.translation[columns],
+            )
         else:
             self.begin(prediction, candidates)
             moved = former | self.columns

@@ -36,9 +36,9 @@ from .self_distance import SelfProximity
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-_SLACK = 0.6
+_CANDIDATE_MARGIN = 0.6
 """How far [m] a motion may leave the boxes about the candidates before they are collected anew."""
-_MAX_DEPTH = 12
+_MOST_HALVINGS = 12
 """Most halvings between two samples."""
 
 
@@ -124,7 +124,9 @@ class MotionCertifier(OneThread):
         high = (ends.max(axis=(0, 2)) + radius).max(axis=0, keepdims=True) + grow
         candidates = self.candidates if self._moving.known(prediction) else None
         if candidates is None or candidates.follow(scene) is None or not candidates.covered(low, high).all():
-            candidates = self.candidates = CandidateParts.build(scene, low, high, _SLACK, always=self._moving.always)
+            candidates = self.candidates = CandidateParts.build(
+                scene, low, high, _CANDIDATE_MARGIN, always=self._moving.always
+            )
             self._narrow.retain(candidates.parts)
         self._moving.begin(prediction, candidates)
 
@@ -136,9 +138,15 @@ class MotionCertifier(OneThread):
         if self._narrow.native is not None:
             native = self._narrow.native
             found = native.calls.prove(
-                self._kin.T, self._kin.coordinates[: self._kin.n], v,
-                *native.scene(candidates, self._moving), travel, approach, clearance, _depth(len(travel)),
-            )  # fmt: skip
+                self._kin.T,
+                self._kin.coordinates[: self._kin.n],
+                v,
+                *native.scene(candidates, self._moving),
+                travel,
+                approach,
+                clearance,
+                _depth(len(travel)),
+            )
             return self._proof(pairs, found, len(travel))
         total = np.zeros((len(travel) + 1, count, len(candidates)))
         np.cumsum(np.repeat(travel[:, :, None], len(candidates), axis=2), axis=0, out=total[1:])
@@ -192,7 +200,7 @@ class MotionCertifier(OneThread):
 
 def _depth(segments: int) -> int:
     """Largest number of halvings of a motion with this many segments."""
-    return segments.bit_length() + _MAX_DEPTH + 1
+    return segments.bit_length() + _MOST_HALVINGS + 1
 
 
 class _MotionSearch:

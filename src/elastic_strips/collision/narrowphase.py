@@ -45,7 +45,7 @@ from .native_side import NativeNarrowphase
 
 __all__ = ["GJK_EXCESS", "Contacts", "Narrowphase", "PairSolver", "ShapePair"]
 
-_PREPARING = 4  # queries take as long as the functors of a pair
+_QUERIES_PER_FUNCTORS = 4  # queries take as long as to make the functors of a pair
 
 
 def _distance_request(*, gjk: float | None = None, epa: float | None = None) -> coal.DistanceRequest:
@@ -75,7 +75,7 @@ class ShapePair(NamedTuple):
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
         """The functors of two shapes."""
-        count_work(queries=_PREPARING)
+        count_work(queries=_QUERIES_PER_FUNCTORS)
         shapes = for_penetration(one, two)
         deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
         return ShapePair(
@@ -227,7 +227,7 @@ class Narrowphase(OneThread):
         previous = (-1, -1)
         shapes, transforms = candidates.parts, candidates.transforms
         nodes, body_list, part_list = node.tolist(), body.tolist(), part.tolist()
-        for k in range(count):
+        for k in range(count):  # the hot loop of the twin in Python: a call for each pair would cost as much as Coal
             g, p = body_list[k], part_list[k]
             shape = shapes[p]
             if shape.geometry is None:

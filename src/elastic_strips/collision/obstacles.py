@@ -141,9 +141,18 @@ class ObstacleProximity(OneThread):
             self._remember(kin, ends, moved)
             return self._keep_margin(ends, moved)
         lost = native.calls.follow(
-            kin.T, coordinates, self.influence, self._coordinates, self._ends, self._frames, candidates.cover_low,
-            candidates.cover_high, self._cover, self.margin, self.arrays,
-        )  # fmt: skip
+            kin.T,
+            coordinates,
+            self.influence,
+            self._coordinates,
+            self._ends,
+            self._frames,
+            candidates.cover_low,
+            candidates.cover_high,
+            self._cover,
+            self.margin,
+            self.arrays,
+        )
         return not lost or self._cover_anew(*self._boxes(self._ends[lost]), np.array(lost))
 
     def _predict(self, prediction: NodePrediction | None, columns: Indices | None) -> None:
@@ -175,9 +184,15 @@ class ObstacleProximity(OneThread):
         """What is known, as the native half takes it."""
         of, kept, candidates = self._arrays_of, self._arrays, self.candidates
         if (
-            kept is not None and of[0] is candidates and of[1] is self.bound and of[2] is self._since
-            and of[3] is self.exact and of[4] is self.direction and of[5] is self.witness and of[6] is self._limit
-        ):  # fmt: skip
+            kept is not None
+            and of[0] is candidates
+            and of[1] is self.bound
+            and of[2] is self._since
+            and of[3] is self.exact
+            and of[4] is self.direction
+            and of[5] is self.witness
+            and of[6] is self._limit
+        ):
             return kept
         assert candidates is not None
         assert self.narrow.native is not None

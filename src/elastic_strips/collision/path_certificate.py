@@ -29,16 +29,16 @@ from .path_rows import INTERPOLATIONS, Arcs, PathLike, as_arcs, path_rows
 from .self_distance import SelfProximity
 from .strip_certificate import Certifier, coordinate_clearance
 
-_REACH = 0.05  # [m] distances are exact below this, or twice the clearance
-_DEPTH = 20  # most halvings of a segment
-_CHUNK = 256  # segments at once
-_SAMPLES = 129  # configurations of a broken segment that are looked at for the deepest
-_SLIP = 0.1  # sideways travel of a base on wheels, of the travel ahead, that files and their rounding may have
-_SLIPS = 0.05  # [m] of such travel in all that is not worth a word
-_LOOKED = 8  # most broken segments that are looked at for one that refutes
+_EXACT_DISTANCE = 0.05  # [m] distances are exact below this, or twice the clearance
+_MOST_HALVINGS = 20  # of a segment
+_SEGMENTS_AT_ONCE = 256
+_BROKEN_SAMPLES = 129  # configurations of a broken segment that are looked at for the deepest
+_SLIP_SHARE = 0.1  # sideways travel of a base on wheels, of the travel ahead, that files and their rounding may have
+_SLIP_UNSAID = 0.05  # [m] of such travel in all that is not worth a word
+_MOST_BROKEN_SEEN = 8  # broken segments that are looked at for one that refutes
 _LEAST_MOTION = 1e-4  # [m] of an obstacle, below which a piece of time is not divided further
-_LEAST_TIME = 1e-6  # [s]
-_TOLERANCE = 1e-4  # [m] of the clearance that is measured
+_LEAST_TIME = 1e-6  # [s] of such a piece
+_LEAST_TOLERANCE = 1e-4  # [m] of the least distance that is measured
 
 
 class Verdict(str, Enum):
@@ -146,7 +146,7 @@ def certify(
         work.changing(when[0] + np.interp(arcs.whole, np.arange(len(when)), when - when[0]), *changing)
     least = None
     if measure and changing is None and not arcs.unknown:
-        least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_TOLERANCE)
+        least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_LEAST_TOLERANCE)
     varies = changes(scene if isinstance(scene, World) else World(scene))
     if when is not None and varies:
         notes = (*notes, f"from {when[0]:g} s to {when[-1]:g} s, and for no time before or after")
@@ -170,8 +170,8 @@ def _sideways(robot: RobotModel, rows: Array) -> tuple[str, ...]:
     if robot.base_kind is not BaseKind.DIFF_DRIVE:
         return ()
     v = robot.space.difference(rows[:-1], rows[1:])
-    aside = np.where(np.abs(v[:, 1]) > _SLIP * np.abs(v[:, 0]), np.abs(v[:, 1]), 0.0)
-    if aside.sum() <= _SLIPS:
+    aside = np.where(np.abs(v[:, 1]) > _SLIP_SHARE * np.abs(v[:, 0]), np.abs(v[:, 1]), 0.0)
+    if aside.sum() <= _SLIP_UNSAID:
         return ()
     most = f"{_mm(float(aside.sum()))} in all, most in segment {int(aside.argmax())}"
     return (f"the base goes sideways, {most}: the wheels of a differential drive cannot follow (base omni?)",)
@@ -270,22 +270,24 @@ class _Work:
 
     def _with(self, reach: float, *, itself: bool) -> _Tools:
         """Workspaces in which distances are exact below ``reach`` [m], with or without the robot's own pairs."""
-        reach = _REACH if 2.0 * reach <= _REACH else float(2.0 ** np.ceil(np.log2(2.0 * reach)))
+        reach = _EXACT_DISTANCE if 2.0 * reach <= _EXACT_DISTANCE else float(2.0 ** np.ceil(np.log2(2.0 * reach)))
         key = (reach, itself)
         if key not in self._tools:
             obstacles = ObstacleProximity(self.bodies, influence=reach)
             pairs = self.robot.pairs_within(self.self_clearance) if itself else self.robot.self_pairs[:0]
-            own = SelfProximity(self.bodies, pairs, self.bounds, influence=max(_REACH, 2.0 * self.self_clearance))
-            certifier = Certifier(self.bodies, self.bounds, obstacles, own, max_depth=_DEPTH)
-            self._tools[key] = _Tools(obstacles, own, certifier, Kinematics(self.robot.tree, _CHUNK + 1))
+            own = SelfProximity(
+                self.bodies, pairs, self.bounds, influence=max(_EXACT_DISTANCE, 2.0 * self.self_clearance)
+            )
+            certifier = Certifier(self.bodies, self.bounds, obstacles, own, max_depth=_MOST_HALVINGS)
+            self._tools[key] = _Tools(obstacles, own, certifier, Kinematics(self.robot.tree, _SEGMENTS_AT_ONCE + 1))
         return self._tools[key]
 
     def standing(self, scene: Scene) -> None:
         """Certify all segments among obstacles that stand still."""
         tools = self._with(self.needed, itself=True)
-        for first in range(0, len(self.rows) - 1, _CHUNK):
-            chunk = slice(first, first + _CHUNK)
-            part = self.rows[first : first + _CHUNK + 1]
+        for first in range(0, len(self.rows) - 1, _SEGMENTS_AT_ONCE):
+            chunk = slice(first, first + _SEGMENTS_AT_ONCE)
+            part = self.rows[first : first + _SEGMENTS_AT_ONCE + 1]
             states, broken = self._certified(tools, part, self.arcs.known[chunk], scene, self.needed)
             self.bad.update((first + np.flatnonzero(states)).tolist())
             if broken is not None:
@@ -300,9 +302,7 @@ class _Work:
         kin.update(rows)
         tools.obstacles.update(kin, scene)
         tools.itself.update(kin)
-        found = tools.certifier.certify(
-            kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene
-        )  # fmt: skip
+        found = tools.certifier.certify(kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene)
         return found.states, found.broken
 
     def changing(self, when: Array, world: World, obstacles: tuple[Obstacle, ...]) -> None:
@@ -324,9 +324,7 @@ class _Work:
             while todo:
                 one, two, there = todo.pop()
                 (t0, low), (t1, high) = one, two
-                ends = self.robot.space.interpolate(
-                    self.rows[j][None], self.rows[j + 1][None], np.array([low, high])
-                )  # fmt: skip
+                ends = self.robot.space.interpolate(self.rows[j][None], self.rows[j + 1][None], np.array([low, high]))
                 open_, broken = self._open(ends, there, world, t0, t1)
                 middle = 0.5 * (t0 + t1), 0.5 * (low + high)
                 if broken is not None:
@@ -341,36 +339,42 @@ class _Work:
         self, ends: Array, there: tuple[Obstacle, ...], world: World, t0: float, t1: float
     ) -> tuple[tuple[Obstacle, ...], BrokenSegment | None]:
         """Obstacles that may be too near in a piece of time, or what is broken where it is too short to be divided."""
-        half, middle = 0.5 * (t1 - t0), 0.5 * (t0 + t1)
         known = tuple(o for o in there if not isinstance(o.motion, UnknownMotion))
-        shift = max((world.speed_bound(o.name, start=t0, end=t1) for o in known), default=0.0) * half if half else 0.0
-        floor = t1 - t0 < _LEAST_TIME
-        open_: list[Obstacle] = []
-        if not np.isfinite(shift):  # a loop jumps: it is on one side of the jump or on the other
-            if not floor:
-                open_ += known
-            else:
-                far = MAX_SPEED * (1.0 + max(o.reach for o in known)) * (t1 - t0)
-                for t in (t0, t1):
-                    broken = self._broken_among(ends, known, t, far)
-                    if broken is not None:
-                        return (), broken
-        elif shift >= _REACH and not floor:
-            open_ += known
-        elif known:
-            broken = self._broken_among(ends, known, middle, shift)
-            if broken is not None and (shift < _LEAST_MOTION or floor):
-                return (), broken
-            open_ += known if broken is not None else ()
+        open_, broken = self._open_known(ends, known, world, t0, t1)
+        if broken is not None:
+            return (), broken
         for obstacle in there:
             if isinstance(obstacle.motion, UnknownMotion):
                 margin = away(obstacle, world.scene.time, t0, t1)
-                broken = self._broken_among(ends, (obstacle,), middle, margin)
-                if broken is not None:
-                    if obstacle.motion.max_speed * (t1 - t0) < _LEAST_MOTION or floor:
-                        return (), broken if margin == 0.0 else replace(broken, certain=False)
-                    open_.append(obstacle)
-        return tuple(open_), None
+                broken = self._broken_among(ends, (obstacle,), 0.5 * (t0 + t1), margin)
+                if broken is None:
+                    continue
+                if obstacle.motion.max_speed * (t1 - t0) < _LEAST_MOTION or t1 - t0 < _LEAST_TIME:
+                    return (), broken if margin == 0.0 else replace(broken, certain=False)
+                open_ = (*open_, obstacle)
+        return open_, None
+
+    def _open_known(
+        self, ends: Array, known: tuple[Obstacle, ...], world: World, t0: float, t1: float
+    ) -> tuple[tuple[Obstacle, ...], BrokenSegment | None]:
+        """The same among obstacles whose motion is known."""
+        if not known:
+            return (), None
+        half = 0.5 * (t1 - t0)
+        shift = max(world.speed_bound(o.name, start=t0, end=t1) for o in known) * half if half else 0.0
+        shortest = t1 - t0 < _LEAST_TIME
+        if not np.isfinite(shift):  # a loop jumps: it is on one side of the jump or on the other
+            if not shortest:
+                return known, None
+            far = MAX_SPEED * (1.0 + max(o.reach for o in known)) * (t1 - t0)
+            sides = (self._broken_among(ends, known, t, far) for t in (t0, t1))
+            return (), next((broken for broken in sides if broken is not None), None)
+        if shift >= _EXACT_DISTANCE and not shortest:
+            return known, None
+        broken = self._broken_among(ends, known, 0.5 * (t0 + t1), shift)
+        if broken is not None and (shift < _LEAST_MOTION or shortest):
+            return (), broken
+        return (known if broken is not None else ()), None
 
     def _broken_among(
         self, ends: Array, obstacles: tuple[Obstacle, ...], t: float, margin: float
@@ -383,9 +387,7 @@ class _Work:
         assert broken is not None or not states.any()
         return broken
 
-    def result(
-        self, when: Array | None, least: float | None, notes: tuple[str, ...], began: float
-    ) -> PathCertificate:  # fmt: skip
+    def result(self, when: Array | None, least: float | None, notes: tuple[str, ...], began: float) -> PathCertificate:
         """The verdict; where something is broken, the configuration that shows it best."""
         whole, unknown = self.arcs.whole, self.arcs.unknown
         segments = tuple(sorted({int(whole[j]) for j in self.bad} | set(unknown)))
@@ -397,25 +399,26 @@ class _Work:
             shown = found if verdict is Verdict.REFUTED else None
             time = None if when is None or shown is None else float(np.interp(place, np.arange(len(when)), when))
             return PathCertificate(
-                verdict, self.clearance, self.self_clearance, least, segments, broken,
+                verdict,
+                self.clearance,
+                self.self_clearance,
+                least,
+                segments,
+                broken,
                 q=None if shown is None else self.robot.space.from_coordinates(shown.row),
-                place=None if shown is None or broken is None else place - broken.segment, time=time,
-                distance=None if shown is None else shown.distance, reason=reason + assumed, notes=notes,
+                place=None if shown is None or broken is None else place - broken.segment,
+                time=time,
+                distance=None if shown is None else shown.distance,
+                reason=reason + assumed,
+                notes=notes,
                 seconds=perf_counter() - began,
-            )  # fmt: skip
+            )
 
         if not segments:
             said = "" if least is None else f", {_mm(least)} at the nearest" if np.isfinite(least) else ", nothing near"
             return answer(Verdict.CERTIFIED, f"all {int(whole[-1])} segments are proven{said}", None, None)
         others = f"; {len(segments) - 1} more segments are not certified" if len(segments) > 1 else ""
-        self.broken.sort(key=lambda entry: entry.order)
-        worst, found = None, None
-        for entry in self.broken[:_LOOKED]:
-            deepest = self._deepest(entry, when)
-            if found is None or deepest.order < found.order:
-                worst, found = entry, deepest
-            if deepest.certain:
-                break
+        worst, found = self._worst(when)
         if unknown and (found is None or not found.certain):
             j, why = next(iter(unknown.items()))
             return answer(Verdict.UNKNOWN, f"segment {j}: {why}{others}", half_turn(self.bodies, j), None)
@@ -427,31 +430,32 @@ class _Work:
         broken = BrokenSegment(
             segment, found.link, found.other, found.distance, found.kind, found.certain, found.labels
         )
-        one, two = found.labels
         if not found.certain:
-            why = (
-                f"segment {segment}: {one} and {two} come as near as {_mm(found.distance)}, too near "
-                "to the clearance to decide: prove a smaller clearance, or look at the path in smaller pieces"
-            )
-            if found.margin > 0.0:
-                why = (
-                    f"segment {segment}: {one} comes as near as {_mm(found.distance)} to where {two} was at "
-                    f"{self._seen(worst.scene):g} s, which may have moved by {_mm(found.margin)} since"
-                )
-            return answer(Verdict.UNKNOWN, why + others, broken, found)
+            why = _undecided(found, worst.scene)
+            return answer(Verdict.UNKNOWN, f"segment {segment}: {why}{others}", broken, found)
+        one, two = found.labels
         deep = f"{_mm(-found.distance)} deep in" if found.distance < 0.0 else f"{_mm(found.distance)} from"
         reason = f"segment {segment}, at {place - segment:.3f} of it: {one} is {deep} {two}{others}"
         return answer(Verdict.REFUTED, reason, broken, found, place)
 
-    @staticmethod
-    def _seen(scene: Scene | World) -> float:
-        return scene.time if isinstance(scene, Scene) else scene.scene.time
+    def _worst(self, when: Array | None) -> tuple[_Broken | None, _Found | None]:
+        """What is broken worst, and the worst configuration there; None where nothing is broken."""
+        self.broken.sort(key=lambda entry: entry.order)
+        worst, found = None, None
+        for entry in self.broken[:_MOST_BROKEN_SEEN]:
+            deepest = self._deepest(entry, when)
+            if found is None or deepest.order < found.order:
+                worst, found = entry, deepest
+            if deepest.certain:
+                break
+        return worst, found
 
     def _deepest(self, broken: _Broken, when: Array | None) -> _Found:
         """The worst configuration of a segment of the refined path, among many."""
         j, scene = broken.j, broken.scene
         moments = None if when is None else np.interp(self.arcs.whole[j : j + 2], np.arange(len(when)), when)
-        part = np.sort(np.append(np.linspace(0.0, 1.0, _SAMPLES), broken.place))  # what is there for a moment only
+        even = np.linspace(0.0, 1.0, _BROKEN_SAMPLES)
+        part = np.sort(np.append(even, broken.place))  # where something may be for a moment only
         best: _Found | None = None
         for _ in range(3):  # ever closer about the worst so far
             if not self.arcs.known[j]:
@@ -476,9 +480,9 @@ class _Work:
                 found = self._worst_of(samples[k], part[k], obstacles, margins)
                 if best is None or found.order < best.order:
                     best = found
-            step = (part[-1] - part[0]) / (_SAMPLES - 1)
+            step = (part[-1] - part[0]) / (_BROKEN_SAMPLES - 1)
             assert best is not None
-            part = np.linspace(max(best.place - step, 0.0), min(best.place + step, 1.0), _SAMPLES)
+            part = np.linspace(max(best.place - step, 0.0), min(best.place + step, 1.0), _BROKEN_SAMPLES)
         assert best is not None
         return best
 
@@ -557,6 +561,21 @@ class _Found:
     def order(self) -> tuple[bool, float]:
         """Certain ones come first, then those with the least to spare."""
         return not self.certain, self.spare
+
+
+def _undecided(found: _Found, scene: Scene | World) -> str:
+    """Why a configuration neither keeps the clearance nor refutes it."""
+    one, two = found.labels
+    if found.margin > 0.0:
+        seen = scene.time if isinstance(scene, Scene) else scene.scene.time
+        return (
+            f"{one} comes as near as {_mm(found.distance)} to where {two} was at {seen:g} s, "
+            f"which may have moved by {_mm(found.margin)} since"
+        )
+    return (
+        f"{one} and {two} come as near as {_mm(found.distance)}, too near to the clearance to decide: "
+        "prove a smaller clearance, or look at the path in smaller pieces"
+    )
 
 
 def _mm(distance: float) -> str:

@@ -21,9 +21,9 @@ from elastic_strips.robot.space import LIMIT_TOLERANCE, wrap_angle
 INTERPOLATIONS = ("arc", "line", "values", "shortest")
 HALF_TURN = np.pi - 1e-5
 """A turn by more than this [rad] has two ways that are equally short."""
-_FAR = 1e6  # [m] of a base's place
+_FARTHEST_BASE = 1e6  # [m] from the origin
 _MOST_TURN = 1e4  # [rad] of a turning column's values
-_BOW = 1e-4  # [m] by which arcs may leave the line that they stand for
+_ARC_BOW = 1e-4  # [m] by which arcs may leave the line that they stand for
 _YAW_PIECE, _JOINT_PIECE = 1.5, 3.0  # [rad] longest turn of a piece, below half a turn
 _MOST_PIECES = 1_000_000
 
@@ -131,7 +131,7 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
         rows[:, turning] = np.unwrap(rows[:, turning], axis=0)
         stated = not turning.any()
     most = np.where(turning, _MOST_TURN, np.inf)
-    most[: 2 if space.planar else 0] = _FAR
+    most[: 2 if space.planar else 0] = _FARTHEST_BASE
     far = np.argwhere(np.abs(rows) > most)
     if len(far):
         i, k = (int(n) for n in far[0])
@@ -192,7 +192,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
         # an arc of constant speed leaves its chord by no more than an eighth of its acceleration, speed times turn; the
         # speed is at most pi/2 times the chord for turns below half a circle
         length, turn = np.hypot(v[:, 0], v[:, 1]), np.abs(v[:, 2])
-        bowed = np.sqrt(np.pi / 16.0 * length * turn / _BOW)
+        bowed = np.sqrt(np.pi / 16.0 * length * turn / _ARC_BOW)
         pieces = np.ceil(np.maximum.reduce((pieces, bowed, turn / _YAW_PIECE)))
     count = np.maximum(pieces, 1.0)
     if count.sum() > _MOST_PIECES:
@@ -206,7 +206,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
         part = (np.arange(len(source)) - np.searchsorted(source, source)) / count[source]
         rows = np.vstack((rows[source] + part[:, None] * v[source], rows[-1:]))
         whole, known = np.concatenate((source + part, whole[-1:])), known[source]
-    return Arcs(rows, whole, known, unknown, _BOW if line else 0.0, _way(robot, path, v, interpolation))
+    return Arcs(rows, whole, known, unknown, _ARC_BOW if line else 0.0, _way(robot, path, v, interpolation))
 
 
 def _unknown(robot: RobotModel, path: PathRows, v: Array, interpolation: str) -> dict[int, str]:

@@ -32,8 +32,8 @@ from elastic_strips.validation import check_choice, check_number, check_type
 from .bounds import BodySet
 from .path_rows import INTERPOLATIONS, PathLike, PathRows, column_names, path_rows
 
-_DEPTH = 24  # most halvings of a segment; what is still open then is not proven
-_GAIN = 2.0 * checker.ROUNDING  # that an interval has to spare
+_MOST_HALVINGS = 24  # of a segment; what is still open then is not proven
+_LEAST_SPARE = 2.0 * checker.ROUNDING  # [m] that an interval has to spare
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -78,9 +78,14 @@ class PathProof(Summary):
         target = check_writable(path)
         stream = io.BytesIO()
         np.savez_compressed(
-            stream, header=np.array(json.dumps(self.header)), rows=self.rows, segment=self.segment.astype(np.int32),
-            pair=self.pair.astype(np.int32), span=self.span, normal=self.normal.astype(np.float32),
-        )  # fmt: skip
+            stream,
+            header=np.array(json.dumps(self.header)),
+            rows=self.rows,
+            segment=self.segment.astype(np.int32),
+            pair=self.pair.astype(np.int32),
+            span=self.span,
+            normal=self.normal.astype(np.float32),
+        )
         return atomic_write(target, stream.getvalue())
 
 
@@ -119,9 +124,14 @@ def prove(
     if way is None:
         return None
     header: dict[str, Any] = {
-        "format": checker.FORMAT, "version": checker.VERSION, "way": way, "clearance": float(clearance),
-        "self_clearance": float(self_clearance), "robot": robot_statement(robot), "scene": scene_statement(scene),
-    }  # fmt: skip
+        "format": checker.FORMAT,
+        "version": checker.VERSION,
+        "way": way,
+        "clearance": float(clearance),
+        "self_clearance": float(self_clearance),
+        "robot": robot_statement(robot),
+        "scene": scene_statement(scene),
+    }
     pairs = len(header["robot"]["bodies"]) * len(header["scene"]) + len(header["robot"]["pairs"])
     if not pairs:
         raise InputError(
@@ -206,21 +216,21 @@ class _Work:
         span = np.tile((0.0, 1.0), (len(pair), 1))
         done: list[tuple[Indices, Indices, Array, Array]] = []
         least, total = np.inf, 0
-        for _ in range(_DEPTH):
+        for _ in range(_MOST_HALVINGS):
             if not len(pair):
                 break
             _bounded("intervals", total + len(pair), checker.MOST)
             normal = np.stack([self._between_middles(segment, span[:, e], pair) for e in (0, 1)], axis=1)
             gap = np.stack([self._gaps(segment, span[:, e], pair, normal[:, e]) for e in (0, 1)], axis=1)
             spare = self._spare(segment, pair, span, gap)
-            near = np.flatnonzero(spare <= _GAIN)
+            near = np.flatnonzero(spare <= _LEAST_SPARE)
             for e in (0, 1):
                 normal[near, e] = self._exact(segment[near], span[near, e], pair[near], normal[near, e])
                 gap[near, e] = self._gaps(segment[near], span[near, e], pair[near], normal[near, e])
             if (gap[near] <= self.needed[pair[near], None]).any():
                 return None
             spare[near] = self._spare(segment[near], pair[near], span[near], gap[near])
-            proven = spare > _GAIN
+            proven = spare > _LEAST_SPARE
             total += int(proven.sum())
             least = min(least, float(spare[proven].min(initial=np.inf)))
             done.append((segment[proven], pair[proven], span[proven], normal[proven]))
@@ -301,9 +311,12 @@ def robot_statement(robot: RobotModel) -> Document:
         "planar": bool(space.planar),
         "joints": [
             {
-                "parent": int(tree.parents[i]) - 1, "column": int(tree.coordinate_index[i]),
-                "slides": bool(tree.prismatic[i]), "offset": tree.offset[i, :3].tolist(),
-                "multiplier": float(tree.multiplier[i]), "constant": float(tree.constant[i]),
+                "parent": int(tree.parents[i]) - 1,
+                "column": int(tree.coordinate_index[i]),
+                "slides": bool(tree.prismatic[i]),
+                "offset": tree.offset[i, :3].tolist(),
+                "multiplier": float(tree.multiplier[i]),
+                "constant": float(tree.constant[i]),
             }
             for i in range(1, len(tree.parents))
         ],
@@ -316,7 +329,7 @@ def robot_statement(robot: RobotModel) -> Document:
             for g, name in enumerate(bodies.names)
         ],
         "pairs": np.asarray(robot.self_pairs).reshape(-1, 2).tolist(),
-    }  # fmt: skip
+    }
 
 
 def scene_statement(scene: Scene) -> list[Document]:
@@ -353,7 +366,11 @@ def _shape_part(
     if kind.value not in checker.SIZES:
         raise error(f"{name!r} is a {kind.value}; proofs know {', '.join(checker.SIZES)}")
     return {
-        "name": name, "kind": kind.value, "sizes": list(half), "grown": float(geometry.getSweptSphereRadius()),
+        "name": name,
+        "kind": kind.value,
+        "sizes": list(half),
+        "grown": float(geometry.getSweptSphereRadius()),
         "points": vertices(geometry).tolist() if kind is ShapeKind.CONVEX else [],
-        "rotation": np.asarray(R).tolist(), "translation": np.asarray(t).tolist(),
-    }  # fmt: skip
+        "rotation": np.asarray(R).tolist(),
+        "translation": np.asarray(t).tolist(),
+    }

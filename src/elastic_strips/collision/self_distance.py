@@ -119,9 +119,14 @@ class SelfProximity(OneThread):
         """What is known, as the native half takes it."""
         of, kept = self._arrays_of, self._arrays
         if (
-            kept is not None and of[0] is self.bound and of[1] is self._since and of[2] is self.exact
-            and of[3] is self.direction and of[4] is self.first and of[5] is self.second
-        ):  # fmt: skip
+            kept is not None
+            and of[0] is self.bound
+            and of[1] is self._since
+            and of[2] is self.exact
+            and of[3] is self.direction
+            and of[4] is self.first
+            and of[5] is self.second
+        ):
             return kept
         assert self.native is not None
         self._arrays_of = known = self.bound, self._since, self.exact, self.direction, self.first, self.second

@@ -32,8 +32,8 @@ from .self_distance import SelfProximity
 
 _MOST_SAMPLES = 256
 """Most configurations of one segment about which obstacles are looked for."""
-_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
-_UNLIMITED = 60
+_SEARCH_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)  # [m] within which the least distance is looked for, in turns
+_MOST_SEARCH_HALVINGS = 60  # of a segment: more than floating point can divide it
 _KNOWN = np.int8(-1)  # a segment that is certified already, while others are looked at
 
 
@@ -67,9 +67,15 @@ class Certifier(OneThread):
 
     @exclusive
     def certify(
-        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene,
+        self,
+        kin: Kinematics,
+        v: Array,
+        *,
+        clearance: float,
+        self_clearance: float,
+        scene: Scene,
         known: Mask | None = None,
-    ) -> Certificate:  # fmt: skip
+    ) -> Certificate:
         """Certify the segments between the nodes of ``kin``.
 
         Args:
@@ -125,9 +131,18 @@ class Certifier(OneThread):
         coordinates, checks = kin.coordinates[: kin.n], 0
         if len(candidates):
             broken, count, work = narrow.native.calls.certify(
-                kin.T, kin.J, coordinates, v, *narrow.native.scene(candidates, obstacles.moving), self.bounds.of_motion,
-                obstacles.moving.travel(), obstacles.arrays, searches[0].clearance, depth, states,
-            )  # fmt: skip
+                kin.T,
+                kin.J,
+                coordinates,
+                v,
+                *narrow.native.scene(candidates, obstacles.moving),
+                self.bounds.of_motion,
+                obstacles.moving.travel(),
+                obstacles.arrays,
+                searches[0].clearance,
+                depth,
+                states,
+            )
             obstacles.account(*work)
             searches[0].note(broken)
             checks += count
@@ -282,15 +297,15 @@ def coordinate_clearance(robot: RobotModel, coordinates: Array, scene: Scene, *,
     kin = Kinematics(bodies.tree, len(coordinates))
     kin.update(coordinates)
     travel = bounds.travel(v)
-    for reach in _REACHES:
+    for reach in _SEARCH_REACHES:
         proximity = ObstacleProximity(bodies, influence=reach)
         proximity.update(kin, scene)
         if proximity.bound.size == 0:
             continue
         lowest = float(proximity.bound.min(initial=reach))
-        if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _REACHES[-1]:
+        if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _SEARCH_REACHES[-1]:
             return _smallest(kin, v, bounds, proximity, tolerance)
-    return _REACHES[-1]
+    return _SEARCH_REACHES[-1]
 
 
 def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: ObstacleProximity, tolerance: float) -> float:
@@ -307,7 +322,7 @@ def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: Obstac
         todo = OpenIntervals.of_segments(body * len(candidates) + part, segment, d_low, d_high, tight)
         bisection = Bisection(kin, v, Kinematics(bodies.tree, 64))
         pairs = ObstaclePairs(bodies, proximity.narrow, candidates, proximity.moving)
-        bisection.run(pairs, todo.take(todo.open(search.clearance)), search, _UNLIMITED)
+        bisection.run(pairs, todo.take(todo.open(search.clearance)), search, _MOST_SEARCH_HALVINGS)
     return search.clearance
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor as Workers
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
-from threading import Lock
 from time import perf_counter
-from typing import TypedDict, TypeVar
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +33,7 @@ from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
 from .params import DriveParams, Tolerance
+from .plan_queue import PlanQueue
 from .process.priority import keep_memory, undisturbed
 from .record import TickStatistics
 from .replanning import Replanned, Replanner
@@ -45,7 +45,6 @@ KEPT_EVENTS = 500
 _STRIP_START_OFFSET = 0.02
 """A robot at least this far [m, rad] from the beginning of a strip that was planned while it braked stands
 elsewhere."""
-_Planned = TypeVar("_Planned")
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
 
@@ -192,16 +191,13 @@ class Controller:
         self.result: PlanResult | None = None
         self._doubts = SceneMonitor(self.params.monitor)
         self._passed = self._recoveries = 0
-        self._workers = workers
-        self._own: ThreadPoolExecutor | None = None
-        self._turn = Lock()  # plans are made one after the other, whoever runs them
+        self._plans = PlanQueue(workers)
         self._replan_task: Future[Replanned] | None = None  # replans a strip to the same goal
         self._replan_from: Array = self.start  # (nv,) where that strip begins
         self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
         self._no_path = self._stopping = ""
-        self._beside = 0.0  # [s] of the present tick that went into other tasks
         self._next_tick = 0  # number of the step with the next planning tick
 
     def __enter__(self) -> Controller:
@@ -212,8 +208,7 @@ class Controller:
 
     def close(self) -> None:
         """End the planning thread; a running plan is waited for."""
-        if self._own is not None:
-            self._own.shutdown()
+        self._plans.close()
 
     @property
     def state(self) -> RunState:
@@ -309,7 +304,7 @@ class Controller:
         self._ready.clear()
         self.executor.retarget(self.goal, self.tolerance)
         q = self.robot.space.from_coordinates(self.reference.coordinates)
-        self._next_plan = self._submit(self.replanner.first(self.scene, q, self.goal_q))
+        self._next_plan = self._plans.submit(self.replanner.first(self.scene, q, self.goal_q))
 
     def warm_up(self) -> None:
         """Plan without using the result, while the robot stands: then modules are loaded when time is 0, and it is
@@ -396,7 +391,7 @@ class Controller:
         Returns:
             What it took [s], by the meter.
         """
-        began, self._beside = perf_counter(), 0.0
+        began, submitting = perf_counter(), self._plans.submitting
         executor = self.executor
         self.result = None
         before = len(self._ready)
@@ -416,7 +411,7 @@ class Controller:
         result = self.result
         charged = self.pace.finish(full=bool(result and result.timings))
         self._ready[before:] = [(due + charged, ready, proven) for due, ready, proven in self._ready[before:]]
-        seconds = perf_counter() - began - self._beside
+        seconds = perf_counter() - began - (self._plans.submitting - submitting)  # plans are no part of the tick
         reason = (result.reason if result else "") or self.reason
         status = result.report.status.value if result else ""
         self.tick = Tick(t, seconds, result, self.strip.coordinates, executor.active.end_time, status, reason)
@@ -456,7 +451,7 @@ class Controller:
         if result.late:
             executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
         if not waiting:
-            self.replanner.work_beside(scene, result.report.strip, self._submit)
+            self.replanner.work_beside(scene, result.report.strip, self._plans.submit)
             due = self.replanner.watch(t, result, scene, at_rest=at_rest)
             if due:
                 executor.log("replanning", due)
@@ -521,57 +516,63 @@ class Controller:
         once: it will stand elsewhere, and joins the strip from wherever that is, as any that it has left. Where it
         brakes, and will stand elsewhere for that, a strip from there is planned instead.
         """
-        replanner, executor, space = self.replanner, self.executor, self.robot.space
         if self._next_plan is not None:
             if not self._next_plan.done():
                 return True
-            found, self._next_plan = self._next_plan, None
-            try:
-                report = found.result()
-            except Exception as error:  # on any error: the present strip leads to another goal
-                self._no_path = f"no way to the goal: {error}"
-                raise
-            executor.log("goal", report.reason)
-            replanner.begin(report)
-            self.planner.take(report.strip)
+            self._set_out(self._next_plan)
+        replanner, executor = self.replanner, self.executor
         if not replanner.pending and self._replan_task is None:
             return False
         end = executor.active.coordinates[-1]
         stands = not (self.reference.v.any() or self._apart(self.reference.coordinates, end))
-        beside = False
-        if self._replan_task is not None and self._replan_task.done():
-            apart = self._apart(self._replan_from, end)
-            beside = self.planner.off_strip and (apart or not stands)
-            if apart and not beside:  # it braked
-                unused, self._replan_task = self._replan_task, None
-                replanner.discard(unused.result())
+        beside = self._joins_from_beside(end, stands)
         if self._replan_task is None and t >= replanner.due:
+            start = self.robot.space.from_coordinates(end)
             self._replan_from = end
-            self._replan_task = self._submit(replanner.another(self.scene, space.from_coordinates(end), self.goal_q))
+            self._replan_task = self._plans.submit(replanner.another(self.scene, start, self.goal_q))
         if self._replan_task is not None and self._replan_task.done() and (stands or beside):
-            planned, self._replan_task = self._replan_task, None
-            error = planned.exception()
-            found = planned.result() if error is None else Replanned(None, "")
-            replanner.take(found)
-            if error is not None:
-                raise error
-            if found.strip is not None:
-                self.planner.take(found.strip, beside=beside)
-            executor.log("replanned", found.reason)
+            self._take(self._replan_task, beside)
         return True
+
+    def _set_out(self, plan: Future[PlanReport]) -> None:
+        """Follow the first strip to another goal."""
+        self._next_plan = None
+        try:
+            report = plan.result()
+        except Exception as error:  # on any error: the present strip leads to another goal
+            self._no_path = f"no way to the goal: {error}"
+            raise
+        self.executor.log("goal", report.reason)
+        self.replanner.begin(report)
+        self.planner.take(report.strip)
+
+    def _joins_from_beside(self, end: Array, stands: bool) -> bool:
+        """Whether the robot joins the strip that is ready from beside it, because it evades.
+
+        A strip is discarded that begins where a robot that brakes will not stand.
+        """
+        task = self._replan_task
+        if task is None or not task.done():
+            return False
+        apart = self._apart(self._replan_from, end)
+        beside = self.planner.off_strip and (apart or not stands)
+        if apart and not beside:  # it braked
+            self._replan_task = None
+            self.replanner.discard(task.result())
+        return beside
+
+    def _take(self, plan: Future[Replanned], beside: bool) -> None:
+        """Follow a strip that was planned anew, if there is one."""
+        self._replan_task = None
+        error = plan.exception()
+        found = plan.result() if error is None else Replanned(None, "")
+        self.replanner.take(found)
+        if error is not None:
+            raise error
+        if found.strip is not None:
+            self.planner.take(found.strip, beside=beside)
+        self.executor.log("replanned", found.reason)
 
     def _apart(self, one: Array, other: Array) -> bool:
         """Whether a strip that begins at one configuration does not begin at another."""
         return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _STRIP_START_OFFSET
-
-    def _submit(self, plan: Callable[[], _Planned]) -> Future[_Planned]:
-        if self._workers is None:
-            self._workers = self._own = ThreadPoolExecutor(1, thread_name_prefix="planner")
-        began = perf_counter()
-        planned = self._workers.submit(self._in_turn, plan)
-        self._beside += perf_counter() - began  # some workers compute at once, what others compute beside the tick
-        return planned
-
-    def _in_turn(self, plan: Callable[[], _Planned]) -> _Planned:
-        with self._turn:
-            return plan()

@@ -52,7 +52,7 @@ def _inverse(a: Pose) -> Pose:
 
 _Odometry = tuple[float, Pose, tuple[float, ...]]  # time, pose, encoder travel
 _KEPT_POSES = 64  # odometry poses kept for delayed fixes
-_TIME_SLACK = 1e-9  # [s]
+TIME_SLACK = 1e-9  # [s] times that differ by less are the same
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,7 +189,7 @@ class StateEstimator:
         if self._lost_since is None:
             self._lost_since = self._time - dt
         self._back_at = None
-        if self._time - self._lost_since <= self.params.coast + _TIME_SLACK:
+        if self._time - self._lost_since <= self.params.coast + TIME_SLACK:
             vx, vy, turn = self._twist
             self._pose = compose(self._pose, exp((vx * dt, vy * dt, turn * dt)))
 
@@ -199,7 +199,7 @@ class StateEstimator:
         if past is None:
             return  # older than the kept poses, or than the last fix
         p, P = self.params, self._predicted(past)
-        found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - _TIME_SLACK
+        found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - TIME_SLACK
         if found:  # the travel since the loss is unknown
             P[:3, :3] = np.eye(3)
         _, pose, _ = past
@@ -223,7 +223,7 @@ class StateEstimator:
         shift = compose(moved, _inverse(pose))
         self._pose = compose(shift, self._pose)
         self._past = deque(
-            ((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * _TIME_SLACK), _KEPT_POSES
+            ((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * TIME_SLACK), _KEPT_POSES
         )
         self._at_fix = (at, moved, past[2])
         if found:
@@ -257,8 +257,8 @@ class StateEstimator:
         """Odometry at a past time, interpolated between the kept poses."""
         later = None
         for entry in reversed(self._past):
-            if entry[0] <= at + _TIME_SLACK:
-                if later is None or at - entry[0] <= _TIME_SLACK:
+            if entry[0] <= at + TIME_SLACK:
+                if later is None or at - entry[0] <= TIME_SLACK:
                     return entry
                 s = (at - entry[0]) / (later[0] - entry[0])
                 travel = _log(compose(_inverse(entry[1]), later[1]))

@@ -24,6 +24,7 @@ from .lookahead import ObstacleLookahead
 from .pace import Pace
 from .params import EvasionParams
 from .prediction import ArrivalTimes, Outlook
+from .progress import DETOUR_COST
 from .rollout import RollOuts, lattice
 from .strip_timer import PlanOutcome, PlanResult, fastest_drive
 
@@ -80,11 +81,9 @@ def motion_to(
 
 _CONTACT_COST = 40.0
 """Cost of a contact, per second."""
-_DETOUR_COST = 1.5
-"""Cost of a metre beside the strip, in metres along it."""
 _HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
-_LONGER = np.array([0.0, 0.2, 0.5, 0.9])
+_LONGER_BY = np.array([0.0, 0.2, 0.5, 0.9])
 """Times [s] for which a manoeuvre may be followed beyond the least time, to end at a free place."""
 _ROOM_STEP = 0.1
 """Step [s] at which the way to that place is looked at."""
@@ -275,7 +274,7 @@ class EvasivePlanner(OneThread):
             if len(tried) >= params.tries:
                 break
             tried.add(kind)
-            duration = self.hold + float(_LONGER[hold[kind]])
+            duration = self.hold + float(_LONGER_BY[hold[kind]])
             motion = motion_to(
                 self.robot, self.limits, start, kinds[kind], part=params.acceleration, duration=duration, dt=self.dt
             )
@@ -304,12 +303,12 @@ class EvasivePlanner(OneThread):
 
         The next tick plans anew, and most places are free: the longer times are tried where the shortest does not do.
         """
-        kinds, longer = self._kinds, len(_LONGER) - 1
+        kinds, longer = self._kinds, len(_LONGER_BY) - 1
         after = _FREE_PLACE_TIME + _ROOM_STEP
-        held = self._free(start, kinds, np.full(len(kinds), self.hold + _LONGER[0]), after=after).astype(np.intp) - 1
+        held = self._free(start, kinds, np.full(len(kinds), self.hold + _LONGER_BY[0]), after=after).astype(np.intp) - 1
         left = np.flatnonzero(held < 0)
         if len(left):
-            hold = np.tile(self.hold + _LONGER[1:], len(left))
+            hold = np.tile(self.hold + _LONGER_BY[1:], len(left))
             free = self._free(start, np.repeat(kinds[left], longer, axis=0), hold).reshape(-1, longer)
             held[left] = np.where(free.any(axis=1), 1 + free.argmax(axis=1), -1)
         return held
@@ -339,7 +338,7 @@ class EvasivePlanner(OneThread):
         length = (at * at).sum(axis=1)[:, None] + self._square
         length -= 2.0 * (at @ path.T)
         np.sqrt(np.maximum(length, 0.0, out=length), out=length)
-        length *= _DETOUR_COST
+        length *= DETOUR_COST
         length += self._rest
         node = length.argmin(axis=1)
         least = length[np.arange(len(pose)), node] / top
@@ -348,6 +347,5 @@ class EvasivePlanner(OneThread):
         to = self._ahead[node] - at
         turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
         turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is possible too
-        return least + _HEADING_COST * turn * np.minimum(
-            np.hypot(to[:, 0], to[:, 1]), 1.0
-        )  # at the goal there is none left
+        counts = np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is nothing left to head for
+        return least + _HEADING_COST * turn * counts

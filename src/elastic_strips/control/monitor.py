@@ -19,6 +19,7 @@ from .params import MonitorParams
 
 _TOO_FAST = 2.0
 """A motor that seems this many times as fast as its limit was misread."""
+_OLDEST_FIX = 10.0  # [s] before the measurement that it comes with
 _READING_SLACK = 0.05  # [m, rad] and what a reading may be off besides
 _MOST_VANISHED = 1
 """This many obstacles may vanish at once."""
@@ -75,38 +76,47 @@ class Monitor:
             self._silence(t)
             return None, (*faults, f"a measurement of time {raw.time:g} s is no newer than the last")
         span = raw.time - before
-        drive, joints = raw.drive, raw.joints
-        if drive is not None and not _near(drive, np.zeros_like(self._model), self.limits.drive_speed, span):
-            faults.append("odometry is misread")
-            drive = None
-        elif drive is not None and span > self.params.longest_arc:
-            faults.append(f"odometry was silent for {span:.2f} s")
-            drive = None
-        first = self.robot.space.base_nv
-        self._joints_read = before if self._joints_read is None else self._joints_read
-        if not _near(joints, estimate[first:], self.limits.joint_speed, raw.time - self._joints_read):
-            faults.append("joints are misread")
-            joints = estimate[first:].copy()
+        drive, odometry_fault = self._odometry(raw, span)
+        joints, joints_fault = self._joints(raw, before, estimate[self.robot.space.base_nv :])
+        pose, covariance, fix_fault = self._fix(raw)
+        if drive is None or joints_fault:
             self._silence(t)
         else:
-            self._joints_read = raw.time
-            if drive is None:
-                self._silence(t)
-            else:
-                self.silent = None
-        pose, covariance = raw.pose, raw.pose_covariance
-        if pose is not None:
-            sound = np.shape(pose) == (3,) and np.isfinite(pose).all() and raw.pose_time is not None
-            if not sound or not raw.time - 10.0 < (raw.pose_time or 0.0) <= raw.time + self.params.clock_skew:
-                faults.append("a fix is misread")
-                pose = None
-            elif covariance is not None and not _is_covariance(covariance):
-                faults.append("the covariance of a fix is not valid")
-                covariance = None
+            self.silent = None
         self._last = replace(raw, drive=drive, joints=joints, pose=pose, pose_covariance=covariance)
         if drive is not None:
             self._check_motors(t, drive / span)
-        return self._last, tuple(faults)
+        return self._last, tuple(filter(None, (*faults, odometry_fault, joints_fault, fix_fault)))
+
+    def _odometry(self, raw: Measurement, span: float) -> tuple[Array | None, str]:
+        """How far the wheels went in ``span`` [s], None where that cannot be used; and what is wrong with it."""
+        if raw.drive is None:
+            return None, ""
+        if not _near(raw.drive, np.zeros_like(self._model), self.limits.drive_speed, span):
+            return None, "odometry is misread"
+        if span > self.params.longest_arc:
+            return None, f"odometry was silent for {span:.2f} s"
+        return raw.drive, ""
+
+    def _joints(self, raw: Measurement, before: float, estimate: Array) -> tuple[Array, str]:
+        """The joints, or their estimate where they cannot have come there since they were believed; what is wrong."""
+        self._joints_read = before if self._joints_read is None else self._joints_read
+        if not _near(raw.joints, estimate, self.limits.joint_speed, raw.time - self._joints_read):
+            return estimate.copy(), "joints are misread"
+        self._joints_read = raw.time
+        return raw.joints, ""
+
+    def _fix(self, raw: Measurement) -> tuple[Array | None, Array | None, str]:
+        """A fix and its covariance, None where they cannot be used; and what is wrong with them."""
+        pose, covariance = raw.pose, raw.pose_covariance
+        if pose is None:
+            return None, covariance, ""
+        sound = np.shape(pose) == (3,) and np.isfinite(pose).all() and raw.pose_time is not None
+        if not sound or not raw.time - _OLDEST_FIX < (raw.pose_time or 0.0) <= raw.time + self.params.clock_skew:
+            return None, covariance, "a fix is misread"
+        if covariance is not None and not _is_covariance(covariance):
+            return pose, None, "the covariance of a fix is not valid"
+        return pose, covariance, ""
 
     def nothing(self, t: float) -> None:
         """Take note that no measurement has come at time ``t`` [s]."""

@@ -219,9 +219,14 @@ class DriveParams(Checked):
             changes: parameters with other values.
         """
         near = DriveParams(
-            deform=DRIVE_STRIP.replaced(influence=0.1, near=0.03), evasion=None, tracking_error=0.007, margin=0.001,
-            goal_position=0.01, goal_angle=0.01, speed_scale=0.3,
-        )  # fmt: skip
+            deform=DRIVE_STRIP.replaced(influence=0.1, near=0.03),
+            evasion=None,
+            tracking_error=0.007,
+            margin=0.001,
+            goal_position=0.01,
+            goal_angle=0.01,
+            speed_scale=0.3,
+        )
         return replace(near, **changes)  # type: ignore[arg-type]
 
     @property

@@ -11,7 +11,8 @@ from elastic_strips.robot.space import wrap_angle
 _NODES_SEARCHED = 24
 _CROWDED_SPACING = 0.05
 _AT_NODE_DISTANCE = 1e-3  # [m] from a node, within which a base is at it
-_DETOUR_COST = 1.5
+DETOUR_COST = 1.5
+"""Cost of a metre beside the strip, in metres along it."""
 _LEAST_JOIN, _MOST_JOIN = 0.8, 3.0  # distance along the strip from the nearest node to where it is joined [m]
 _JOIN_STEP = 0.15
 _CURVE_ANGLE = 1.1  # [rad] smaller differences of heading are joined in a curve, without turning in place
@@ -67,7 +68,7 @@ def reconnect(
     apart = np.hypot(*(coordinates[:, :2] - here[:2]).T)
     passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(coordinates[:, :2], axis=0).T)))
     left = passed[-1] - passed
-    nearest = int((_DETOUR_COST * apart + left).argmin())
+    nearest = int((DETOUR_COST * apart + left).argmin())
     ahead = min(max(2.0 * float(apart[nearest]), _LEAST_JOIN), _MOST_JOIN)
     last = len(coordinates) - 1
     node = min(max(int(np.searchsorted(passed, passed[nearest] + ahead)), 1), last)

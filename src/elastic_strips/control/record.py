@@ -143,9 +143,13 @@ class Record(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "robot": self.robot, "base": self.base.value, "rows": len(self.control.time),
-            "time": f"{self.duration:.2f} s", "obstacles": len(self.world.scene), "events": len(self.events),
-        }  # fmt: skip
+            "robot": self.robot,
+            "base": self.base.value,
+            "rows": len(self.control.time),
+            "time": f"{self.duration:.2f} s",
+            "obstacles": len(self.world.scene),
+            "events": len(self.events),
+        }
 
     @property
     def drive_names(self) -> tuple[str, ...]:
@@ -389,10 +393,15 @@ class DriveResult(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "state": self.state.label, "reason": self.reason, "time": f"{self.record.duration:.2f} s",
-            "stops": len(self.stops), "events": len(self.events), "replans": self.replans, "compute": self.compute,
+            "state": self.state.label,
+            "reason": self.reason,
+            "time": f"{self.record.duration:.2f} s",
+            "stops": len(self.stops),
+            "events": len(self.events),
+            "replans": self.replans,
+            "compute": self.compute,
             "seconds": self.seconds,
-        }  # fmt: skip
+        }
 
     @property
     def reached(self) -> bool:

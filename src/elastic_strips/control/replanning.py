@@ -28,7 +28,8 @@ from .strip_timer import PlanResult
 _log = logging.getLogger(__name__)
 _STATIC_SPEED = 0.05  # [m/s] slower obstacles count as static for a planner
 _BLOCKING_SPEED = 0.3  # [m/s] slower obstacles block a path for other strips; faster ones have soon passed
-_FIRST_TIMEOUT, _TIMEOUT, _FAMILY_TIMEOUT = 10.0, 4.0, 2.0  # [s] of the first plan, of those while the robot waits
+_FIRST_TIMEOUT, _WAITING_TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of those for which the robot waits
+_FAMILY_TIMEOUT = 2.0  # [s] of a plan of further strips
 _BERTH_STEP, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
 _FAMILY_EVERY = 5  # planning ticks from one tick of the other strips to the next
@@ -104,7 +105,7 @@ class StripPlanner:
         for width in widths:
             around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
             try:
-                report = self._planned(around, asked, seed, _TIMEOUT / len(widths), line=False)
+                report = self._planned(around, asked, seed, _WAITING_TIMEOUT / len(widths), line=False)
             except ElasticStripsError as error:
                 reason = f"failed: {error}"
                 continue
@@ -116,9 +117,18 @@ class StripPlanner:
     def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:
         """A plan that satisfies the drive's constraint; where there is none, one that does not, and says so."""
         plan = partial(
-            plan_report, self.robot, scene, asked.start, asked.goal, seed=seed, params=asked.deform, path=asked.path,
-            line=line, grid=self.grid, backward=self.params.backward,
-        )  # fmt: skip
+            plan_report,
+            self.robot,
+            scene,
+            asked.start,
+            asked.goal,
+            seed=seed,
+            params=asked.deform,
+            path=asked.path,
+            line=line,
+            grid=self.grid,
+            backward=self.params.backward,
+        )
         constraint = self.params.constraint
         if constraint is None:
             return plan(timeout=timeout)
@@ -303,9 +313,13 @@ class SwitchingPlanner(StripPlanner):
         """Plan several strips and return the cheapest; where there are none, as :meth:`StripPlanner.first`."""
         first = super().first(asked)
         self.family = StripSet(
-            self.robot, asked.goal, params=self._kept, deform=asked.deform, seed=self.seed,
+            self.robot,
+            asked.goal,
+            params=self._kept,
+            deform=asked.deform,
+            seed=self.seed,
             constraint=self.params.constraint,
-        )  # fmt: skip
+        )
         try:
             found = self.family.plan(standing(asked.scene, _BLOCKING_SPEED), asked.start)
         except ConfigurationError:  # something slow blocks start or goal, and may go away
@@ -315,9 +329,14 @@ class SwitchingPlanner(StripPlanner):
             return first
         reason = f"{found.events[0] if found.events else 'planned'}; {first.reason}"
         return replace(
-            first, strip=best.strip, initial=best.strip, certified=True, method=best.method, reason=reason,
+            first,
+            strip=best.strip,
+            initial=best.strip,
+            certified=True,
+            method=best.method,
+            reason=reason,
             report=best.report,
-        )  # fmt: skip
+        )
 
     def another(self, asked: PlanRequest) -> Replanned:
         """One of the other strips, or else another plan."""

@@ -209,9 +209,14 @@ class StripTimer:
             try:
                 part = speed * self.params.speed_scale if retimer is self.easy else speed
                 motion = retimer.horizon(
-                    nodes, start.v, a_start=start.a, distance=distance, start_time=start.time, speed=part,
+                    nodes,
+                    start.v,
+                    a_start=start.a,
+                    distance=distance,
+                    start_time=start.time,
+                    speed=part,
                     insist=retimer is self.hard,
-                )  # fmt: skip
+                )
                 return motion, ""
             except RetimingError as error:
                 reason = reason or f"no motion along the strip: {error}"

@@ -109,7 +109,7 @@ def _freeze(reading: LaserScan | RangeRing, name: str, shape: tuple[int, ...]) -
     object.__setattr__(reading, name, array)
 
 
-_LEVEL = math.cos(math.radians(5.0))
+_LEVEL_COSINE = math.cos(math.radians(5.0))  # of the tilt up to which a scan counts as level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,7 +205,7 @@ def rays_of(scan: LaserScan, base_pose: ArrayLike) -> ScanRays:
             ascend.
     """
     T = pose_matrix(base_pose) @ scan.T_base_sensor
-    if abs(T[2, 2]) < _LEVEL:
+    if abs(T[2, 2]) < _LEVEL_COSINE:
         raise ParameterError(f"the laser {scan.sensor!r} is tilted; only level scans say where in the plane things are")
     if len(scan.angles) < 2 or not (np.diff(scan.angles) > 0.0).all():
         raise ParameterError(f"the scan of {scan.sensor!r} needs at least two rays, their angles ascending")

@@ -24,7 +24,6 @@ from .straight import AXES, plan_straight
 
 _MOST_CONFIGURATIONS = 24  # configurations that are tried, at most
 _MOST_REASONS = 3  # reasons, at most
-_IN_TURNS, _LEAST_TURN_TIME = 3, 0.1  # configurations share the work that is left, and have this [s] at least
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -90,17 +89,14 @@ def plan_approach(
         ParameterError: no places or places of several frames, unknown axes, ``by`` is not three numbers, or a work or
             timeout that is not positive.
     """
-    goals = [places] if isinstance(places, HandPose) else list(places)
-    frames = {goal.frame for goal in goals if isinstance(goal, HandPose)}
-    if len(frames) != 1 or not all(isinstance(goal, HandPose) for goal in goals):
-        raise ParameterError("places must be HandPoses of one frame, at least one")
+    goals, frame = _of_one_frame(places)
     check_choice("axes", axes, AXES)
-    motion, frame = check_array("by", by, (3,)), frames.pop()
+    motion = check_array("by", by, (3,))
     solver = PoseSolver(robot, frame)
     beyond = scene if beyond is None else beyond
     deadline = PlanningProblem(  # refuses what is wrong with it
         robot, beyond, start, start, params=params, constraint=constraint, timeout=timeout, work=work
-    ).deadline  # fmt: skip
+    ).deadline
     drive = reach = None
     reasons: list[str] = []
     found = goal_configurations(
@@ -113,19 +109,16 @@ def plan_approach(
             break
         turn = solver.place(robot.space.to_coordinates(q)[None])[1][0]
         offset = turn @ motion if axes == "hand" else motion
-        away = plan_straight(robot, scene, q, frame, -offset, params=near)
-        reach = away
-        if not away.certified:
-            reasons.append(away.reason)
+        reach = plan_straight(robot, scene, q, frame, -offset, params=near)
+        if not reach.certified:
+            reasons.append(reach.reason)
             continue
-        there = away.strip.reversed()
-        reach = replace(away, strip=there, initial=there, report=replace(away.report, strip=there))
-        left = max(deadline.left, _LEAST_TURN_TIME)
+        reach, before = _reversed(reach), reach.strip.q[-1]
+        left, share = deadline.turn(len(found) - k)
         try:
             drive = plan_report(
-                robot, beyond, start, away.strip.q[-1], params=params, constraint=constraint, seed=seed,
-                work=left / min(_IN_TURNS, len(found) - k), timeout=max(deadline.time_left, _LEAST_TURN_TIME),
-            )  # fmt: skip
+                robot, beyond, start, before, params=params, constraint=constraint, seed=seed, work=share, timeout=left
+            )
         except ConfigurationError as error:
             reasons.append(f"before the place: {error}")
             continue
@@ -134,3 +127,17 @@ def plan_approach(
         reasons.append(drive.reason)
     said = "; ".join(dict.fromkeys(reasons[-_MOST_REASONS:]))
     return ApproachReport(False, drive, reach, f"none of {len(found)} configurations has a way to it: {said}")
+
+
+def _of_one_frame(places: HandPose | Sequence[HandPose]) -> tuple[list[HandPose], str]:
+    goals = [places] if isinstance(places, HandPose) else list(places)
+    frames = {goal.frame for goal in goals if isinstance(goal, HandPose)}
+    if len(frames) != 1 or not all(isinstance(goal, HandPose) for goal in goals):
+        raise ParameterError("places must be HandPoses of one frame, at least one")
+    return goals, frames.pop()
+
+
+def _reversed(away: PlanReport) -> PlanReport:
+    """The plan of the motion to the place, from that of the motion away from it."""
+    there = away.strip.reversed()
+    return replace(away, strip=there, initial=there, report=replace(away.report, strip=there))

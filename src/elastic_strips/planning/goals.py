@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _GOAL_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much room
 _LEAST_GOAL_MARGIN = 1e-3  # [m] that they keep at least, where no clearance is given
 _ENOUGH_CONFIGURATIONS = 6  # configurations of a goal
-_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
+_JOINT_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
 _MOST_ASKED = 24  # configurations that touch something, of which it is asked what
 _ROUNDS_IN_ALL = 400  # where work is bounded
 _YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
@@ -165,9 +165,11 @@ def is_goal_region(goal: object) -> bool:
     """Whether a goal is something other than one configuration."""
     if isinstance(goal, (HandPose, BasePose, Mapping)):
         return True
-    return isinstance(goal, Sequence) and not isinstance(goal, str) and (
-        len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray))
-    )  # fmt: skip
+    return (
+        isinstance(goal, Sequence)
+        and not isinstance(goal, str)
+        and (len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray)))
+    )
 
 
 def find_goals(
@@ -277,13 +279,18 @@ class _Source:
         """By the joints alone, and with the base, where it may move and nothing is found without."""
         robot = self._search.robot
         self.hand = hand = PoseSearch(
-            robot, goal.frame, goal.position, goal.orientation, near=self._search.start, within=goal.within,
+            robot,
+            goal.frame,
+            goal.position,
+            goal.orientation,
+            near=self._search.start,
+            within=goal.within,
             rng=self.rng,
-        )  # fmt: skip
+        )
 
         def rounds() -> Iterator[Array]:
             moves = robot.space.planar and self._search.base
-            for k in range(_ROUNDS):
+            for k in range(_JOINT_ROUNDS):
                 if moves and (self.free or self.narrow) and k > 0:
                     return
                 if moves and k >= _HOPELESS_ROUNDS and hand.distance > _HOPELESS_MISS:
@@ -339,9 +346,7 @@ class _Source:
 class _Search:
     """What configurations of goals are measured against, and what becomes of them."""
 
-    def __init__(
-        self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool
-    ) -> None:  # fmt: skip
+    def __init__(self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool) -> None:
         self.robot, self.scene, self.start, self.base = robot, scene, start, base
         self.params: DeformParams = params or DeformParams()
         self.here: Array = robot.space.to_coordinates(start)
@@ -394,9 +399,16 @@ class _Search:
 
 
 def goal_configurations(
-    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, seed: int,
-    params: DeformParams | None, deadline: Deadline, count: int = _ENOUGH_CONFIGURATIONS,
-) -> Array:  # fmt: skip
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: Goal | Sequence[Goal],
+    *,
+    seed: int,
+    params: DeformParams | None,
+    deadline: Deadline,
+    count: int = _ENOUGH_CONFIGURATIONS,
+) -> Array:
     """Configurations (K, nq) of a goal, to be planned to one after the other; looked for in a few seconds, or rounds
     where the deadline bounds work.
 
@@ -406,7 +418,7 @@ def goal_configurations(
     timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_LONGEST_GOAL_SEARCH, None)
     search = find_goals(
         robot, scene, start, goal, count=count, seed=seed, params=params, timeout=timeout, rounds=rounds
-    )  # fmt: skip
+    )
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations

@@ -26,12 +26,12 @@ from elastic_strips.work import count_work
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-FLOOR = 0.02  # [m] obstacles that lie lower are driven over
+DRIVEN_OVER_HEIGHT = 0.02  # [m] obstacles that lie lower are driven over
 _NARROW_COST = 12.0  # cost of a cell at the narrowest clearance against one in the open
 _SMOOTHING_WIDTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
 MOST_CELLS = 400_000
 """Largest grid; searching it takes about a second."""
-COMFORT = 0.35
+COMFORTABLE_CLEARANCE = 0.35
 """Clearance [m] beyond the inner disc above which more of it is worth nothing."""
 _CELL_EDGE = 0.05  # [m] edge of a cell, where the grid is not too large
 GRID_MARGIN = 3.0  # [m] a grid reaches so far beyond what it is about
@@ -101,7 +101,7 @@ def grid_path(
         outside = (middle < low_in[axis]) | (middle > high_in[axis])
         np.moveaxis(clear, axis, 0)[outside] = 0.0
     inner = footprint.inner if inner is None else inner
-    path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=COMFORT)
+    path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=COMFORTABLE_CLEARANCE)
     if path is None:
         (x, y), (u, w) = low, low + resolution * (shape - 1)
         where = f"within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
@@ -228,7 +228,7 @@ def owner_map(
     center, half = table.center, table.half_extents
     high = low + resolution * (shape - 1)
     near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
-    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > FLOOR)
+    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > DRIVEN_OVER_HEIGHT)
     for row in np.flatnonzero(near).tolist():
         if over():
             break

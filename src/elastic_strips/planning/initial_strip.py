@@ -281,9 +281,13 @@ def staged_rows(problem: PlanningProblem, path: Array, drive: Array, before: Arr
 def line_strip(problem: PlanningProblem) -> Strip:
     """The straight line as a strip."""
     rows = straight_line(
-        problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes,
+        problem.robot,
+        problem.start,
+        problem.goal,
+        spacing=problem.spacing,
+        most=problem.params.max_nodes,
         backward=problem.backward,
-    )  # fmt: skip
+    )
     return Strip.from_coordinates(problem.robot, problem.satisfying(rows), ends=problem.endpoints)
 
 
@@ -396,14 +400,28 @@ class PathSearch:
             return strip, relax_path(self.problem, strip, stuck=stuck, over=over, watch=self.watch)
 
     def ompl(
-        self, attempt: int, margin: float, timeout: float, box: tuple[Array, Array] | None, deadline: Deadline,
+        self,
+        attempt: int,
+        margin: float,
+        timeout: float,
+        box: tuple[Array, Array] | None,
+        deadline: Deadline,
         fineness: float = 1.0,
-    ) -> PathResult:  # fmt: skip
+    ) -> PathResult:
         """A path of OMPL, a different one for each ``attempt``; for the rest see :func:`ompl_path`."""
         problem = self.problem
         with self.timed("planner"):
             return ompl_path(
-                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + SEED_STRIDE * attempt,
-                margin=margin, timeout=timeout, spacing=problem.spacing, box=box, fineness=fineness,
-                most=problem.params.max_nodes, deadline=deadline,
-            )  # fmt: skip
+                problem.robot,
+                problem.scene,
+                problem.start,
+                problem.goal,
+                seed=problem.seed + SEED_STRIDE * attempt,
+                margin=margin,
+                timeout=timeout,
+                spacing=problem.spacing,
+                box=box,
+                fineness=fineness,
+                most=problem.params.max_nodes,
+                deadline=deadline,
+            )

@@ -14,22 +14,28 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import Kinematics
 
-from .ompl_planner import OMPL_LOCK, ended, seed_ompl, solved, waiting
+from .ompl_planner import OMPL_LOCK, ended, real_bounds, seed_ompl, solved, waiting
 from .problem import Deadline
 from .validity import Checker
 
 PLANNERS = ("LBKPIECE1", "LBKPIECE1", "LBKPIECE1", "RRTConnect")
 """The planners that search, in turns: the first is better in tight places, the last where there is room."""
-_LONGEST_TREE_MOTION = (
-    0.6  # longest motion of a tree, in scaled units: the square root of a motion radius [m] times an angle
-)
+_LONGEST_TREE_MOTION = 0.6  # of a tree, in scaled units: the square root of a motion radius [m] times an angle
+_LEAST_SCALED_RADIUS = 0.01  # [m] how far a joint counts as moving a point of the robot, at least
 _TREE_CELLS = 10.0  # of the trees' grid, from one end of the hand's reach to the other
 _MOST_SHORTCUTS = 60  # most tries to shorten a path
 
 
 def search_joints(
-    valid: Checker, endpoints: Array, *, seed: int, planner: str, step: float, timeout: float, deadline: Deadline,
-) -> Array | None:  # fmt: skip
+    valid: Checker,
+    endpoints: Array,
+    *,
+    seed: int,
+    planner: str,
+    step: float,
+    timeout: float,
+    deadline: Deadline,
+) -> Array | None:
     """Corners (K, nv) of a path between two configurations (2, nv) with the same base, or None.
 
     Each joint counts by the square root of how far it can move a point of the robot: a shoulder's turn is longer than
@@ -54,28 +60,24 @@ def search_joints(
 
 
 def _search(
-    valid: Checker, endpoints: Array, seed: int, planner: str, step: float, search: Deadline,
+    valid: Checker,
+    endpoints: Array,
+    seed: int,
+    planner: str,
+    step: float,
+    search: Deadline,
     deadline: Deadline,
-) -> Array | None:  # fmt: skip
+) -> Array | None:
     from ompl import base as ob
     from ompl import geometric as og
 
     if search.over():
         return None
     seed_ompl(seed)
-    robot = valid.robot
-    b = robot.space.base_nv
-    count = robot.space.nv - b
-    scale = np.sqrt(np.maximum(valid.bounds.radius[b:].max(axis=1, initial=0.0), 0.01))
-    low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
-    low, high = np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
-    space = ob.RealVectorStateSpace(count)
-    bounds = ob.RealVectorBounds(count)
-    for k in range(count):
-        bounds.setLow(k, float(low[k] * scale[k]))
-        bounds.setHigh(k, float(high[k] * scale[k]))
-    space.setBounds(bounds)
-
+    b = valid.robot.space.base_nv
+    count = valid.robot.space.nv - b
+    scale = np.sqrt(np.maximum(valid.bounds.radius[b:].max(axis=1, initial=0.0), _LEAST_SCALED_RADIUS))
+    space = _scaled_space(valid, endpoints, scale)
     motion = valid.in_chart(endpoints[0], 1.0 / scale)
 
     numbers = itemgetter(*range(count)) if count > 1 else lambda state: (state[0],)  # in half of a slice's time
@@ -87,12 +89,6 @@ def _search(
         def checkMotion(self, one: Any, two: Any) -> bool:
             return motion(numbers(one), numbers(two), step)
 
-    projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
-    cells = np.abs(projection) @ ((high - low) * scale) / _TREE_CELLS
-    if (cells > 0.0).all():
-        space.registerDefaultProjection(
-            ob.RealVectorLinearProjectionEvaluator(space, cells.tolist(), np.asfortranarray(projection))
-        )
     setup = og.SimpleSetup(space)
     info = setup.getSpaceInformation()
     setup.setStateValidityChecker(lambda state: valid.at(row(state)))
@@ -111,6 +107,24 @@ def _search(
     corners = np.array([row(state) for state in setup.getSolutionPath().getStates()])
     corners[0], corners[-1] = endpoints
     return shortened(valid, corners, scale, step, seed, lambda: ended(valid, deadline))
+
+
+def _scaled_space(valid: Checker, endpoints: Array, scale: Array) -> Any:
+    """OMPL's space of the joints, scaled, within a turn and their limits; its trees' cells are by where the hand is."""
+    from ompl import base as ob
+
+    robot, b = valid.robot, valid.robot.space.base_nv
+    low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
+    low, high = np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
+    space = ob.RealVectorStateSpace(len(scale))
+    space.setBounds(real_bounds(low * scale, high * scale))
+    projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
+    cells = np.abs(projection) @ ((high - low) * scale) / _TREE_CELLS
+    if (cells > 0.0).all():
+        space.registerDefaultProjection(
+            ob.RealVectorLinearProjectionEvaluator(space, cells.tolist(), np.asfortranarray(projection))
+        )
+    return space
 
 
 def _hand_motion(valid: Checker, coordinates: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -32,8 +33,6 @@ from .search import PlanSearch
 
 _DETOUR_RATIO, _DETOUR_LENGTH = 3.0, 5.0  # a grid's path of more than 3 times the direct one and 5 m [m] waits for OMPL
 _SHORTENING_SHARE, _LONGEST_SHORTENING = 0.25, 2.0  # of the time, and most [s], is OMPL's then
-_LEAST_SHARE = 0.1  # [s]
-_IN_TURNS = 3  # configurations of a goal share the time that is left
 
 
 def plan_report(
@@ -103,58 +102,89 @@ def plan_report(
     """
     count = check_count("count", count, low=1)
     start_depth = check_number("start_depth", start_depth, low=0.0, high=MOST_DEPTH, unit="m")
+    asked = deformer.params if isinstance(deformer, Deformer) else params
+    plan_anew = partial(
+        plan_report,
+        robot,
+        scene,
+        count=count,
+        seed=seed,
+        params=params,
+        bounds=bounds,
+        deformer=deformer,
+        line=line,
+        path=path,
+        grid=grid,
+        backward=backward,
+        constraint=constraint,
+        watch=watch,
+    )
     if start_depth > 0.0:
         if count > 1 or constraint is not None or (isinstance(deformer, Deformer) and deformer.constraint is not None):
             raise ParameterError(f"start_depth={start_depth:g} is for one strip (count=1) without a constraint")
         check_kinds(robot, scene)
-        asked = deformer.params if isinstance(deformer, Deformer) else params
-        asked = asked or (DeformParams() if robot.space.planar else ARM)
-        departure = leave_contact(robot, scene, one_configuration(robot, start, "start"), start_depth, asked)
+        leaving = asked or (DeformParams() if robot.space.planar else ARM)
+        departure = leave_contact(robot, scene, one_configuration(robot, start, "start"), start_depth, leaving)
         if departure is not None:
-            report = plan_report(
-                robot, scene, departure.strip.q[-1], goal, seed=seed, params=params, timeout=timeout, work=work,
-                bounds=bounds, deformer=deformer, line=line, path=path, grid=grid, backward=backward, watch=watch,
-            )  # fmt: skip
-            return _after(report, departure, deformer or Deformer(robot, asked))
+            report = plan_anew(departure.strip.q[-1], goal, timeout=timeout, work=work)
+            return _after(report, departure, deformer or Deformer(robot, leaving))
     if is_goal_region(goal):
         deadline = Deadline(timeout, work)
-        asked = deformer.params if isinstance(deformer, Deformer) else params
         goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked, deadline=deadline)
         force = deformer.constraint if isinstance(deformer, Deformer) else None
-        if constraint is not None:
-            force = ConstraintForce(robot, constraint)
-        if force is not None:
-            goals = _satisfying(robot, goals, force)
-        for k, q in enumerate(goals):
-            left = max(deadline.left, _LEAST_SHARE) / min(_IN_TURNS, len(goals) - k)
-            report = plan_report(
-                robot, scene, start, q, count=count, seed=seed, params=params, bounds=bounds,
-                timeout=left if work is None else max(deadline.time_left, _LEAST_SHARE),
-                work=None if work is None else left, deformer=deformer, line=line, path=path, grid=grid,
-                backward=backward, constraint=constraint, watch=watch,
-            )  # fmt: skip
-            if report.certified or deadline.over():
-                break
-        return replace(report, reason=f"{report.reason}; to configuration {k + 1} of {len(goals)} of the goal")
-    configuration = cast("npt.ArrayLike", goal)
+        goals = _satisfying(robot, goals, force if constraint is None else ConstraintForce(robot, constraint))
+        return _in_turns(partial(plan_anew, start), goals, deadline)
     problem = PlanningProblem(
-        robot, scene, start, configuration, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout,
-        work=work, backward=backward, constraint=constraint,
-    )  # fmt: skip
+        robot,
+        scene,
+        start,
+        cast("npt.ArrayLike", goal),
+        params=params,
+        deformer=deformer,
+        bounds=bounds,
+        seed=seed,
+        timeout=timeout,
+        work=work,
+        backward=backward,
+        constraint=constraint,
+    )
     if count > 1:
-        return _several(problem, count, line, path, grid, watch)
+        return _several(problem, count, line=line, path=path, grid=grid, watch=watch)
+    return _one(problem, line=line, path=path, grid=grid, watch=watch)
+
+
+def _in_turns(plan_to: Callable[..., PlanReport], goals: Array, deadline: Deadline) -> PlanReport:
+    """Plan to configurations (K, nq), one after the other, which share the time or the work that is left."""
+    report, k = None, 0
+    for k, q in enumerate(goals):
+        time_left, share = deadline.turn(len(goals) - k)
+        report = plan_to(q, timeout=time_left, work=share) if deadline.of_work else plan_to(q, timeout=share)
+        if report.certified or deadline.over():
+            break
+    assert report is not None  # a goal has at least one configuration
+    return replace(report, reason=f"{report.reason}; to configuration {k + 1} of {len(goals)} of the goal")
+
+
+def _one(
+    problem: PlanningProblem,
+    *,
+    line: bool,
+    path: npt.ArrayLike | None,
+    grid: bool,
+    watch: Callable[[DeformReport], object] | None,
+) -> PlanReport:
+    """One strip: by the given path, the line, the grid or joint space, then OMPL; the first of them that is usable."""
     search = PlanSearch(problem, watch)
     report = search.relaxed(rows_along(problem, path), "path", "given path") if path is not None else None
     report = report or search.straight(line)
-    if report is None and grid and problem.region is not None:
+    if report is None and problem.region is None:
+        report = search.of_the_joints()
+    elif report is None and problem.region is not None and grid:
         direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
         report = search.over_the_grid(_DETOUR_RATIO * direct + _DETOUR_LENGTH)
         if report is None and search.put_off:  # is there no shorter one that the base alone does not find?
-            report = search.with_ompl(
-                min(_SHORTENING_SHARE * problem.deadline.left, _LONGEST_SHORTENING)
-            ) or search.over_the_grid(np.inf)
-    if report is None and problem.region is None:
-        report = search.of_the_joints()
+            seconds = min(_SHORTENING_SHARE * problem.deadline.left, _LONGEST_SHORTENING)
+            report = search.with_ompl(seconds) or search.over_the_grid(np.inf)
     return report or search.with_ompl() or search.failed()
 
 
@@ -167,13 +197,20 @@ def _after(report: PlanReport, departure: Departure, deformer: Deformer) -> Plan
     said = "certified" if report.certified else "not certified"
     reason = f"{left}; {said} from node {first} on: {report.reason}"
     return replace(
-        report, strip=whole, initial=initial, certified=False, reason=reason, departure=left,
+        report,
+        strip=whole,
+        initial=initial,
+        certified=False,
+        reason=reason,
+        departure=left,
         report=replace(assessed, reason=reason),
-    )  # fmt: skip
+    )
 
 
-def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce) -> Array:
-    """The configurations (K, nq) of a goal that satisfy a constraint."""
+def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce | None) -> Array:
+    """The configurations (K, nq) of a goal that satisfy a constraint, if there is one."""
+    if force is None:
+        return goals
     off, constraint = force.errors_at(robot.space.to_coordinates(goals)), force.constraint
     if off.min() > constraint.tolerance:
         raise GoalError(
@@ -185,9 +222,15 @@ def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce) -> Arra
 
 
 def _several(
-    problem: PlanningProblem, count: int, line: bool, path: npt.ArrayLike | None, grid: bool,
+    problem: PlanningProblem,
+    count: int,
+    *,
+    line: bool,
+    path: npt.ArrayLike | None,
+    grid: bool,
     watch: Callable[[DeformReport], object] | None,
-) -> PlanReport:  # fmt: skip
+) -> PlanReport:
+    """Several strips that pass the obstacles on different sides."""
     given = None if path is None else rows_along(problem, path)
     search = AlternativesSearch(problem, count, line=line, given=given, grid=grid, watch=watch)
     search.run()
@@ -198,10 +241,19 @@ def _several(
         assert search.best is not None  # the straight line at least was looked at
         report, initial = search.best
     return PlanReport(
-        strip=report.strip, initial=initial, certified=bool(found), method=found[0].method if found else "none",
-        reason=search.reason, report=report, attempts=search.attempts, ticks=search.ticks,
-        seconds=problem.deadline.spent, timings=search.timings, alternatives=found, clusters=search.clusters,
-    )  # fmt: skip
+        strip=report.strip,
+        initial=initial,
+        certified=bool(found),
+        method=found[0].method if found else "none",
+        reason=search.reason,
+        report=report,
+        attempts=search.attempts,
+        ticks=search.ticks,
+        seconds=problem.deadline.spent,
+        timings=search.timings,
+        alternatives=found,
+        clusters=search.clusters,
+    )
 
 
 def plan(
@@ -231,6 +283,14 @@ def plan(
         RobotError, SceneError, ConfigurationError, GoalError, ParameterError: as :func:`plan_report`.
     """
     return plan_report(
-        robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds, constraint=constraint,
+        robot,
+        scene,
+        start,
+        goal,
+        seed=seed,
+        params=params,
+        timeout=timeout,
+        bounds=bounds,
+        constraint=constraint,
         start_depth=start_depth,
-    ).strip  # fmt: skip
+    ).strip

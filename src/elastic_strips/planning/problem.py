@@ -25,7 +25,7 @@ from elastic_strips.strip.workspace import Workspace
 from elastic_strips.validation import check_count
 from elastic_strips.work import seconds_counted
 
-from .grid_path import FLOOR
+from .grid_path import DRIVEN_OVER_HEIGHT
 from .leaving import MOST_DEPTH
 
 _log = logging.getLogger(__name__)
@@ -41,6 +41,8 @@ SEED_STRIDE = 7919
 ARM = DeformParams(influence=0.1, near=0.04)
 """Default parameters of an arm's relaxation: in a shelf everything is within 0.3 m and need not all be measured."""
 _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself
+_LEAST_TURN_TIME = 0.1  # [s] of an attempt that takes turns with others
+_SHARING_TURNS = 3  # most attempts among which what is left is divided
 _FIRST_NODE_SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
 _Box = tuple[Array, Array]
@@ -93,6 +95,14 @@ class Deadline:
             return Deadline(min(seconds, self.left))
         return Deadline(self.time_left, min(seconds, self._most - seconds_counted()))
 
+    def turn(self, waiting: int) -> tuple[float, float]:
+        """For the next of so many attempts that take turns: the time [s] that is left, and its share of what is left.
+
+        At most three share it, so that the first ones, which are the likeliest, get enough.
+        """
+        time, left = (max(s, _LEAST_TURN_TIME) for s in (self.time_left, self.left))
+        return time, left / min(_SHARING_TURNS, waiting)
+
 
 class PlanningProblem:
     """A checked planning problem.
@@ -133,25 +143,29 @@ class PlanningProblem:
     goal: Array
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *,
-        params: DeformParams | None = None, deformer: Deformer | None = None, bounds: npt.ArrayLike | None = None,
-        seed: int = 0, timeout: float = 10.0, work: float | None = None, backward: bool = True,
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        start: npt.ArrayLike,
+        goal: npt.ArrayLike,
+        *,
+        params: DeformParams | None = None,
+        deformer: Deformer | None = None,
+        bounds: npt.ArrayLike | None = None,
+        seed: int = 0,
+        timeout: float = 10.0,
+        work: float | None = None,
+        backward: bool = True,
         constraint: OrientationConstraint | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.seed: int = check_count("seed", seed)
         self.backward: bool = backward
-        for what, limit in (("timeout", timeout), ("work", 1.0 if work is None else work)):
-            number = isinstance(limit, (int, float, np.integer, np.floating)) and not isinstance(limit, bool)
-            if not number or not limit > 0:
-                raise ParameterError(f"{what}={limit!r} must be a number > 0 of seconds")
-        self.deadline: Deadline = Deadline(float(timeout), None if work is None else float(work))
+        seconds = _checked_seconds("timeout", timeout)
+        most_work = None if work is None else _checked_seconds("work", work)
+        self.deadline: Deadline = Deadline(seconds, most_work)
         check_kinds(robot, scene)
-        if deformer is not None and not isinstance(deformer, Deformer):
-            raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
-        if deformer is not None and not robot.same_as(deformer.robot):
-            raise ParameterError(f"deformer is of robot {deformer.robot.name!r}; it must be of {robot.name!r}")
-        if deformer is not None and constraint is not None:
-            raise ParameterError("constraint: a deformer brings its own: Deformer(robot, params, constraint=…)")
+        if deformer is not None:
+            _check_deformer(deformer, robot, constraint)
         self.robot: RobotModel = robot
         self.scene: Scene = scene
         own = DeformParams() if robot.space.planar else ARM
@@ -199,6 +213,22 @@ class PlanningProblem:
         return f"the base leaves the bounds by {aside:.3f} m" if aside > 0.0 else ""
 
 
+def _checked_seconds(what: str, given: float) -> float:
+    number = isinstance(given, (int, float, np.integer, np.floating)) and not isinstance(given, bool)
+    if not number or not given > 0:
+        raise ParameterError(f"{what}={given!r} must be a number > 0 of seconds")
+    return float(given)
+
+
+def _check_deformer(deformer: Deformer, robot: RobotModel, constraint: OrientationConstraint | None) -> None:
+    if not isinstance(deformer, Deformer):
+        raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
+    if not robot.same_as(deformer.robot):
+        raise ParameterError(f"deformer is of robot {deformer.robot.name!r}; it must be of {robot.name!r}")
+    if constraint is not None:
+        raise ParameterError("constraint: a deformer brings its own: Deformer(robot, params, constraint=…)")
+
+
 def check_kinds(robot: RobotModel, scene: Scene) -> None:
     if not isinstance(robot, RobotModel):
         raise RobotError(f"robot is a {type(robot).__name__}; it must be a RobotModel, as load_robot(...) gives it")
@@ -207,9 +237,13 @@ def check_kinds(robot: RobotModel, scene: Scene) -> None:
 
 
 def check_endpoints(
-    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams,
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: npt.ArrayLike,
+    params: DeformParams,
     deformer: Deformer | None = None,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Check start and goal: valid configurations (nq,) that keep the clearances of ``params``.
 
     A warning is logged for very far goals and very large obstacles: lengths are in metres.
@@ -391,7 +425,11 @@ class Region:
         outer, height = np.max(postures, axis=0)
         table = scene.table
         low, high = table.center - table.half_extents, table.center + table.half_extents
-        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR) & ((high - low).max(axis=1, initial=0.0) < _ENDLESS_SIZE)
+        counts = (
+            (low[:, 2] < height)
+            & (high[:, 2] > DRIVEN_OVER_HEIGHT)
+            & ((high - low).max(axis=1, initial=0.0) < _ENDLESS_SIZE)
+        )
         least, room = max(_LEAST_TURNING_ROOM, outer + _PASSING_ROOM), outer + _PASSING_ROOM
         corners = np.vstack(
             (self.endpoints - least, self.endpoints + least, low[counts, :2] - room, high[counts, :2] + room)

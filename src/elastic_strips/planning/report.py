@@ -55,10 +55,17 @@ class PlanReport(Summary):
         several = {"costs": [round(a.cost, 3) for a in self.alternatives]} if self.alternatives else {}
         parts = {} if self.departure is None else {"rest certified": self.departure.rest is not None}
         return {
-            "certified": self.certified, **parts, "method": self.method, "reason": self.reason,
-            "robot": self.strip.robot.name, "nodes": len(self.strip), **several, "attempts": self.attempts,
-            "ticks": self.ticks, "seconds": self.seconds,
-        }  # fmt: skip
+            "certified": self.certified,
+            **parts,
+            "method": self.method,
+            "reason": self.reason,
+            "robot": self.strip.robot.name,
+            "nodes": len(self.strip),
+            **several,
+            "attempts": self.attempts,
+            "ticks": self.ticks,
+            "seconds": self.seconds,
+        }
 
     def _measured(self) -> dict[str, object]:
         return {"clearance": f"{self.report.clearance:.3f} m"}

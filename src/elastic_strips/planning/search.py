@@ -28,15 +28,13 @@ _SEARCH_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 _GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
 _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
-_EDGE_STEP = (
-    0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
-)
+_EDGE_STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with
 _JOINT_NODE_SPACING = 0.4  # [m or rad] of the nodes along a path of the joints
 _JOINT_PATH_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
 _STAGING_TRIES = 2  # tries of each posture
 _LONGEST_STAGE_SEARCH = 0.6  # [s] longest search for a path of the joints at either end of a drive
 _FIRST_SEARCH, _SEARCH_GROWTH = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
-_WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
+_FIRST_GRID_REACH = 3.0  # [m] the first grid reaches so far beyond start and goal
 
 
 class PlanSearch(PathSearch):
@@ -107,7 +105,7 @@ class PlanSearch(PathSearch):
         """A path (K, 2) on the smallest grid that has one."""
         problem = self.problem
         none = "the time was over before the grid was searched"
-        for box in self.region.boxes(_WIDEN) if self.region else ():
+        for box in self.region.boxes(_FIRST_GRID_REACH) if self.region else ():
             if over():
                 break
             self.attempts += 1
@@ -115,9 +113,15 @@ class PlanSearch(PathSearch):
             cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
             with self.timed("planner"):
                 found = grid_path(
-                    self.robot, self.scene, problem.start, problem.goal,
-                    box=box, inner=inner, most_cells=cells, over=over,
-                )  # fmt: skip
+                    self.robot,
+                    self.scene,
+                    problem.start,
+                    problem.goal,
+                    box=box,
+                    inner=inner,
+                    most_cells=cells,
+                    over=over,
+                )
             if found.points is not None:
                 return found.points
             none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
@@ -196,10 +200,14 @@ class PlanSearch(PathSearch):
             self.attempts += 1
             with self.timed("planner"):
                 corners = search_joints(
-                    satisfying if satisfying is not None and attempt % 2 else valid, ends,
-                    seed=problem.seed + SEED_STRIDE * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
-                    step=step, timeout=seconds, deadline=self.deadline,
-                )  # fmt: skip
+                    satisfying if satisfying is not None and attempt % 2 else valid,
+                    ends,
+                    seed=problem.seed + SEED_STRIDE * attempt,
+                    planner=PLANNERS[attempt % len(PLANNERS)],
+                    step=step,
+                    timeout=seconds,
+                    deadline=self.deadline,
+                )
             if corners is None:
                 futile += 1
                 seconds *= _SEARCH_GROWTH
@@ -307,7 +315,14 @@ class PlanSearch(PathSearch):
     def _done(self, report: DeformReport, method: str, reason: str) -> PlanReport:
         assert self.initial is not None
         return PlanReport(
-            strip=report.strip, initial=self.initial, certified=method != "none", method=method, reason=reason,
-            report=report, attempts=self.attempts, ticks=self.ticks, seconds=self.deadline.spent,
+            strip=report.strip,
+            initial=self.initial,
+            certified=method != "none",
+            method=method,
+            reason=reason,
+            report=report,
+            attempts=self.attempts,
+            ticks=self.ticks,
+            seconds=self.deadline.spent,
             timings=self.timings,
-        )  # fmt: skip
+        )

@@ -86,9 +86,16 @@ def plan_straight(
         reason = f"{reason}; {eased}"
     done = left == 0.0 and report.usable
     return PlanReport(
-        strip, strip, done, "straight" if done else "none", reason, report, attempts=0, ticks=0,
+        strip,
+        strip,
+        done,
+        "straight" if done else "none",
+        reason,
+        report,
+        attempts=0,
+        ticks=0,
         seconds=perf_counter() - began,
-    )  # fmt: skip
+    )
 
 
 def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]:

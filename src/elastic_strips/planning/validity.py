@@ -25,7 +25,7 @@ from elastic_strips.work import count_work
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-_MAX_PAIRED = 400
+_MAX_PAIRED_SHAPES = 400  # of obstacles that are paired with links; more become one tree
 _LONGEST_REACH = 2.0  # [m] that a robot extends from its base, at most
 _LARGEST_PROJECTED_MOTION = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
 
@@ -46,9 +46,15 @@ class ValidityChecker(OneThread):
     """
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, *, margin: float, low: Array | None = None, high: Array | None = None,
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        *,
+        margin: float,
+        low: Array | None = None,
+        high: Array | None = None,
         bounds: MotionBounds | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.robot: RobotModel = robot
         self.bounds: MotionBounds = bounds or MotionBounds(BodySet.links(robot))
         self._checks = self._counted = 0
@@ -62,24 +68,12 @@ class ValidityChecker(OneThread):
             parts = native_parts(candidates)
             self.native = module.Validity(bodies, parts, robot.pairs_within(0.0), self.bounds.of_motion, margin)
             return
-        table = scene.table
-        rows = np.arange(len(table.parts))
-        if low is not None and high is not None and len(rows):
-            c, h = table.center[:, :2], table.half_extents[:, :2]
-            near = ((c - h <= high + _LONGEST_REACH) & (c + h >= low - _LONGEST_REACH)).all(axis=1)
-            rows = rows[near]
-        shapes = []
-        for r in rows:
-            part, R, t = table.parts[r], table.rotation[r], table.translation[r]
-            if part.geometry is None:
-                shapes += [(box, R, t + R @ np.asarray(at)) for box, at in part.boxes]
-            else:
-                shapes.append((part.geometry, R, t))
+        shapes = _shapes_within(scene, low, high)
         self._data = robot.model.createData()
         self._model = robot.collision_model.clone()
         self._links = len(robot.geometries)
         self._manager = None
-        if len(shapes) <= _MAX_PAIRED:
+        if len(shapes) <= _MAX_PAIRED_SHAPES:
             for k, (geometry, R, t) in enumerate(shapes):
                 pose = pin.SE3(np.asarray(R), np.asarray(t))
                 index = self._model.addGeometryObject(
@@ -243,6 +237,26 @@ def _in_chart(
         return motion(one, two, step)
 
     return of_states
+
+
+def _shapes_within(
+    scene: Scene, low: Array | None, high: Array | None
+) -> list[tuple[coal.CollisionGeometry, Array, Array]]:
+    """Shape, rotation and place of every part of a scene that the robot can reach from a region of its base."""
+    table = scene.table
+    rows = np.arange(len(table.parts))
+    if low is not None and high is not None and len(rows):
+        c, h = table.center[:, :2], table.half_extents[:, :2]
+        near = ((c - h <= high + _LONGEST_REACH) & (c + h >= low - _LONGEST_REACH)).all(axis=1)
+        rows = rows[near]
+    shapes = []
+    for r in rows:
+        part, R, t = table.parts[r], table.rotation[r], table.translation[r]
+        if part.geometry is None:
+            shapes += [(box, R, t + R @ np.asarray(at)) for box, at in part.boxes]
+        else:
+            shapes.append((part.geometry, R, t))
+    return shapes
 
 
 def _grown(geometry: coal.CollisionGeometry, margin: float) -> coal.CollisionGeometry:

@@ -35,6 +35,7 @@ MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 LONGEST_OVERTIME = 30.0
 """Time [s] after the time limit for which a robot that does not come to rest is simulated."""
 
+_STEPS_KEPT = 100  # of a run that is not recorded
 _Driver = TypeVar("_Driver", bound=Controller)
 
 
@@ -146,14 +147,21 @@ class Simulation(Generic[_Driver]):
     def _advance(self, t: float, command: Command) -> None:
         """Record the step, and advance the world by a control period."""
         controller, plant = self.controller, self.plant
-        if not self._recording and len(self.recorder) > 100:
+        if not self._recording and len(self.recorder) > _STEPS_KEPT:
             self.recorder = self._new_recorder()
         reference = controller.reference
         self.recorder.control(
-            t, coordinates=plant.coordinates, v=plant.v, reference=reference.coordinates, reference_v=reference.v,
-            estimate=controller.estimate, drive=command.drive, joints=command.joints, motors=plant.motors,
+            t,
+            coordinates=plant.coordinates,
+            v=plant.v,
+            reference=reference.coordinates,
+            reference_v=reference.v,
+            estimate=controller.estimate,
+            drive=command.drive,
+            joints=command.joints,
+            motors=plant.motors,
             state=int(controller.state),
-        )  # fmt: skip
+        )
         self.perception.observe(t, plant.coordinates, controller.estimate)
         self.pedestrians.step(t, plant.coordinates, plant.v)
         self._measurement = None
@@ -310,30 +318,41 @@ def simulation(
     fault_plan = FaultPlan(faults)
     noise = PerceptionParams() if perception is None else perception
     world, machine, rng = prepare(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
-    senses: Perception
-    if isinstance(noise, PerceptionParams):
-        senses = NoisyGroundTruth(world, params.assumptions, noise, rng)
-    else:
-        senses = noise
+    senses: Perception = (
+        NoisyGroundTruth(world, params.assumptions, noise, rng) if isinstance(noise, PerceptionParams) else noise
+    )
     begin = make or cast("Callable[..., _Driver]", partial(Controller, robot, start, goal))
     controller = begin(
-        senses.known(), params=params, limits=limits, seed=seed, workers=workers, meter=meter,
-        events=None if record else KEPT_EVENTS, **options,
-    )  # fmt: skip
+        senses.known(),
+        params=params,
+        limits=limits,
+        seed=seed,
+        workers=workers,
+        meter=meter,
+        events=None if record else KEPT_EVENTS,
+        **options,
+    )
     if meter is not None:
         controller.warm_up()
     if fault_plan.faults:
         senses = cast("Perception", FaultyPerception(senses, fault_plan))
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
-        slow = 10.0 * params.latency * params.control_dt
-        controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
+        controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, params)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
     last = robot.space.to_coordinates(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
     if isinstance(noise, SensorPerception):
         noise.computing = computing
     driven = Simulation(
-        controller, world, machine, senses, goal=last, watch=watch, realtime=realtime, record=record,
-        metadata=metadata, computing=computing,
-    )  # fmt: skip
+        controller,
+        world,
+        machine,
+        senses,
+        goal=last,
+        watch=watch,
+        realtime=realtime,
+        record=record,
+        metadata=metadata,
+        computing=computing,
+    )
     workers.clock = lambda: driven.time
     return driven

@@ -18,6 +18,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.catalogue import FAULTS
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.params import DriveParams
 from elastic_strips.control.strip_timer import PlanResult
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Scene
@@ -27,10 +28,17 @@ from elastic_strips.validation import Bound, check_choice, check_fields, check_t
 from .perception import Perception, PerceptionError
 from .plant import KinematicPlant, Plant
 
+_SLOW_TICK_LATENCIES = 10.0
 _SIZES = {
-    "slip": 0.5, "slip_left": 0.5, "slip_right": 0.5, "spin": 1.0, "localization_jump": 1.0, "localization_coarse": 1.0,
-    "scene_late": 0.3, "scene_future": 1.0,
-}  # fmt: skip
+    "slip": 0.5,
+    "slip_left": 0.5,
+    "slip_right": 0.5,
+    "spin": 1.0,
+    "localization_jump": 1.0,
+    "localization_coarse": 1.0,
+    "scene_late": 0.3,
+    "scene_future": 1.0,
+}
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
 _COARSE_LOCALIZATION = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
 _OUTLIER_FIXES = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]
@@ -223,12 +231,13 @@ class FaultyPlant:
 
 
 def faulty_planning(
-    plan_tick: PlanTick, faults: FaultPlan, *, slow: float, wait: Callable[[float], object] | None = None
+    plan_tick: PlanTick, faults: FaultPlan, params: DriveParams, *, wait: Callable[[float], object] | None = None
 ) -> PlanTick:
-    """The planning tick, at times with exceptions, or with results that are late by ``slow`` [s].
+    """The planning tick, at times with exceptions, or with results that are late by ten of the drive's latencies.
 
     Where time is real, ``wait`` lets it pass.
     """
+    slow = _SLOW_TICK_LATENCIES * params.latency * params.control_dt
 
     def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):

@@ -29,7 +29,13 @@ from elastic_strips.arrays import Array
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.process.channel import ChannelClosedError, channel, put, take
-from elastic_strips.control.process.child import NOTHING_HEARD, end_process, orphaned, start_process
+from elastic_strips.control.process.child import (
+    LONGEST_PROCESS_START,
+    NOTHING_HEARD,
+    end_process,
+    orphaned,
+    start_process,
+)
 from elastic_strips.control.process.priority import raise_priority
 from elastic_strips.errors import ParameterError
 from elastic_strips.validation import check_number
@@ -41,7 +47,6 @@ _log = logging.getLogger(__name__)
 _LARGEST_FIRST_MESSAGE = 1 << 16  # [bytes] of the first message
 _DRIVER_BUFFER = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
 _WORLD_BUFFER = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
-_LONGEST_START = 120.0  # [s] longest start of the process
 _LONGEST_STOP = 5.0  # [s] and it ends after this time if it has not
 _AT_ONCE = 50  # true states in one message
 _MOST_WAITING_STATES = 20_000  # true states that wait for a reader, at most
@@ -129,7 +134,7 @@ class MachineProcess:
             self._process = start_process(_run, (executor, world), task, name="machine")
             executor.close()
             world.close()
-            self._world.settimeout(_LONGEST_START)
+            self._world.settimeout(LONGEST_PROCESS_START)
             data = self._world.recv(_LARGEST_FIRST_MESSAGE)
             self._world.setblocking(False)
             ready = pickle.loads(data) if data else NOTHING_HEARD
@@ -141,7 +146,7 @@ class MachineProcess:
                 raise ParameterError(f"the simulated machine does not start: {error}") from error
             raise
         if isinstance(ready, str):
-            self._end(_LONGEST_START)
+            self._end(LONGEST_PROCESS_START)
             raise ParameterError(f"the simulated machine does not start: {ready}")
         self._count, self.priority = ready
         _log.info("the simulated machine runs (%s)", self.priority)
@@ -383,9 +388,17 @@ class _Machine:
         """Send what was measured last."""
         last = self.last
         reading = _Reading(
-            last.time, self.travel.tolist(), self.lost, self.misread, last.joints.tolist(), self.fixes, self.fix,
-            last.contact or self.said["contact"], last.emergency or self.said["emergency"], self.error,
-        )  # fmt: skip
+            last.time,
+            self.travel.tolist(),
+            self.lost,
+            self.misread,
+            last.joints.tolist(),
+            self.fixes,
+            self.fix,
+            last.contact or self.said["contact"],
+            last.emergency or self.said["emergency"],
+            self.error,
+        )
         put(self.executor, tuple(reading))
         self.report()
 

@@ -46,8 +46,15 @@ def drive_plan(
     strip, robot = plan.strip, plan.strip.robot
     limits = MotionLimits.for_robot(robot) if limits is None else limits
     run = simulation(
-        robot, world, strip.q[0], strip.q[-1], limits=limits, params=params, strip=strip, seed=seed,
+        robot,
+        world,
+        strip.q[0],
+        strip.q[-1],
+        limits=limits,
+        params=params,
+        strip=strip,
+        seed=seed,
         plant=KinematicPlant(robot, limits, plant, seed=seed),
-    )  # fmt: skip
+    )
     result = run.run(time_limit=time_limit)
     return result, robot.space.from_coordinates(result.last)

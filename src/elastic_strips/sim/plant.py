@@ -12,7 +12,7 @@ from typing import Annotated, Protocol
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control.estimation import Pose, compose, exp
+from elastic_strips.control.estimation import TIME_SLACK, Pose, compose, exp
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
@@ -21,7 +21,6 @@ from elastic_strips.validation import Bound, Checked, NonNegative, check_fields
 
 STANDING_SPEED = 1e-3
 """Speed [m/s, rad/s] of bases and joints below which a machine stands."""
-_TIME_SLACK = 1e-9  # [s] times that differ by less are the same
 _Margin = Annotated[float, Bound(low=1.0, infinite=True)]
 _Slip = Annotated[float, Bound(low=0.0, high=0.2)]
 
@@ -108,13 +107,13 @@ class Odometry:
             joints = joints.copy()
         if pose is None:
             return Measurement(time, np.zeros(0), joints)
-        if time <= self._lost_until + _TIME_SLACK:
-            while self._next_fix <= time + _TIME_SLACK:
+        if time <= self._lost_until + TIME_SLACK:
+            while self._next_fix <= time + TIME_SLACK:
                 self._next_fix += p.fix_period
             return Measurement(time, None, joints)
         drive = np.array([b - a for a, b in zip(before, self._reading, strict=True)])
-        if time >= self._next_fix - _TIME_SLACK:
-            while self._next_fix <= time + _TIME_SLACK:
+        if time >= self._next_fix - TIME_SLACK:
+            while self._next_fix <= time + TIME_SLACK:
                 self._next_fix += p.fix_period
             x, y, yaw = pose
             self._pending.append(
@@ -125,7 +124,7 @@ class Odometry:
                     yaw + p.fix_angle_noise * next(normal),
                 )
             )
-        if self._pending and self._pending[0][0] + p.fix_latency <= time + _TIME_SLACK:
+        if self._pending and self._pending[0][0] + p.fix_latency <= time + TIME_SLACK:
             at, *fix = self._pending.popleft()
             return Measurement(time, drive, joints, np.array(fix), at)
         return Measurement(time, drive, joints)
@@ -205,9 +204,15 @@ class PlantParams:
     def ideal() -> PlantParams:
         """No lag, limits of speed or acceleration, slip, jitter, noise or latency: commands are driven exactly."""
         return PlantParams(
-            wheel_lag=0.0, joint_lag=0.0, speed_margin=math.inf, acceleration_margin=math.inf, slip=0.0,
-            slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal(),
-        )  # fmt: skip
+            wheel_lag=0.0,
+            joint_lag=0.0,
+            speed_margin=math.inf,
+            acceleration_margin=math.inf,
+            slip=0.0,
+            slip_noise=0.0,
+            jitter=0.0,
+            odometry=OdometryParams.ideal(),
+        )
 
 
 class Plant(Protocol):

@@ -106,9 +106,15 @@ class RealtimeSimulation(Simulation[Controller]):
     ) -> None:
         self.view: MachineView = MachineView(plant)
         super().__init__(
-            controller, world, cast("Plant", self.view), perception, goal=goal, metadata=metadata, realtime=True,
+            controller,
+            world,
+            cast("Plant", self.view),
+            perception,
+            goal=goal,
+            metadata=metadata,
+            realtime=True,
             watch=cast("Callable[[Simulation[Controller]], object] | None", watch),
-        )  # fmt: skip
+        )
         self.executor: ExecutorProcess = executor
         self.machine: MachineProcess | None = None
         self.eager: bool = eager
@@ -210,7 +216,14 @@ def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> No
             return np.array(row.get(name, empty), dtype=float)
 
         driven.recorder.control(
-            truth.time, coordinates=truth.coordinates, v=truth.v, motors=truth.motors, reference=values("reference"),
-            reference_v=values("reference_v"), estimate=values("estimate"),
-            drive=values("drive") if row else None, joints=values("joints") if row else None, state=state,
-        )  # fmt: skip
+            truth.time,
+            coordinates=truth.coordinates,
+            v=truth.v,
+            motors=truth.motors,
+            reference=values("reference"),
+            reference_v=values("reference_v"),
+            estimate=values("estimate"),
+            drive=values("drive") if row else None,
+            joints=values("joints") if row else None,
+            state=state,
+        )

@@ -93,9 +93,16 @@ class TaskSimulation:
         begin: Callable[..., Simulation[HybridControl]] = simulation
         try:
             self.simulation = begin(
-                robot, world, start, self.deliberation.steps[-1].q, params=params, perception=perception, seed=seed,
-                make=partial(HybridControl, robot, start, self.deliberation, keep=keep, look=look), **options,
-            )  # fmt: skip
+                robot,
+                world,
+                start,
+                self.deliberation.steps[-1].q,
+                params=params,
+                perception=perception,
+                seed=seed,
+                make=partial(HybridControl, robot, start, self.deliberation, keep=keep, look=look),
+                **options,
+            )
         except ConfigurationError as error:
             self.deliberation: TaskPlan = replace(self.deliberation, steps=(), reason=str(error))
             return

@@ -214,9 +214,13 @@ class Deformer(OneThread):
         if until == "rest":
             self.workspace.begin(strip, scene)
             policy = Settler(
-                self.workspace, scene, self.params, stiffness=self._stiffness, spacing_weight=self.spacing_weight,
+                self.workspace,
+                scene,
+                self.params,
+                stiffness=self._stiffness,
+                spacing_weight=self.spacing_weight,
                 rolling=self._rolling,
-            )  # fmt: skip
+            )
         asked = _Request(scene, policy, detail)
         return run_ticks(lambda strip: self._tick(strip, asked), strip, limit=limit, until=until, watch=watch)
 
@@ -276,9 +280,14 @@ class Deformer(OneThread):
     # the parts of a tick
 
     def _tick(
-        self, strip: Strip, asked: _Request, *, budget: float | None = None, nodes: bool = True,
+        self,
+        strip: Strip,
+        asked: _Request,
+        *,
+        budget: float | None = None,
+        nodes: bool = True,
         prediction: NodePredictor | None = None,
-    ) -> DeformReport:  # fmt: skip
+    ) -> DeformReport:
         work = self.workspace
         already, known = work.queries, work.holds(strip)
         work.begin(strip, asked.scene, prediction, budget=budget, to_move=True)

@@ -98,10 +98,13 @@ class DeformReport(Summary):
     def _summary(self) -> dict[str, object]:
         segments = self.certificate.segments
         return {
-            "status": self.status.value, "reason": self.reason, "robot": self.strip.robot.name,
-            "nodes": len(self.strip), "certified": f"{int(segments.sum())} of {len(segments)} segments",
+            "status": self.status.value,
+            "reason": self.reason,
+            "robot": self.strip.robot.name,
+            "nodes": len(self.strip),
+            "certified": f"{int(segments.sum())} of {len(segments)} segments",
             "ticks": self.ticks,
-        }  # fmt: skip
+        }
 
     def _measured(self) -> dict[str, object]:
         length = f"{self.strip.length:.3f} {'m' if self.strip.robot.space.planar else 'rad'}"
@@ -165,6 +168,12 @@ def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: floa
         else:
             status, reason = last.failure, f"{reason} (after {ticks} ticks)"
     return replace(
-        last, status=status, reason=reason, timings=timings, seconds=seconds, iterations=ticks, ticks=ticks,
+        last,
+        status=status,
+        reason=reason,
+        timings=timings,
+        seconds=seconds,
+        iterations=ticks,
+        ticks=ticks,
         queries=queries,
-    )  # fmt: skip
+    )

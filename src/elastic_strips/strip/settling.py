@@ -50,9 +50,14 @@ class TickPolicy:
         return params.near, params.k_near
 
     def taken(
-        self, before: Array, after: Array, slip: float, energies: Energies, scene: Scene,
+        self,
+        before: Array,
+        after: Array,
+        slip: float,
+        energies: Energies,
+        scene: Scene,
         energy_here: Callable[[], float],
-    ) -> tuple[Array, float]:  # fmt: skip
+    ) -> tuple[Array, float]:
         """The step that is made: coordinates (N, nv), which are the workspace's then, and the rolling residual [m].
 
         Args:
@@ -100,9 +105,15 @@ class Settler(TickPolicy):
     removes_nodes = False  # who goes would be needed again
 
     def __init__(
-        self, work: Workspace, scene: Scene, params: DeformParams, *, stiffness: Array, spacing_weight: Array,
+        self,
+        work: Workspace,
+        scene: Scene,
+        params: DeformParams,
+        *,
+        stiffness: Array,
+        spacing_weight: Array,
         rolling: bool,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._work, self._params, self._space = work, params, work.robot.space
         self._stiffness, self._spacing_weight, self._rolling = stiffness, spacing_weight, rolling
         self._layer = max(work.obstacles.least_clearance(), 0.0) + _STIFF_LAYER_ROOM
@@ -123,9 +134,14 @@ class Settler(TickPolicy):
         return max(params.near, self._layer), max(params.k_near, _STIFF_LAYER_GAIN)
 
     def taken(
-        self, before: Array, after: Array, slip: float, energies: Energies, scene: Scene,
+        self,
+        before: Array,
+        after: Array,
+        slip: float,
+        energies: Energies,
+        scene: Scene,
         energy_here: Callable[[], float],
-    ) -> tuple[Array, float]:  # fmt: skip
+    ) -> tuple[Array, float]:
         """As much of a step as does not raise the energy; none where nothing does."""
         space, work = self._space, self._work
         part, way, energy = 1.0, space.difference(before, after), sum(energies.values())

@@ -218,9 +218,13 @@ class Workspace(OneThread):
         v = self.robot.space.difference(self.coordinates[:-1], self.coordinates[1:])
         params = self.params
         certificate = self.certifier.certify(
-            self.kin, v, clearance=params.clearance, self_clearance=params.self_clearance, scene=scene,
+            self.kin,
+            v,
+            clearance=params.clearance,
+            self_clearance=params.self_clearance,
+            scene=scene,
             known=known,
-        )  # fmt: skip
+        )
         self.clock.mark("certificate")
         return certificate
 
@@ -247,9 +251,14 @@ class Workspace(OneThread):
 
     @exclusive
     def begin(
-        self, strip: Strip, scene: Scene, prediction: NodePredictor | None = None, *,
-        budget: float | None = None, to_move: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        strip: Strip,
+        scene: Scene,
+        prediction: NodePredictor | None = None,
+        *,
+        budget: float | None = None,
+        to_move: bool = False,
+    ) -> None:
         """Check what a tick is given, start the clock and make the strip current; see :meth:`load`.
 
         Raises:
@@ -278,16 +287,35 @@ class Workspace(OneThread):
                 return replace(result, iterations=count)
 
     def report(
-        self, kind: type[R], scene: Scene, result: TickResult, queries: int, detail: bool, *,
-        status: DeformStatus, reason: str, hulls: ProtectiveHulls | None,
-    ) -> R:  # fmt: skip
+        self,
+        kind: type[R],
+        scene: Scene,
+        result: TickResult,
+        queries: int,
+        detail: bool,
+        *,
+        status: DeformStatus,
+        reason: str,
+        hulls: ProtectiveHulls | None,
+    ) -> R:
         """A report of the kind that a deformer makes, with what all of them have."""
         clearance = self.obstacles.least_clearance()
         strip = self.strip()
         self.clock.mark("report")
         return kind(
-            strip=strip, status=status, reason=reason, scene=scene, certificate=result.certificate,
-            node_clearance=clearance, energies=result.energies, timings=self.clock.phases,
-            seconds=sum(self.clock.phases.values()), iterations=result.iterations, moved=result.moved,
-            slip=result.slip, queries=queries, forces=result.forces if detail else None, hulls=hulls,
-        )  # fmt: skip
+            strip=strip,
+            status=status,
+            reason=reason,
+            scene=scene,
+            certificate=result.certificate,
+            node_clearance=clearance,
+            energies=result.energies,
+            timings=self.clock.phases,
+            seconds=sum(self.clock.phases.values()),
+            iterations=result.iterations,
+            moved=result.moved,
+            slip=result.slip,
+            queries=queries,
+            forces=result.forces if detail else None,
+            hulls=hulls,
+        )

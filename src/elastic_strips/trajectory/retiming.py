@@ -15,7 +15,7 @@ from elastic_strips.validation import check_array, check_number, check_type
 
 from .limits import MotionLimits
 from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
-from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, rate_bounds
+from .speed_profile import LIMIT_EXCESS, Profile, braked, broken_limit, fastest, rate_bounds
 from .trajectory import Trajectory, joined, stationary
 
 _LIMIT_MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
@@ -181,11 +181,11 @@ class Retimer:
         for name, row in rows.items():
             if row.shape != (nv,) or not np.isfinite(row).all():
                 raise ParameterError(f"{name} = {row.tolist()} must be {nv} finite numbers: body twist, joint rates")
-        if self.limits.drive_dim == 2 and abs(rows["v_start"][1]) > TOLERANCE * self._speed[0]:
+        if self.limits.drive_dim == 2 and abs(rows["v_start"][1]) > LIMIT_EXCESS * self._speed[0]:
             raise ParameterError(f"v_start moves sideways at {rows['v_start'][1]:g} m/s; a differential drive cannot")
         velocity = self.limits.to_coordinates(rows["v_start"])
         over = np.abs(velocity) / self._speed
-        if over.max(initial=0.0) > 1.0 + TOLERANCE:
+        if over.max(initial=0.0) > 1.0 + LIMIT_EXCESS:
             worst = int(over.argmax())
             raise RetimingError(
                 f"the speed at the start in coordinate {worst} (drive, then joints) is {abs(velocity[worst]):.4g}; "
@@ -223,9 +223,16 @@ class Retimer:
                 lead, window = _LEAD_WINDOWS[attempt]
                 heading = start.velocity if start.moving else None
                 path = smooth_path(
-                    self.robot, self.limits, line, length,
-                    weight=self.weight, heading=heading, bend=start.bend, lead=lead, window=window,
-                )  # fmt: skip
+                    self.robot,
+                    self.limits,
+                    line,
+                    length,
+                    weight=self.weight,
+                    heading=heading,
+                    bend=start.bend,
+                    lead=lead,
+                    window=window,
+                )
             result = self._timed(path, start, speed, _LIMIT_MARGINS[margin])
             if isinstance(result, Trajectory):
                 return result

@@ -13,7 +13,7 @@ from elastic_strips.arrays import Array, by_rows
 from elastic_strips.native import kernel
 from elastic_strips.work import count_work
 
-TOLERANCE = 1e-3
+LIMIT_EXCESS = 1e-3
 """Part of a limit by which a sample may exceed this limit."""
 
 
@@ -178,6 +178,6 @@ def broken_limit(time: Array, y: Array, v: Array, a: Array, speed: Array, accele
     }
     for what, parts in used.items():
         value = float(parts.max(initial=0.0))
-        if not value <= 1.0 + TOLERANCE:  # so that a value that is not a number is caught too
+        if not value <= 1.0 + LIMIT_EXCESS:  # so that a value that is not a number is caught too
             return f"the {what} would be {value:.4f} of its limit"
     return ""

@@ -243,6 +243,10 @@ class TrajectoryCertifier(OneThread):
             )
         v = np.vstack([trajectory.steps, np.zeros((1, self.robot.nv))])
         return self._certifier.certify(
-            coordinates, v, scene, forecast.predict(times), self_clearance=self.self_clearance,
+            coordinates,
+            v,
+            scene,
+            forecast.predict(times),
+            self_clearance=self.self_clearance,
             clearance=self.clearance if clearance is None else clearance,
-        )  # fmt: skip
+        )

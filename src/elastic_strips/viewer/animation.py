@@ -43,7 +43,7 @@ STATE_COLORS = {
     "failed": "#7b2d8e",
 }
 _REFERENCE = "#24303c"
-_FPS, _MAX_FRAMES = 20.0, 600  # the page interpolates between them
+_FRAME_RATE, _MAX_FRAMES = 20.0, 600  # the page interpolates between them
 _MAX_STRIPS, _MAX_RECORDED, _MAX_NODES = 24, 32, 24
 _MAX_TRACE, _MAX_TRAILS = 400, 48
 _TRAIL_GHOSTS = ((0.4, 0.3), (0.8, 0.19), (1.2, 0.1))  # how far behind [s], opacity
@@ -152,7 +152,7 @@ def draw_strips(drawing: Drawing, play: StripAnimation) -> list[Command]:
 
 def _frames(duration: float) -> tuple[int, float]:
     """How many frames there are, and how many a second."""
-    frames = int(np.clip(round(duration * _FPS), 2, _MAX_FRAMES))
+    frames = int(np.clip(round(duration * _FRAME_RATE), 2, _MAX_FRAMES))
     return frames, frames / duration
 
 

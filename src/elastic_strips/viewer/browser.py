@@ -34,7 +34,7 @@ _FLAGS = (
 )
 _READY = """document.body !== null && document.readyState === "complete"
   && (!document.getElementById("meshcat-pane") || document.body.dataset.ready === "yes")"""
-_LONGEST_START = 60.0  # [s]
+_LONGEST_BROWSER_START = 60.0  # [s]
 _T = TypeVar("_T")
 
 
@@ -142,7 +142,7 @@ class Browser:
     async def _connect(self, size: tuple[int, int]) -> None:
         from tornado.websocket import websocket_connect
 
-        ports, end = Path(self._profile.name, "DevToolsActivePort"), time.monotonic() + _LONGEST_START
+        ports, end = Path(self._profile.name, "DevToolsActivePort"), time.monotonic() + _LONGEST_BROWSER_START
         while not (ports.is_file() and ports.read_text().strip()):
             if time.monotonic() > end or self._process.poll() is not None:
                 raise BrowserError("the browser does not start")

@@ -39,13 +39,11 @@ _MAX_HULLS = 600
 _NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
-_PIN_HEIGHT, _SPOT_RADIUS, _PIN_HEAD_RADIUS, _POLE_RADIUS, _BALL_RADIUS = (
-    1.9,
+_PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = 1.9, 0.09, 0.02  # [m] of the pin where a strip is broken
+_SPOT_RADIUS, _BALL_RADIUS = (
     0.16,
-    0.09,
-    0.02,
     0.07,
-)  # height of the pin, radii [m]
+)  # [m] of the ball there, and of that by which the hand is dragged
 _LONGEST_CARD_REASON, _LONGEST_PLACE_REASON = 400, 90  # characters of a reason, in the card and at the place
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
 _NONE = np.zeros((0, 16), dtype=np.float32)
@@ -215,40 +213,32 @@ class Drawing:
     def card(self, snapshot: Snapshot) -> Command:
         """Fill the card in the corner."""
         report = snapshot.report
-        card: Document = {"title": self.title, "chip": None}
-        rows: list[list[str]] = []
         moves = report is not None or len(snapshot.nodes) > 1
-        if report is None:
-            rows += [["nodes", str(len(snapshot.nodes))]] if moves else []
-            legend = [["base, not checked", UNCHECKED]] if moves else []
-        else:
-            status, segments = report.status.value, report.certificate.segments
-            bad = report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED)
-            clearance = report.node_clearance if snapshot.live else report.clearance
-            if np.isfinite(clearance):
-                rows.append(["clearance of the nodes" if snapshot.live else "clearance", f"{clearance:.3f} m"])
-            rows.append(["certified", f"{int(segments.sum())} of {len(segments)} segments"])
-            legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
-            if self._pinned:
-                legend.append([f"where it is {status}" if bad else "not clear here", _TROUBLE])
-            if report.forces is not None and len(report.forces.points):
-                legend.append(["forces", _FORCE])
-            if report.hulls is not None:
-                legend.append(["protective hulls", _HULL])
-            card["chip"] = [status, _CHIP[status]]
-            if bad:
-                card["note"] = report.reason[:_LONGEST_CARD_REASON]
-            if snapshot.live:  # whether it is certified is what one looks for; a note that is not always there moves it
-                rows.insert(0, ["state", status])
-                card["chip"] = ["certified", CERTIFIED] if report.certificate.certified else ["not certified", REFUSED]
-                card["note"] = report.reason[:_LONGEST_CARD_REASON] if bad or not report.certificate.certified else ""
+        head: Document = {"chip": None}
+        rows: list[list[str]] = []
+        legend: list[list[str]] = []
+        if report is not None:
+            head, rows, legend = _chip(report, snapshot.live), _measured(report, snapshot.live), self._colours(report)
+        elif moves:
+            rows, legend = [["nodes", str(len(snapshot.nodes))]], [["base, not checked", UNCHECKED]]
         if snapshot.tick is not None:
             rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
         rows += [list(note) for note in snapshot.notes]
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         legend += [*([THREADS] if moves else []), *self._things(snapshot)]
-        return commands.hud({**card, "rows": rows, "legend": legend})
+        return commands.hud({"title": self.title, **head, "rows": rows, "legend": legend})
+
+    def _colours(self, report: DeformReport) -> list[list[str]]:
+        """The legend of what is in a picture because of a report."""
+        legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
+        if self._pinned:
+            legend.append([f"where it is {report.status.value}" if _bad(report) else "not clear here", _TROUBLE])
+        if report.forces is not None and len(report.forces.points):
+            legend.append(["forces", _FORCE])
+        if report.hulls is not None:
+            legend.append(["protective hulls", _HULL])
+        return legend
 
     def _things(self, snapshot: Snapshot) -> list[list[str]]:
         """The legend of what is in a picture besides the strip."""
@@ -354,6 +344,30 @@ def _outermost(points: Array) -> Array:
         return points[convex_hull(points).vertices]
     except QhullError:
         return points
+
+
+def _bad(report: DeformReport) -> bool:
+    return report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED)
+
+
+def _chip(report: DeformReport, live: bool) -> Document:
+    """The state in a word and a colour, and a note that says why where it is not as it is to be."""
+    status, note = report.status.value, report.reason[:_LONGEST_CARD_REASON]
+    if not live:
+        chip = [status, _CHIP[status]]
+        return {"chip": chip, "note": note} if _bad(report) else {"chip": chip}
+    if report.certificate.certified:  # this is what one looks for; a note that is not always there moves the rows
+        return {"chip": ["certified", CERTIFIED], "note": note if _bad(report) else ""}
+    return {"chip": ["not certified", REFUSED], "note": note}
+
+
+def _measured(report: DeformReport, live: bool) -> list[list[str]]:
+    """The rows of a card about a report."""
+    segments, clearance = report.certificate.segments, report.node_clearance if live else report.clearance
+    rows = [["state", report.status.value]] if live else []
+    if np.isfinite(clearance):
+        rows.append(["clearance of the nodes" if live else "clearance", f"{clearance:.3f} m"])
+    return [*rows, ["certified", f"{int(segments.sum())} of {len(segments)} segments"]]
 
 
 def bare_legend(robot: RobotModel) -> list[list[str]]:

@@ -25,7 +25,7 @@ BARE = "#f0b400"
 """The colour of the stripes of links that no collision shape covers."""
 _SLANT = np.array([0.48, 0.36, 0.8])
 _STRIPES, _MOST_STRIPES = (0.006, 0.06), 40  # [m] how wide; of a link
-_CREASE = float(np.radians(35.0))
+_CREASE_ANGLE = float(np.radians(35.0))  # [rad] sharper edges are not smoothed
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def linear(color: str | Sequence[float]) -> tuple[float, float, float]:
     return r, g, b
 
 
-def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> MeshData:
+def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE_ANGLE) -> MeshData:
     """Compute normals: smooth within patches of faces that meet at less than the crease angle [rad], sharp between."""
     mesh = trimesh.Trimesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False)
     mesh.merge_vertices(digits_vertex=6)
@@ -199,7 +199,7 @@ def _capsule(radius: float, length: float) -> MeshData:
     return _revolved(np.vstack((upper[::-1] * [1.0, -1.0], upper)), 24, crease=np.pi)
 
 
-def _revolved(profile: ArrayLike, segments: int, crease: float = _CREASE) -> MeshData:
+def _revolved(profile: ArrayLike, segments: int, crease: float = _CREASE_ANGLE) -> MeshData:
     """Turn a profile of (radius, z) about z."""
     turned = trimesh.creation.revolve(np.asarray(profile, dtype=float), sections=segments)
     return _shaded(turned.vertices, turned.faces, crease)
@@ -472,9 +472,14 @@ def interpolated(space: ConfigurationSpace, coordinates: Array, at: Array, where
 
 
 def ribbon(
-    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0,
+    space: ConfigurationSpace,
+    coordinates: Array,
+    colors: Array,
+    *,
+    width: float = 0.06,
+    height: float = 0.0,
     steps: int = 4,
-) -> MeshData | None:  # fmt: skip
+) -> MeshData | None:
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
     Args:

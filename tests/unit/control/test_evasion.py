@@ -11,7 +11,7 @@ from drivable import limits_of, most_used
 
 from elastic_strips.collision import Forecast
 from elastic_strips.control import Controller, DriveParams
-from elastic_strips.control.evasion import _LONGER, EvasivePlanner, motion_to
+from elastic_strips.control.evasion import _LONGER_BY, EvasivePlanner, motion_to
 from elastic_strips.control.lookahead import ObstacleLookahead
 from elastic_strips.control.params import EvasionParams, Margins, ObstacleAssumptions
 from elastic_strips.control.prediction import Outlook, predict
@@ -152,7 +152,7 @@ def test_shorter_ways_to_the_best_manoeuvre_lead_to_it(crowded):
     """What stands is asked for as few as will do, and longer times only where the shortest does not do."""
     planner, start = crowded
     free = np.column_stack(
-        [planner._free(start, planner._kinds, np.full(len(planner._kinds), 0.1 + t), after=1.0) for t in _LONGER]
+        [planner._free(start, planner._kinds, np.full(len(planner._kinds), 0.1 + t), after=1.0) for t in _LONGER_BY]
     )
     np.testing.assert_array_equal(planner._held(start), np.where(free.any(axis=1), free.argmax(axis=1), -1))
     assert free[:, 0].any()

@@ -14,7 +14,7 @@ from shared_data import shared_data
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import grid_path, plan_report
 from elastic_strips.planning.grid_path import (
-    COMFORT,
+    COMFORTABLE_CLEARANCE,
     cell_cost,
     cheapest_path,
     clearance_map,
@@ -101,10 +101,10 @@ def test_a_coarse_grid_leads_to_a_path_that_costs_little_more_than_the_cheapest(
     assert clear.size > module._MOST_FINE_CELLS
     ends, inner = np.array([[0.0, 0.0], [6.0, 0.0]]), PlanarFootprint.of(jackal_box, jackal_box.home_q).inner
     cells = np.rint((ends - low) / 0.05).astype(int)
-    cost = cell_cost(clear, inner, COMFORT, cells, 0.05)
+    cost = cell_cost(clear, inner, COMFORTABLE_CLEARANCE, cells, 0.05)
 
     def total():
-        path = cheapest_path(clear, low, 0.05, ends, inner=inner, comfort=COMFORT)
+        path = cheapest_path(clear, low, 0.05, ends, inner=inner, comfort=COMFORTABLE_CLEARANCE)
         assert path is not None
         at = tuple(np.rint((path - low) / 0.05).astype(int).T)
         return float((0.5 * (cost[at][1:] + cost[at][:-1]) * np.linalg.norm(np.diff(path, axis=0), axis=1)).sum())

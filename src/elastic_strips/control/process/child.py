@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from multiprocessing.process import BaseProcess
 
+LONGEST_PROCESS_START = 120.0  # [s] until a process says that it runs: it imports everything anew
 NOTHING_HEARD = "it ended at once (a program that starts processes needs `if __name__ == '__main__':`)"
 
 

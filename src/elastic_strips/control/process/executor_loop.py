@@ -302,10 +302,24 @@ class _Loop:
         events = _after(lambda event: event is self.event, run.events)
         stops = _after(lambda stop: stop[0] <= self.stopped, run.stops)
         status = Status(
-            t, run.state, run.reason, self.serial, samples, executor.at_goal, executor.estimate, executor.settled,
-            executor.lost_for, executor.waits, executor.coarse, executor.needed_error, executor.recoveries,
-            reference.coordinates, reference.v, events, stops,
-        )  # fmt: skip
+            time=t,
+            state=run.state,
+            reason=run.reason,
+            serial=self.serial,
+            samples=samples,
+            at_goal=executor.at_goal,
+            estimate=executor.estimate,
+            settled=executor.settled,
+            lost_for=executor.lost_for,
+            waits=executor.waits,
+            coarse=executor.coarse,
+            needed_error=executor.needed_error,
+            recoveries=executor.recoveries,
+            coordinates=reference.coordinates,
+            v=reference.v,
+            events=events,
+            stops=stops,
+        )
         if put(self.link, status):
             self.event = events[-1] if events else self.event
             self.stopped = stops[-1][0] if stops else self.stopped
@@ -331,6 +345,13 @@ def _row(
 ) -> Mapping[str, object]:
     """A row of the log."""
     return {
-        "t": t, "sent": sent, "state": state, "reference": reference.coordinates, "reference_v": reference.v,
-        "estimate": estimate, "drive": command.drive, "joints": command.joints, "stop": command.stop,
-    }  # fmt: skip
+        "t": t,
+        "sent": sent,
+        "state": state,
+        "reference": reference.coordinates,
+        "reference_v": reference.v,
+        "estimate": estimate,
+        "drive": command.drive,
+        "joints": command.joints,
+        "stop": command.stop,
+    }

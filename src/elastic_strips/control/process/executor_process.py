@@ -40,12 +40,11 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 
 from .channel import ChannelClosedError, channel, put, take
-from .child import NOTHING_HEARD, end_process, start_process
+from .child import LONGEST_PROCESS_START, NOTHING_HEARD, end_process, start_process
 from .executor_loop import Status, serve
 
 _log = logging.getLogger(__name__)
 _CHANNEL_BUFFER = 1 << 20  # [bytes] of a channel
-_LONGEST_START = 120.0  # [s] longest start of the process
 _LONGEST_END = 15.0  # [s] longest time in which the robot comes to rest at the end
 _HEARTBEAT_PERIOD = 0.02  # [s] from one heartbeat of planning to the next
 _TAKEN_FOR_ACCEPTED = 0.03  # [s] a motion that was sent so short a time ago is taken for accepted
@@ -101,12 +100,25 @@ class ExecutorProcess:
         resting = stationary(robot, self.limits, row, 0.0, self.params.control_dt)
         self._sent: tuple[float, int, Trajectory, bool] = (-np.inf, 0, resting, False)  # when, number, what, at goal
         self._status = Status(
-            0.0, RunState.STOPPED, "not started", 0, None, False, row, True, 0.0, "", 0.0, self.params.tracking_error,
-            0, row, np.zeros(robot.nv), (), (),
-        )  # fmt: skip
-        self._motions: deque[tuple[int, Trajectory]] = deque(
-            maxlen=_REMEMBERED_MOTIONS
-        )  # that were sent last, by number
+            time=0.0,
+            state=RunState.STOPPED,
+            reason="not started",
+            serial=0,
+            samples=None,
+            at_goal=False,
+            estimate=row,
+            settled=True,
+            lost_for=0.0,
+            waits="",
+            coarse=0.0,
+            needed_error=self.params.tracking_error,
+            recoveries=0,
+            coordinates=row,
+            v=np.zeros(robot.nv),
+            events=(),
+            stops=(),
+        )
+        self._motions: deque[tuple[int, Trajectory]] = deque(maxlen=_REMEMBERED_MOTIONS)  # sent last, by number
         self._active: tuple[int, Trajectory] = (0, resting)
         self._lock = threading.Lock()
         self._closing = False
@@ -134,7 +146,7 @@ class ExecutorProcess:
         try:
             process = start_process(serve, (child, driver), (self._task, self._log), name="executor")
             child.close()
-            self._link.settimeout(_LONGEST_START)
+            self._link.settimeout(LONGEST_PROCESS_START)
             data = self._link.recv(_CHANNEL_BUFFER)
             self._link.setblocking(False)
             first = pickle.loads(data) if data else first

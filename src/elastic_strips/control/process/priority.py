@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 _REALTIME_PRIORITY = 10  # above the kernel's default of 1, below its own threads
-_NICENESS = -15
+_PRIORITY_NICENESS = -15  # where there is no real-time priority; 0 is usual, -20 the most
 
 
 def keep_memory() -> None:
@@ -51,7 +51,7 @@ def raise_priority() -> str:
     gc.disable()
     tries: tuple[tuple[str, Callable[[], object]], ...] = (
         (f"SCHED_FIFO {_REALTIME_PRIORITY}", _real_time),
-        (f"nice {_NICENESS}", lambda: os.setpriority(os.PRIO_PROCESS, 0, _NICENESS)),
+        (f"nice {_PRIORITY_NICENESS}", lambda: os.setpriority(os.PRIO_PROCESS, 0, _PRIORITY_NICENESS)),
     )
     for said, attempt in tries:
         try:

@@ -183,9 +183,7 @@ class DeliberativeLayer:
 
     def _reaching(self, scene: Scene, q: Array, task: ReachHand, *, base: bool) -> GoalSearch:
         goal = HandPose(task.frame, task.position, task.quaternion)
-        return find_goals(
-            self.robot, scene, q, goal, count=_MOST_GOALS, seed=self.seed, params=self._params, base=base
-        )  # fmt: skip
+        return find_goals(self.robot, scene, q, goal, count=_MOST_GOALS, seed=self.seed, params=self._params, base=base)
 
     def _driven(self, q: Array, drive: DriveTo) -> Array:
         row = self.robot.space.to_coordinates(q)

@@ -49,9 +49,13 @@ class Alternative(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "homotopy_class": self.homotopy_class, "method": self.method, "length": f"{self.length:.3f} m",
-            "clearance": f"{self.clearance:.3f} m", "cost": self.cost, "nodes": len(self.strip),
-        }  # fmt: skip
+            "homotopy_class": self.homotopy_class,
+            "method": self.method,
+            "length": f"{self.length:.3f} m",
+            "clearance": f"{self.clearance:.3f} m",
+            "cost": self.cost,
+            "nodes": len(self.strip),
+        }
 
 
 def strip_cost(report: DeformReport, params: DeformParams) -> float:
@@ -93,10 +97,18 @@ class AlternativesSearch(PathSearch):
     """
 
     def __init__(
-        self, problem: PlanningProblem, count: int, *, without: Collection[HomotopyClass] = (),
-        clusters: ClusterMap | None = None, ompl_attempts: int = 3, line: bool = True,
-        given: Array | None = None, grid: bool = True, watch: Callable[[DeformReport], object] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        problem: PlanningProblem,
+        count: int,
+        *,
+        without: Collection[HomotopyClass] = (),
+        clusters: ClusterMap | None = None,
+        ompl_attempts: int = 3,
+        line: bool = True,
+        given: Array | None = None,
+        grid: bool = True,
+        watch: Callable[[DeformReport], object] | None = None,
+    ) -> None:
         super().__init__(problem, watch)
         self._count, self._line, self._grid = count, line, grid
         self._without, self._ompl_attempts, self._given = frozenset(without), ompl_attempts, given

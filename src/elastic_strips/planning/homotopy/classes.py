@@ -16,8 +16,8 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning.grid_path import (
-    COMFORT,
-    FLOOR,
+    COMFORTABLE_CLEARANCE,
+    DRIVEN_OVER_HEIGHT,
     MOST_CELLS,
     box_about,
     cell_cost,
@@ -141,7 +141,7 @@ def single_obstacles(robot: RobotModel, scene: Scene) -> tuple[ObstacleCluster, 
     for k, name in enumerate(scene.names):
         rows = slice(int(table.offsets[k]), int(table.offsets[k + 1]))
         low, high = table.center[rows] - table.half_extents[rows], table.center[rows] + table.half_extents[rows]
-        if len(low) and low[:, 2].min() < height and high[:, 2].max() > FLOOR:
+        if len(low) and low[:, 2].min() < height and high[:, 2].max() > DRIVEN_OVER_HEIGHT:
             corner, other = low.min(axis=0)[:2], high.max(axis=0)[:2]
             found.append(ObstacleCluster(name, (name,), 0.5 * (corner + other), float(np.prod(other - corner))))
     return tuple(found)
@@ -242,7 +242,7 @@ def homotopy_paths(
     resolution = clusters.resolution
     shape = np.array(clusters.clear.shape)
     cells = np.clip(np.rint((endpoints - clusters.low) / resolution).astype(int), 0, shape - 1)
-    cost = cell_cost(clusters.clear, clusters.inner, COMFORT, cells, resolution)
+    cost = cell_cost(clusters.clear, clusters.inner, COMFORTABLE_CLEARANCE, cells, resolution)
     graph = cell_graph(cost)
     first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
     come, before = dijkstra(graph, indices=[first, last], return_predecessors=True)

@@ -22,7 +22,7 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive, Whole, check_count
 
 from .alternatives import Alternative, AlternativesSearch, base_path, strip_cost
-from .classes import cluster_map, homotopy_class, separating_obstacles, single_obstacles
+from .classes import ClusterMap, cluster_map, homotopy_class, separating_obstacles, single_obstacles
 
 _log = logging.getLogger(__name__)
 _ANGLE_LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre
@@ -140,9 +140,15 @@ class StripSet(OneThread):
     """
 
     def __init__(
-        self, robot: RobotModel, goal: npt.ArrayLike, *, params: StripSetParams | None = None,
-        deform: DeformParams | None = None, seed: int = 0, constraint: OrientationConstraint | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        robot: RobotModel,
+        goal: npt.ArrayLike,
+        *,
+        params: StripSetParams | None = None,
+        deform: DeformParams | None = None,
+        seed: int = 0,
+        constraint: OrientationConstraint | None = None,
+    ) -> None:
         self.robot: RobotModel = robot
         self.params: StripSetParams = params or StripSetParams()
         self.deform: DeformParams = deform or DeformParams()
@@ -343,36 +349,62 @@ class StripSet(OneThread):
     def _plan(self, scene: Scene, start: Array, events: list[str], timeout: float) -> None:
         """Call the planner for what is missing; a certified strip replaces a broken current one."""
         self._since_plan, self._calls = 0, self._calls + 1
-        robot, current = self.robot, self._current
         keep = [m for m in self._members if m.report.usable]
-        clusters = None
-        if robot.space.planar:
-            endpoints = robot.space.to_coordinates(np.stack((start, self.goal)))[:, :2]
-            paths = [base_path(m.report.strip) for m in keep]
-            clusters = cluster_map(robot, scene, np.vstack((endpoints, *paths)))
-            for member, path in zip(keep, paths, strict=True):
-                member.homotopy_class = homotopy_class(path, clusters.clusters)
+        clusters = self._classified(keep, scene, start)
+        if clusters is not None:
             keep = self._unlike(keep, events)
         try:
-            problem = PlanningProblem(
-                robot, scene, start, self.goal, deformer=self._planner, seed=self.seed + self._calls, timeout=timeout,
-                backward=self.params.backward,
-            )  # fmt: skip
-            found = AlternativesSearch(
-                problem, max(self.params.count - len(keep), 1), without=[m.homotopy_class for m in keep],
-                clusters=clusters, ompl_attempts=1 if keep else 3,
-            )  # fmt: skip
-            found.run()
+            found = self._searched(scene, start, timeout, keep, clusters)
         except ConfigurationError as error:
             if not self._members:
                 raise
             events.append(f"could not replan: {error}")
             return
-        new = [_Member(robot, self.deform, self._constraint, a) for a in found.alternatives]
+        new = [_Member(self.robot, self.deform, self._constraint, a) for a in found.alternatives]
         if new:
             events.append(f"{'replanned' if self._calls > 1 else 'planned'}: {found.reason}")
         elif not keep:
             events.append(f"no strip: {found.reason}")
+        self._take(new, keep, scene, events)
+
+    def _classified(self, members: list[_Member], scene: Scene, start: Array) -> ClusterMap | None:
+        """The obstacles' clusters; the members get their class among them. None for a fixed base, with one class."""
+        if not self.robot.space.planar:
+            return None
+        endpoints = self.robot.space.to_coordinates(np.stack((start, self.goal)))[:, :2]
+        paths = [base_path(m.report.strip) for m in members]
+        clusters = cluster_map(self.robot, scene, np.vstack((endpoints, *paths)))
+        for member, path in zip(members, paths, strict=True):
+            member.homotopy_class = homotopy_class(path, clusters.clusters)
+        return clusters
+
+    def _searched(
+        self, scene: Scene, start: Array, timeout: float, keep: list[_Member], clusters: ClusterMap | None
+    ) -> AlternativesSearch:
+        """What a search finds beside the members that are kept."""
+        problem = PlanningProblem(
+            self.robot,
+            scene,
+            start,
+            self.goal,
+            deformer=self._planner,
+            seed=self.seed + self._calls,
+            timeout=timeout,
+            backward=self.params.backward,
+        )
+        search = AlternativesSearch(
+            problem,
+            max(self.params.count - len(keep), 1),
+            without=[m.homotopy_class for m in keep],
+            clusters=clusters,
+            ompl_attempts=1 if keep else 3,
+        )
+        search.run()
+        return search
+
+    def _take(self, new: list[_Member], keep: list[_Member], scene: Scene, events: list[str]) -> None:
+        """Add what was found; what is broken goes, and the current strip too where something else is certified."""
+        current = self._current
         if not keep and new and current is not None:
             self._members = []  # what was broken has no use beside what is certified
             self._switch(scene, new[0], f"replanned after {_failure(current.report)}", events)

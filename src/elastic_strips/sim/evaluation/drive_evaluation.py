@@ -220,9 +220,7 @@ def _speeds(robot: RobotModel, coordinates: Array, v: Array) -> Array:
     """(T,) largest speed of any control point [m/s]."""
     model, data, points = robot.model, robot.model.createData(), robot.control_point_set
     joints = sorted(set(points.joint.tolist()))
-    twists = np.empty(
-        (len(coordinates), len(joints), 6)
-    )  # linear and angular velocity of each joint's frame, in that frame
+    twists = np.empty((len(coordinates), len(joints), 6))  # of each joint's frame, linear and angular, in that frame
     for row, q, rate in zip(twists, robot.space.from_coordinates(coordinates), v, strict=True):
         pin.forwardKinematics(model, data, q, rate)
         for k, joint in enumerate(joints):

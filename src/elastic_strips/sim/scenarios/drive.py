@@ -81,10 +81,17 @@ class DriveOutcome(Summary):
     def _summary(self) -> dict[str, object]:
         clearance = f"{self.evaluation.min_clearance_m:.3f} m"
         return {
-            "scenario": self.scenario.name, "robot": self.robot.name, "plant": self.plant, "method": self.method,
-            "reached": self.reached, "collisions": len(self.evaluation.collisions), "least_clearance": clearance,
-            "time": f"{self.evaluation.time_s:.1f} s", "stops": len(self.result.stops), "reason": self.result.reason,
-        }  # fmt: skip
+            "scenario": self.scenario.name,
+            "robot": self.robot.name,
+            "plant": self.plant,
+            "method": self.method,
+            "reached": self.reached,
+            "collisions": len(self.evaluation.collisions),
+            "least_clearance": clearance,
+            "time": f"{self.evaluation.time_s:.1f} s",
+            "stops": len(self.result.stops),
+            "reason": self.result.reason,
+        }
 
     @property
     def tracking_error(self) -> float | None:
@@ -183,11 +190,22 @@ def make_simulation(
     problem = DrivenProblem.of(scenario, setup)
     params, seen = problem.params, problem.seen()
     return simulation(
-        problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
-        plant=problem.machine, perception=setup.perception if seen is None else seen, faults=setup.faults,
-        seed=problem.seed, watch=watch, realtime=realtime, metadata=problem.metadata, replanner=problem.replanner(),
+        problem.robot,
+        problem.world,
+        problem.start,
+        problem.goal,
+        params=params,
+        limits=problem.limits,
+        plant=problem.machine,
+        perception=setup.perception if seen is None else seen,
+        faults=setup.faults,
+        seed=problem.seed,
+        watch=watch,
+        realtime=realtime,
+        metadata=problem.metadata,
+        replanner=problem.replanner(),
         compute=setup.compute,
-    )  # fmt: skip
+    )
 
 
 def make_realtime(
@@ -232,17 +250,34 @@ def make_realtime(
         os.close(number)
     executor = ExecutorProcess(model, problem.start, problem.goal, params=params, limits=limits, log=log)
     controller = Controller(
-        model, problem.start, problem.goal, senses.known(), params=params, limits=limits, replanner=replanner,
-        seed=problem.seed, executor=executor, meter=monotonic,
-    )  # fmt: skip
+        model,
+        problem.start,
+        problem.goal,
+        senses.known(),
+        params=params,
+        limits=limits,
+        replanner=replanner,
+        seed=problem.seed,
+        executor=executor,
+        meter=monotonic,
+    )
     machine.reset(model.space.to_coordinates(problem.start))
     if plan.faults:
-        slow = 10.0 * params.latency * params.control_dt
-        controller.plan_tick = faulty_planning(controller.plan_tick, plan, slow=slow, wait=sleep)
+        controller.plan_tick = faulty_planning(controller.plan_tick, plan, params, wait=sleep)
     return RealtimeSimulation(
-        controller, executor, world, make, machine, senses, goal=controller.goal, watch=watch,
-        metadata=problem.metadata, log=log, temporary=temporary, eager=eager,
-    )  # fmt: skip
+        controller,
+        executor,
+        world,
+        make,
+        machine,
+        senses,
+        goal=controller.goal,
+        watch=watch,
+        metadata=problem.metadata,
+        log=log,
+        temporary=temporary,
+        eager=eager,
+    )
 
 
 def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfig | None = None) -> DriveParams:
@@ -325,12 +360,20 @@ def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveRe
     if suite is not None:
         unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
     return DriveOutcome(
-        scenario, driven.robot, plant, seed, result, evaluation, separation, method=method,
-        physical_contacts=touched, sensors=() if suite is None else suite.config.names,
+        scenario,
+        driven.robot,
+        plant,
+        seed,
+        result,
+        evaluation,
+        separation,
+        method=method,
+        physical_contacts=touched,
+        sensors=() if suite is None else suite.config.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
         constraint_error=_missed(driven, result),
-    )  # fmt: skip
+    )
 
 
 def _missed(driven: Simulation[Controller], result: DriveResult) -> float | None:

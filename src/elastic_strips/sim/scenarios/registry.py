@@ -13,14 +13,14 @@ from elastic_strips.errors import ScenarioError, nearest_name
 from elastic_strips.io import PoseSpec, read_scenario
 from elastic_strips.validation import shown
 
-from .corridors import COURTEOUS, COURTEOUS_SPEEDS, LENGTH, MOVING, corridor_scene, moving_corridor
+from .corridors import CORRIDOR_LENGTH, COURTEOUS, COURTEOUS_SPEEDS, MOVING, corridor_scene, moving_corridor
 from .halls import BOTTLENECK, CLOSING, CLUTTER, DEAD_END, bottleneck, closing_side, clutter, dead_end
 from .paper_cases import TABLE_2, paper_case
 from .scenario import Scenario
 
 
 def _corridor(seed: int) -> Scenario:
-    start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(LENGTH, 0.0, 0.0)
+    start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(CORRIDOR_LENGTH, 0.0, 0.0)
     return Scenario("corridor", SCENARIOS["corridor"], corridor_scene(seed), start, goal, seed=seed)
 
 

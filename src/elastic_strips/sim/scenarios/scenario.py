@@ -78,10 +78,20 @@ class Scenario(Summary):
             "paper": {name: value for name, value in spec.params.items() if name not in default - paper},
         }
         return Scenario(
-            name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
-            robot=spec.robot, base=spec.base, preset=spec.preset or "default",
-            params=params, seed=spec.seed, timeline=spec.world, robot_options=spec.robot_options, source=spec.source,
-        )  # fmt: skip
+            name=spec.name,
+            summary=spec.description,
+            scene=spec.scene,
+            start=spec.start,
+            goal=spec.goal,
+            robot=spec.robot,
+            base=spec.base,
+            preset=spec.preset or "default",
+            params=params,
+            seed=spec.seed,
+            timeline=spec.world,
+            robot_options=spec.robot_options,
+            source=spec.source,
+        )
 
     def load_robot(
         self,

@@ -84,7 +84,7 @@ class LaserRangefinder:
         return LaserScan(p.name, t, T_base_sensor[0], self.angles, ranges, p.range_min, p.range_max)
 
 
-_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # [rad] turn from one ray to the next
+_GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad] turn from one ray to the next
 
 
 def cone_rays(half_angle: float, count: int) -> Array:
@@ -95,7 +95,7 @@ def cone_rays(half_angle: float, count: int) -> Array:
         count: number of directions.
     """
     k = np.arange(count)
-    tilt, turn = half_angle * np.sqrt(k / max(count - 1, 1)), _GOLDEN * k
+    tilt, turn = half_angle * np.sqrt(k / max(count - 1, 1)), _GOLDEN_ANGLE * k
     return np.stack((np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)), axis=1)
 
 

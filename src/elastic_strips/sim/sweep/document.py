@@ -6,7 +6,7 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from elastic_strips.sim.sensors import named_sensors
 
 from .runs import ENDS, KINDS, MEASURED, Run, Value, check_values, full_name, located
 
-VERSION = 1
+SWEEP_VERSION = 1
 MAX_RUNS = 1_000_000
 MAX_SEED = 2**31 - 1
 _KEYS = ("version", "kind", "scenarios", "robots", "presets", "seeds", "grid", "fixed", "plot")
@@ -147,33 +147,21 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     root = load_yaml(path, error=SweepError)
     entries = root.mapping(_KEYS, needed=("kind", "scenarios"), what="a sweep")
     if "version" in entries:
-        entries["version"].integer(low=VERSION, high=VERSION)
+        entries["version"].integer(low=SWEEP_VERSION, high=SWEEP_VERSION)
     kind = entries["kind"].text(valid=KINDS)
     folder = str(root.source.path.parent.absolute())
-    scenarios = [node.text() for node in _listed(entries["scenarios"])]
-    for node, name in zip(entries["scenarios"].items(), scenarios, strict=True):
-        node.checked(get_scenario, located(name, folder))
-    robots: list[str | None] = [None]
-    if "robots" in entries:
-        robots = [_robot(node, folder) for node in _listed(entries["robots"])]
-    presets: list[str | None] = [None]
-    if "presets" in entries:
-        if kind != "plan":
-            entries["presets"].fail("a drive has no presets; leave them out, or use kind: plan")
-        presets = [node.text(valid=PRESETS) for node in _listed(entries["presets"])]
+    scenarios = _scenarios(entries["scenarios"], folder)
+    robots = _robots(entries["robots"], folder) if "robots" in entries else [None]
+    presets = _presets(entries["presets"], kind) if "presets" in entries else [None]
     seeds = _seeds(entries["seeds"]) if "seeds" in entries else (0,)
     fixed_nodes = entries["fixed"].mapping(what="fixed parameters") if "fixed" in entries else {}
     grid_nodes = entries["grid"].mapping(what="parameters to lists of values") if "grid" in entries else {}
-    _check_names(kind, [*grid_nodes.values(), *fixed_nodes.values()], [*grid_nodes, *fixed_nodes])
+    _check_names(kind, [*grid_nodes.items(), *fixed_nodes.items()])
     fixed = {name: _value(node) for name, node in fixed_nodes.items()}
     grid = {name: tuple(_value(n) for n in _listed(node)) for name, node in grid_nodes.items()}
     sensor_nodes = _sensor_nodes(grid_nodes, fixed_nodes)
-    if sensor_nodes:
-        owners = [robot or get_scenario(located(name, folder)).robot for name in scenarios for robot in robots]
-        for node in sensor_nodes:
-            _check_sensors(node, owners, folder)
-    named = [*scenarios, *(r for r in robots if r), *(node.text() for node in sensor_nodes)]
-    files = {name: _sha256(Path(located(name, folder))) for name in named if located(name, folder) != name}
+    _check_sensors(sensor_nodes, scenarios, robots, folder)
+    files = _digests([*scenarios, *filter(None, robots), *(node.text() for node in sensor_nodes)], folder)
     plot = _plot(entries["plot"]) if "plot" in entries else Plot()
     sweep = Sweep(
         root.source.path, kind, tuple(scenarios), tuple(robots), tuple(presets), seeds, grid, fixed, plot, files
@@ -181,9 +169,8 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     if len(sweep) > MAX_RUNS:
         root.fail(f"the sweep has {len(sweep)} runs; it may have at most {MAX_RUNS}")
     _check_values(sweep, grid_nodes, fixed_nodes)
-    for key, name in (("x", plot.x), ("y", plot.y), ("hue", plot.hue)):
-        if name is not None:
-            entries["plot"][key].text(valid=sweep.columns())
+    if "plot" in entries:
+        _check_columns(entries["plot"], sweep)
     return sweep
 
 
@@ -208,6 +195,17 @@ def _hashable(value: object) -> object:
     return repr(value) if isinstance(value, dict) else (isinstance(value, bool), value)
 
 
+def _scenarios(node: Node, folder: str) -> list[str]:
+    names = [entry.text() for entry in _listed(node)]
+    for entry, name in zip(node.items(), names, strict=True):
+        entry.checked(get_scenario, located(name, folder))
+    return names
+
+
+def _robots(node: Node, folder: str) -> list[str]:
+    return [_robot(entry, folder) for entry in _listed(node)]
+
+
 def _robot(node: Node, folder: str) -> str:
     name = node.text()
     path = located(name, folder)
@@ -216,6 +214,12 @@ def _robot(node: Node, folder: str) -> str:
     elif not os.path.isfile(path):
         node.fail(f"there is no URDF file {path}")
     return name
+
+
+def _presets(node: Node, kind: str) -> list[str]:
+    if kind != "plan":
+        node.fail("a drive has no presets; leave them out, or use kind: plan")
+    return [entry.text(valid=PRESETS) for entry in _listed(node)]
 
 
 def _seeds(node: Node) -> tuple[int, ...]:
@@ -244,8 +248,15 @@ def _sensor_nodes(grid: Mapping[str, Node], fixed: Mapping[str, Node]) -> list[N
     return [fixed["sensors"]] if "sensors" in fixed else []
 
 
-def _check_sensors(node: Node, robots: list[str], folder: str) -> None:
-    """Check that at least one of the robots has such sensors."""
+def _check_sensors(nodes: Sequence[Node], scenarios: Sequence[str], robots: Sequence[str | None], folder: str) -> None:
+    """Check that of all sensors that are named at least one of the robots has such."""
+    if nodes:
+        owners = [robot or get_scenario(located(name, folder)).robot for name in scenarios for robot in robots]
+        for node in nodes:
+            _check_some_has(node, owners, folder)
+
+
+def _check_some_has(node: Node, robots: list[str], folder: str) -> None:
     first: InputError | None = None
     for robot in dict.fromkeys(robots):
         try:
@@ -256,11 +267,11 @@ def _check_sensors(node: Node, robots: list[str], folder: str) -> None:
     node.fail(str(first))
 
 
-def _check_names(kind: str, nodes: list[Node], names: list[str]) -> None:
+def _check_names(kind: str, parameters: Sequence[tuple[str, Node]]) -> None:
     """Check that every parameter is known and named once, and that none has the name of another column."""
     seen: dict[str, str] = {}
     taken = {"run", "scenario", "robot", "preset", "seed", *MEASURED[kind], *ENDS}
-    for name, node in zip(names, nodes, strict=True):
+    for name, node in parameters:
         full = node.checked(full_name, kind, name)
         if full in seen:
             node.fail(f"is the same parameter as {seen[full]!r}, which is given, too")
@@ -295,6 +306,18 @@ def _check_some(sweep: Sweep, preset: str | None, axes: list[tuple[Value, ...]],
 def _plot(node: Node) -> Plot:
     entries = node.mapping(("x", "y", "hue"), what="a plot")
     return Plot(**{key: entry.text() for key, entry in entries.items()})
+
+
+def _check_columns(node: Node, sweep: Sweep) -> None:
+    """Check that what is drawn are columns of the sweep's table."""
+    for key in ("x", "y", "hue"):
+        if getattr(sweep.plot, key) is not None:
+            node[key].text(valid=sweep.columns())
+
+
+def _digests(named: Sequence[str], folder: str) -> dict[str, str]:
+    """SHA-256 of what those names stand for that are files."""
+    return {name: _sha256(Path(located(name, folder))) for name in named if located(name, folder) != name}
 
 
 def _sha256(path: Path) -> str:

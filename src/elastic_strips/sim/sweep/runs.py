@@ -32,17 +32,39 @@ Row: TypeAlias = "dict[str, bool | int | float | str | None]"
 KINDS = ("plan", "drive")
 MEASURED: Mapping[str, Mapping[str, type]] = {
     "plan": {
-        "status": str, "certified": bool, "reason": str, "clearance_m": float, "length_m": float, "nodes": int,
-        "ticks": int, "initial": str, "time_to_certified_ms": float, "tick_p50_ms": float, "tick_p95_ms": float,
-        "passage": str, "max_lateral_slip_m": float,
+        "status": str,
+        "certified": bool,
+        "reason": str,
+        "clearance_m": float,
+        "length_m": float,
+        "nodes": int,
+        "ticks": int,
+        "initial": str,
+        "time_to_certified_ms": float,
+        "tick_p50_ms": float,
+        "tick_p95_ms": float,
+        "passage": str,
+        "max_lateral_slip_m": float,
     },
     "drive": {
-        "state": str, "reached": bool, "reason": str, "collisions": int, "contacts_at_rest": int,
-        "min_clearance_m": float, "time_s": float, "path_m": float, "stops": int, "replans": int, "ticks": int,
-        "tick_p50_ms": float, "tick_p95_ms": float, "deadline_misses": int, "max_lateral_slip_m": float,
+        "state": str,
+        "reached": bool,
+        "reason": str,
+        "collisions": int,
+        "contacts_at_rest": int,
+        "min_clearance_m": float,
+        "time_s": float,
+        "path_m": float,
+        "stops": int,
+        "replans": int,
+        "ticks": int,
+        "tick_p50_ms": float,
+        "tick_p95_ms": float,
+        "deadline_misses": int,
+        "max_lateral_slip_m": float,
         "max_tracking_error_m": float,
     },
-}  # fmt: skip
+}
 """Kind → column → type of the measured value; docs/sweeps.md says what they mean."""
 ENDS: Mapping[str, type] = {"error_type": str, "error": str, "wall_s": float}
 """The last columns of every kind."""

@@ -155,9 +155,13 @@ class PaperDeformer(OneThread):
         """
         limit = check_ending(self.params, until, max_ticks, watch)
         return run_ticks(
-            lambda strip: self.step(strip, scene, detail=detail), strip, limit=limit, until=until, watch=watch,
+            lambda strip: self.step(strip, scene, detail=detail),
+            strip,
+            limit=limit,
+            until=until,
+            watch=watch,
             joined=lambda one, former: replace(one, heading_step=max(one.heading_step, former.heading_step)),
-        )  # fmt: skip
+        )
 
     @exclusive
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
