@@ -22,6 +22,7 @@ from .problem import Deadline
 from .validity import Checker, ValidityChecker
 
 if TYPE_CHECKING:
+    from ompl.base import RealVectorBounds
     from ompl.geometric import SimpleSetup
 
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
@@ -232,7 +233,7 @@ def _state_space(robot: RobotModel, low: Array, high: Array) -> Any:
     return compound
 
 
-def real_bounds(low: Array, high: Array) -> Any:
+def real_bounds(low: Array, high: Array) -> RealVectorBounds:
     """OMPL's bounds of a space of real numbers."""
     from ompl import base as ob
 
