@@ -17,7 +17,7 @@ from cases import each
 from command_line import CALL, interrupted
 
 from elastic_strips.cli import main
-from elastic_strips.sim.sweep.runs import CLOCKED, MEASURED
+from elastic_strips.sim.sweep.runs import MEASURED
 
 SMALL = "kind: plan\nscenarios: [case-1]\nseeds: {count: 3}\ngrid: {influence: [0.2, 0.3]}\n"
 MANY = SMALL.replace("count: 3", "count: 6")
@@ -35,7 +35,7 @@ def call(*arguments: object) -> int:
 def rows(path: Path) -> list[dict[str, str]]:
     """Of a table, without what the clock has a part in."""
     with path.open(newline="") as stream:
-        return [{k: v for k, v in row.items() if k not in CLOCKED} for row in csv.DictReader(stream)]
+        return [{k: v for k, v in row.items() if k not in odd_jobs.CLOCKED} for row in csv.DictReader(stream)]
 
 
 def kept(folder: Path) -> int:

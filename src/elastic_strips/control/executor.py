@@ -250,7 +250,7 @@ class MotionExecutor:
 
     def hold(self, reason: str, proven: float) -> None:
         self.proven = max(self.proven, proven)
-        self.supervisor.hold(self.time, reason)
+        self.supervisor.hold(reason)
 
     def reject(self, reason: str) -> None:
         self.supervisor.reject(reason, self.time)
@@ -305,7 +305,7 @@ class MotionExecutor:
             if self.estimator.doubt:
                 self.log("fault", self.estimator.doubt)
         if raw is not None:
-            self._check_touch(t, raw)
+            self._check_touch(raw)
         if self._halt:
             self._recover(t)
 
@@ -327,7 +327,7 @@ class MotionExecutor:
         if not self.at_rest(self.time):
             self.brake(reason)
 
-    def _check_touch(self, t: float, measurement: Measurement) -> None:
+    def _check_touch(self, measurement: Measurement) -> None:
         """Brake at a contact, and where an emergency stop is pressed."""
         self.contact = measurement.contact
         if measurement.emergency and not self._emergency:

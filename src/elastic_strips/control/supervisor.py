@@ -148,7 +148,7 @@ class Supervisor(RunLog):
             if self.stops and self.stops[-1][1] == _NOTHING_NEWER:  # it ended between two ticks
                 self.stops[-1] = (self.stops[-1][0], reason)
 
-    def hold(self, now: float, reason: str) -> None:
+    def hold(self, reason: str) -> None:
         """Note that the active trajectory is still certified, and why the robot will stop at its end."""
         self._rejection, self._holding = "", reason
 

@@ -44,7 +44,7 @@ def straight_line(
     a, b = space.to_coordinates(start), space.to_coordinates(goal)
     offset = space.difference(a[None], b[None])[0]
     if robot.base_kind is BaseKind.DIFF_DRIVE and np.hypot(*(b[:2] - a[:2])) > 1e-9:
-        rows = _turn_drive_turn(robot, a, b, offset, spacing, most, backward)
+        rows = _turn_drive_turn(a, b, offset, spacing, most, backward)
     else:
         reach = np.abs(offset) * np.where(np.arange(space.nv) < space.base_nv, 1.0, 0.4)
         if space.planar:
@@ -60,9 +60,7 @@ def straight_line(
     return rows
 
 
-def _turn_drive_turn(
-    robot: RobotModel, a: Array, b: Array, offset: Array, spacing: float, most: int | None, may_back: bool
-) -> Array:
+def _turn_drive_turn(a: Array, b: Array, offset: Array, spacing: float, most: int | None, may_back: bool) -> Array:
     drive = b[:2] - a[:2]
     length = float(np.hypot(*drive))
     heading = float(np.arctan2(drive[1], drive[0]))

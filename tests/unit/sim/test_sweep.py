@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from cases import each, refused
+from odd_jobs import CLOCKED
 
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.sim.scenarios import get_scenario, run_scenario
@@ -29,7 +30,7 @@ from elastic_strips.sim.sweep import (
     run_sweep,
 )
 from elastic_strips.sim.sweep.plot import plot_columns
-from elastic_strips.sim.sweep.runs import CLOCKED, Row, changed, empty
+from elastic_strips.sim.sweep.runs import Row, changed, empty
 
 PLANS = """kind: plan
 scenarios: [case-1, dead-end]

@@ -14,7 +14,6 @@ died does not come back: the process ends as soon as the robot stands, and anoth
 from __future__ import annotations
 
 import logging
-import math
 import os
 import pickle
 import threading
@@ -123,7 +122,6 @@ class ExecutorProcess:
         self._lock = threading.Lock()
         self._closing = False
         self._early: list[tuple[object, ...]] | None = []  # what is said before the process begins
-        self._restarted = -math.inf  # [s]
         self._ending = threading.Event()
         self._gone = ""
         self._process: SpawnProcess | None = None
@@ -287,7 +285,6 @@ class ExecutorProcess:
     def retarget(self, goal: Array, tolerance: Tolerance) -> None:
         with self._lock:
             self._sent = (self.now, *self._sent[1:3], False)
-            self._restarted = self.now
             self.run.state, self.run.reason = RunState.STOPPED, "new goal"
         self._put("retarget", goal, tolerance)
 

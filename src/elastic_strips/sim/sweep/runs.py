@@ -68,8 +68,6 @@ MEASURED: Mapping[str, Mapping[str, type]] = {
 """Kind → column → type of the measured value; docs/sweeps.md says what they mean."""
 ENDS: Mapping[str, type] = {"error_type": str, "error": str, "wall_s": float}
 """The last columns of every kind."""
-CLOCKED = ("time_to_certified_ms", "tick_p50_ms", "tick_p95_ms", "deadline_misses", "wall_s")
-"""Columns that depend on the clock: they differ between two identical runs."""
 
 
 @dataclass(frozen=True, slots=True)
