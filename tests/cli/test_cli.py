@@ -48,9 +48,9 @@ def _object(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("word", ["bench", "study"])
-def test_what_a_checkout_has_is_said(word: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call(word, "plan") == 2
+@pytest.mark.parametrize("words", ["bench plan", "study paper", "drive case-1 --method vfh"])
+def test_what_a_checkout_has_is_said(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(*words.split()) == 2
     assert "python -m workshop" in capsys.readouterr().err
 
 

@@ -32,8 +32,18 @@ _COMPUTING = {
 }
 
 
+def _base_method(_context: click.Context, _option: click.Parameter, method: str | None) -> None:
+    """Say where the option of earlier versions is."""
+    if method is not None:
+        raise click.UsageError(
+            "base methods are not part of the package: in a checkout of its sources, "
+            f"python -m workshop base SCENARIO --method {method}"
+        )
+
+
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
+@click.option("--method", hidden=True, expose_value=False, callback=_base_method)
 @options.robot_option(help="A robot other than the scenario's.")
 @robot_options
 @options.base_option()
