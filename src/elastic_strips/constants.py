@@ -20,7 +20,7 @@ UNIT_EXCESS = 1e-9
 NORMAL_EXCESS = 5e-6
 """A distance may be this much [m] above what its normal proves."""
 GJK_EXCESS = 1e-5
-"""Every bound subtracts this much [m]: twice the most that a distance may be above its proof, and the rounding."""
+"""Every bound subtracts this much [m]: as much as a distance may be above its proof, and as much again for rounding."""
 FAR = 1e9
 """Of what nothing is known: its bound is −FAR, and it has moved by FAR [m]."""
 CAPSULE_LOOSE = 0.15

@@ -16,11 +16,9 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import LIMIT_TOLERANCE, wrap_angle
+from elastic_strips.robot.space import HALF_TURN, LIMIT_TOLERANCE, wrap_angle
 
 INTERPOLATIONS = ("arc", "line", "values", "shortest")
-HALF_TURN = np.pi - 1e-5
-"""A turn by more than this [rad] has two ways that are equally short."""
 _FARTHEST_BASE = 1e6  # [m] from the origin
 _MOST_TURN = 1e4  # [rad] of a turning column's values
 _ARC_BOW = 1e-4  # [m] by which arcs may leave the line that they stand for

@@ -557,21 +557,25 @@ class Controller:
         apart = self._apart(self._replan_from, end)
         beside = self.planner.off_strip and (apart or not stands)
         if apart and not beside:  # it braked
-            self._replan_task = None
-            self.replanner.discard(task.result())
+            self._finish(task, self.replanner.discard)
         return beside
 
     def _take(self, plan: Future[Replanned], beside: bool) -> None:
         """Follow a strip that was planned anew, if there is one."""
-        self._replan_task = None
-        error = plan.exception()
-        found = plan.result() if error is None else Replanned(None, "")
-        self.replanner.take(found)
-        if error is not None:
-            raise error
+        found = self._finish(plan, self.replanner.take)
         if found.strip is not None:
             self.planner.take(found.strip, beside=beside)
         self.executor.log("replanned", found.reason)
+
+    def _finish(self, plan: Future[Replanned], told: Callable[[Replanned], None]) -> Replanned:
+        """The outcome of a plan, told to the replanner in any case; what has failed is raised after that."""
+        self._replan_task = None
+        error = plan.exception()
+        found = plan.result() if error is None else Replanned(None, "")
+        told(found)
+        if error is not None:
+            raise error
+        return found
 
     def _apart(self, one: Array, other: Array) -> bool:
         """Whether a strip that begins at one configuration does not begin at another."""

@@ -20,6 +20,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, Document
 from elastic_strips.coal_shapes import for_penetration
 from elastic_strips.collision import BodySet, MotionBounds
+from elastic_strips.constants import GJK_EXCESS
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -35,7 +36,6 @@ _MOST_STEPS = 600
 _FREE_MARGIN = 1e-3  # [m] more than is needed, where it counts as free: what is planned from there needs room
 _DISTANCE_REACH = 0.02  # [m] beyond what is needed, that distances are known of
 _DERIVATIVE_STEP = 1e-5  # [rad or m] of numerical derivatives
-_COAL_ACCURACY = 1e-5  # [m] accuracy of Coal's distances
 _MOST_HALVINGS = 5
 
 
@@ -208,7 +208,7 @@ class _Distances:
             first, second = for_penetration(one, two)
             self._result.clear()
             distance = coal.distance(first, poses[pair[0]], second, other, self._request, self._result)
-            found[pair] = float(distance) - _COAL_ACCURACY
+            found[pair] = float(distance) - GJK_EXCESS
         return found
 
     def _part(self, part: int, box: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
@@ -327,7 +327,7 @@ def _checked(near: _Distances, strip: Strip, tight: set[_Pair]) -> float:
                 one, two = near.names(pair)
                 raise ConfigurationError(f"start touches, and on the way out {one!r} comes too near to {two!r}")
         last = there
-    return float(twice.max()) + _COAL_ACCURACY
+    return float(twice.max()) + GJK_EXCESS
 
 
 def joined(departure: Departure, rest: Strip) -> Strip:

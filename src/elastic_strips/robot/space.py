@@ -66,7 +66,8 @@ def is_follower(joint: pin.JointModel) -> bool:
     return joint.shortname() == "JointModelMimic"
 
 
-_HALF_TURN = np.pi - 1e-5
+HALF_TURN = np.pi - 1e-5
+"""A turn by more than this [rad] has two ways that are equally short."""
 
 
 def nonzero(mask: Mask) -> tuple[Indices, ...]:
@@ -253,8 +254,8 @@ class ConfigurationSpace(Summary):
         Between two such configurations there are two paths, and rounding decides which one Pinocchio takes; so nothing
         is certified on them. Within 1e-5 of π.
         """
-        turned = np.abs(v[..., self.base_nv :][..., self.circular]).max(axis=-1, initial=0.0) >= _HALF_TURN
-        return turned | (np.abs(v[..., 2]) >= _HALF_TURN) if self.planar else turned
+        turned = np.abs(v[..., self.base_nv :][..., self.circular]).max(axis=-1, initial=0.0) >= HALF_TURN
+        return turned | (np.abs(v[..., 2]) >= HALF_TURN) if self.planar else turned
 
     def base_difference_jacobians(self, v: Array) -> tuple[Array, Array]:
         """Base blocks (…, 3, 3) of ``pin.dDifference`` at base twists ``v`` (…, ≥3): wrt the first and the second.

@@ -201,7 +201,7 @@ class LiveStrip:
             "</iframe>"
         )
 
-    # Messages of the page, in the viewer's thread
+    # Messages of the pages, in the thread that hears them
 
     def _hear(self, drag: Drag) -> None:
         if drag.kind == "release":
