@@ -419,10 +419,10 @@ class Deformer(OneThread):
 
     def _straight(self, coordinates: Array) -> Array:
         """(N, nv) as many nodes on the straight line between the ends."""
-        ends = coordinates[[0, -1]]
-        if len(self._line) != len(coordinates) or not np.array_equal(self._line_ends, ends):
+        ends = coordinates[:: len(coordinates) - 1]
+        if len(self._line) != len(coordinates) or (self._line_ends != ends).any():
             part = np.linspace(0.0, 1.0, len(coordinates))
-            self._line, self._line_ends = self.robot.space.interpolate(ends[:1], ends[1:], part), ends
+            self._line, self._line_ends = self.robot.space.interpolate(ends[:1], ends[1:], part), ends.copy()
         return self._line
 
     def _shortened(self, before: Array, coordinates: Array, asked: _Request, full: TickResult) -> TickResult:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -218,7 +218,9 @@ def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, t
         target: (nv,) or (N, nv) posture; the base's entries do not count.
         k_p: (nv,) gains, zero for the base.
     """
-    b, target = space.base_nv, np.broadcast_to(target, coordinates.shape)
+    b = space.base_nv
+    if target.shape != coordinates.shape:
+        target = np.broadcast_to(target, coordinates.shape)
     if system.native is not None:
         target = np.ascontiguousarray(target)
         system.energies["posture"] = system.native.add_posture(coordinates, target, k_p, space.circular)
@@ -235,8 +237,7 @@ def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, t
     system.energies["posture"] = energy
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Acting:
+class Acting(NamedTuple):
     """What forces act on in one update, and how.
 
     Attributes:
