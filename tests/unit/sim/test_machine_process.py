@@ -110,21 +110,28 @@ def test_the_timeout_counts_from_the_command(machine: MachineProcess, driver: Ma
     assert not any(s.motors.any() for s in states)
 
 
-def test_a_reader_that_was_stopped_gets_the_sums_right(machine: MachineProcess, driver: MachineDriver):
-    begin = rows(machine, bool)[-1].coordinates
-    drive(machine, driver, 0.3, lambda end=machine.now + 1.0: machine.now > end)  # it reads nothing meanwhile
-    end = rows(machine, stands)[-1]
+def measured_until(machine: MachineProcess, driver: MachineDriver, time: float) -> list[Measurement]:
+    """What a driver measures, up to a pose that is newer than a time [s]."""
     got: list[Measurement] = []
 
     def newest() -> bool:
         measured = driver.measure(machine.now)
         if measured is not None:
             got.append(measured)
-        return bool(got) and (got[-1].pose_time or 0.0) > end.time
+        return bool(got) and (got[-1].pose_time or 0.0) > time
 
     until(newest)
+    return got
+
+
+def test_a_reader_that_was_stopped_gets_the_sums_right(machine: MachineProcess, driver: MachineDriver):
+    begin = rows(machine, stands)[-1]
+    measured_until(machine, driver, begin.time)  # what was driven before
+    drive(machine, driver, 0.3, lambda end=machine.now + 1.0: machine.now > end)  # it reads nothing meanwhile
+    end = rows(machine, stands)[-1]
+    got = measured_until(machine, driver, end.time)
     travel = sum(np.mean(m.drive) for m in got)
-    assert travel == pytest.approx(np.linalg.norm(end.coordinates[:2] - begin[:2]), abs=1e-6)
+    assert travel == pytest.approx(np.linalg.norm(end.coordinates[:2] - begin.coordinates[:2]), abs=1e-6)
     assert travel > 0.1
     fixes = [m for m in got if m.pose is not None]
     assert fixes
