@@ -76,17 +76,23 @@ print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and ru
     printf '%s\n' "$digest" >"$stamp"
 }
 
+# apt_install WHAT PACKAGES: where root runs this on Debian; one at a time, for apt knows no waiting.
+apt_install() {
+    [ "$(id -u)" -eq 0 ] && command -v apt-get >/dev/null 2>&1 || return 1
+    say "Installing $1"
+    (
+        flock 9
+        apt-get update -qq &&
+            DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${@:2}" >/dev/null
+    ) 9>"${TMPDIR:-/tmp}/elastic-strips-apt.lock"
+}
+
 # The native kernel is compiled while the checkout is installed; without a compiler NumPy computes, several times slower.
 setup_compiler() {
     local headers
     headers="$("$VENV/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["include"])')/Python.h"
     command -v "${CXX:-c++}" >/dev/null 2>&1 && [ -f "$headers" ] && return
-    if [ "$(id -u)" -eq 0 ] && command -v apt-get >/dev/null 2>&1; then
-        say "Installing a compiler"
-        apt-get update -qq &&
-            DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends g++ python3-dev >/dev/null &&
-            return
-    fi
+    apt_install "a compiler" g++ python3-dev && return
     say "No C++ compiler, or no headers of Python: the native kernel is left out (Debian: apt-get install g++ python3-dev)"
 }
 
@@ -102,11 +108,7 @@ find_chromium() {
 # Tests that look at pictures need a Chromium; without one they are skipped.
 setup_chromium() {
     find_chromium >/dev/null && return
-    if [ "$(id -u)" -eq 0 ] && command -v apt-get >/dev/null 2>&1; then
-        say "Installing chromium"
-        apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium >/dev/null &&
-            return
-    fi
+    apt_install chromium chromium && return
     # Ubuntu has it as a snap only
     say "No chromium: the tests that look at pictures will be skipped (Debian: apt-get install chromium)"
 }

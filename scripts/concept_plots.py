@@ -20,8 +20,8 @@ import elastic_strips as es
 from elastic_strips.collision import BodySet, Certificate, MotionBounds, ObstacleProximity
 from elastic_strips.robot import Kinematics
 from elastic_strips.sim import simulation
-from elastic_strips.sim.study.figures import Outline, draw_scene
 from elastic_strips.trajectory import Retimer
+from workshop.study.figures import Outline, draw_scene
 
 FREE, BROKEN, LINE, ROBOT, LINK = "#1b8a5a", "#b3261e", "#8a8f98", "#3b6ea5", "#d9822b"
 plt.rcParams.update({"svg.hashsalt": "elastic_strips", "font.size": 9, "axes.spines.top": False})

@@ -1,9 +1,12 @@
-"""What all tests share: one of each robot per session, and the oracles on the import path."""
+"""What all tests share: one of each robot per session, their marks, and that no test leaves anything set."""
 
 from __future__ import annotations
 
 import os
+import random
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +16,78 @@ from hypothesis import settings
 from elastic_strips.robot import RobotModel, load_robot
 
 sys.path.insert(0, str(Path(__file__).parent / "oracle"))
+sys.path.append(str(Path(__file__).parents[1]))  # the workshop, which is no part of the package
+
+import marks
+import process_state
 
 os.environ.pop("FORCE_COLOR", None)  # what is printed is compared as plain text
 
 # The same examples everywhere, and no limit on the time of one: what is green here is green on a busy machine, too.
 settings.register_profile("elastic_strips", deadline=None, derandomize=True)
 settings.load_profile("elastic_strips")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--shuffle", type=int, metavar="SEED", help="files, and the tests in each, in an order of this seed"
+    )
+    parser.addoption("--write-slow", action="store_true", help="measure which tests are slow, for tests/slow.txt")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    listed = marks.slow()
+    for item in items:
+        marks.mark(item, listed)
+    seed = config.getoption("shuffle")
+    if seed is not None:  # by files, so that what the tests of one share is still made once
+        order, files = random.Random(seed), {}
+        for item in items:
+            files.setdefault(item.path, []).append(item)
+        rows = list(files.values())
+        order.shuffle(rows)
+        for row in rows:
+            order.shuffle(row)
+        items[:] = [item for row in rows for item in row]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    with marks.guarded(item):
+        return (yield)
+
+
+_took: dict[str, float] = {}  # [s] of a processor, with the processes that it waited for
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    began = sum(os.times()[:4])
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(("cpu", sum(os.times()[:4]) - began))
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.when == "call":
+        name = marks.name_of(report.nodeid)
+        _took[name] = _took.get(name, 0.0) + float(dict(report.user_properties).get("cpu", 0.0))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if session.config.getoption("write_slow") and not hasattr(session.config, "workerinput"):
+        marks.measured(_took)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left_set() -> Iterator[None]:
+    """Whatever a test leaves set is an error of that test: else another fails for it, in some orders of the tests."""
+    before = process_state.settings()
+    yield
+    changed = process_state.changed(before)
+    assert not changed, "this test leaves " + "; ".join(changed)
+
 
 GANTRY = """<robot name="gantry">
   <link name="rail"><collision><origin xyz="0 0 0.05"/><geometry><box size="0.6 0.3 0.1"/></geometry></collision></link>
@@ -150,6 +219,25 @@ def column(column_urdf: Path) -> RobotModel:
 def robot(request: pytest.FixtureRequest) -> RobotModel:
     """Each robot in turn."""
     return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of a Chromium; who draws with one is skipped where there is none."""
+    from elastic_strips.viewer.browser import find_browser
+
+    path = find_browser()
+    if path is None:
+        pytest.skip("no chromium")
+    return path
+
+
+@pytest.fixture
+def own_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time limits of planning count the time of the thread that plans: how busy the machine is decides nothing."""
+    from elastic_strips.planning import problem
+
+    monkeypatch.setattr(problem, "perf_counter", time.thread_time)
 
 
 @pytest.fixture

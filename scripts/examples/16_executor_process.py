@@ -14,7 +14,7 @@ import numpy as np
 import elastic_strips as es
 from elastic_strips.control import Command, Controller, Measurement
 from elastic_strips.control.driver import COMMAND_TIMEOUT
-from elastic_strips.control.executor_process import ExecutorProcess
+from elastic_strips.control.process import ExecutorProcess
 from elastic_strips.trajectory import MotionLimits
 
 

@@ -1,4 +1,4 @@
-"""Late loading: names of a package whose modules are imported when somebody asks for one of them."""
+"""Late loading: names of a package whose modules are imported when one of them is used."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from importlib import import_module
 
 
 def late_names(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
-    """The ``__getattr__`` of a package: it imports a module when that, or one of its names, is read first.
+    """The ``__getattr__`` of a package: it imports a module when it, or one of its names, is first used.
 
     Args:
         package: ``__name__`` of the package.

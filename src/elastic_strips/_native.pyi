@@ -3,8 +3,9 @@
 Shapes of arrays are those of the attributes that they belong to: see `Kinematics`, `BodySet`, `CandidateParts`,
 `ObstacleProximity`, `SelfProximity` and `System`. Arrays have to be contiguous and of their very type (float64, int64,
 bool; states int8, triangles uint32): none is converted. Before anything is read or written, all sizes and all numbers
-that count others are compared: `TypeError` or `ValueError` where they do not fit. A workspace that another thread is
-in raises `RuntimeError`.
+that count others are compared, and what is only read has to be finite: `TypeError` or `ValueError` where it does not
+fit. What numbers parts belongs to one `Parts`, and no other is accepted with it. A workspace that another thread is in
+raises `ThreadError`, and what has no answer `NumericalError`.
 """
 
 from collections.abc import Sequence
@@ -21,8 +22,8 @@ distances were bounded, and how many measured."""
 coal_version: str
 """Of the headers that it was compiled with."""
 
-class NoDepth(FloatingPointError):
-    """Coal finds no depth of two shapes that penetrate, at any tolerance."""
+constants: dict[str, float | tuple[float, ...]]
+"""Of `elastic_strips.constants`, as it was compiled with."""
 
 class Solid:
     pass
@@ -60,34 +61,35 @@ class Bodies:
         skin: float,
     ) -> None: ...
 
-class Poses:
-    def __init__(self, rotation: Array, translation: Array, box_center: Array, box_half: Array) -> None: ...
+class Parts:
+    def __init__(
+        self, solids: Sequence[Solid], rotation: Array, translation: Array, box_center: Array, box_half: Array
+    ) -> None: ...
 
 class Moving:
-    def __init__(self, shift: Array, uncertainty: Array, mover: Indices) -> None: ...
+    def __init__(self, parts: Parts, shift: Array, uncertainty: Array, mover: Indices) -> None: ...
 
 class Distances:
     def __init__(
-        self, bound: Array, since: Array, exact: Array, direction: Array, witness: Array, limit: Array
+        self, parts: Parts, bound: Array, since: Array, exact: Array, direction: Array, witness: Array, limit: Array
     ) -> None: ...
 
 class Narrowphase:
     def __init__(self, bodies: Bodies) -> None: ...
-    def set_parts(self, parts: Sequence[Solid]) -> None: ...
     def query(
         self,
         T: Array,
         node: Indices,
         body: Indices,
         part: Indices,
-        poses: Poses,
+        parts: Parts,
         shift: Array | None,
         distance: Array,
         direction: Array,
         witness: Array,
     ) -> None: ...
     def refine(
-        self, T: Array, poses: Poses, moving: Moving | None, influence: float, distances: Distances
+        self, T: Array, parts: Parts, moving: Moving | None, influence: float, distances: Distances
     ) -> tuple[int, int]: ...
     def follow(
         self,
@@ -109,7 +111,7 @@ class Narrowphase:
         J: Array,
         coordinates: Array,
         v: Array,
-        poses: Poses,
+        parts: Parts,
         moving: Moving | None,
         radius: Array,
         approach: Array | None,
@@ -123,7 +125,7 @@ class Narrowphase:
         T: Array,
         coordinates: Array,
         v: Array,
-        poses: Poses,
+        parts: Parts,
         moving: Moving | None,
         travel: Array,
         approach: Array | None,
@@ -171,16 +173,14 @@ class System:
         self, pairs: SelfPairs, T: Array, J: Array, distances: SelfDistances, repulsion: Array, k_s: float
     ) -> float: ...
     def add_posture(self, coordinates: Array, target: Array, k_p: Array, circular: Mask) -> float: ...
-    def solve(self, damping: Array, delta: Array) -> bool: ...
+    def solve(self, damping: Array, delta: Array) -> None: ...
 
 def difference(planar: bool, circular: Mask, a: Array, b: Array, v: Array) -> None: ...
 def integrate(planar: bool, circular: Mask, a: Array, v: Array, out: Array) -> None: ...
 def project_rolling(coordinates: Array, iterations: int) -> tuple[float, int]: ...
 
 class Validity:
-    def __init__(
-        self, bodies: Bodies, parts: Sequence[Solid], self_pairs: Indices, poses: Poses, radius: Array, margin: float
-    ) -> None: ...
+    def __init__(self, bodies: Bodies, parts: Parts, self_pairs: Indices, radius: Array, margin: float) -> None: ...
     @property
     def checks(self) -> int: ...
     def valid(self, coordinates: Array) -> bool: ...

@@ -1,6 +1,6 @@
 """The catalogue: every robot, scenario, preset and fault that has a name, with a line about each; robots' files.
 
-It makes and reads none of them, so that they can be listed at once.
+It neither makes nor reads any of them, so that they can be listed at once.
 """
 
 from __future__ import annotations
@@ -42,15 +42,7 @@ PLANTS = {
     "kinematic": "wheels with slip and lag",
     "mujoco": "the physics of MuJoCo (extra sim)",
 }
-"""Machines that are driven."""
-METHODS = {
-    "strip": "the elastic strip",
-    "apf": "artificial potential field, for a base alone",
-    "vff": "virtual force field, for a base alone",
-    "vfh": "vector field histogram, for a base alone",
-    "band": "elastic band, for a base alone",
-}
-"""What steers a drive."""
+"""Simulated machines that can be driven."""
 
 FAULTS = {
     "slip": "the wheels lose this part of their travel",
@@ -77,7 +69,7 @@ FAULTS = {
     "scene_empty": "the scene holds no obstacle",
     "viewer_killed": "the viewer's process dies",
 }
-"""What can be injected into a drive, and what it does; where it has a size, that is what "this" and "so" stand for."""
+"""Faults that can be injected into a drive, and their effects; "this" and "so" stand for the size of a fault."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +82,7 @@ class KnownRobot:
         base: how its root moves, unless told otherwise: ``"diff_drive"``, ``"omni"`` or ``"fixed"``.
         urdf, srdf: its files.
         package_dirs: folders that its meshes are named from.
-        planned: joints that are planned unless told otherwise; None: what ``load_robot`` plans of a file.
+        planned: joints that are planned unless told otherwise; None: those that ``load_robot`` plans of a file.
         home: joint → value [rad or m] of a home posture of its own.
         hand_frame: frame of its last control point.
     """
@@ -113,11 +105,14 @@ _TIAGO_HOME = {
 
 _OWN = (
     ("silvermate", "silvermate", "hand_frame", "the paper's robot: round differential-drive base, 7-DOF arm"),
-    ("jackal-box", "jackal_box", None,
-     "a Jackal-sized box on two wheels, 0.508 x 0.43 m, no arm: differential drive"),
-    ("bridge-arm", "bridge_arm", "tool_frame",
-     "a box on two wheels, 0.5 x 0.5 m, with a 6-DOF arm of the UR5's proportions: differential drive"),
-)  # fmt: skip
+    ("jackal-box", "jackal_box", None, "a Jackal-sized box on two wheels, 0.508 x 0.43 m, no arm: differential drive"),
+    (
+        "bridge-arm",
+        "bridge_arm",
+        "tool_frame",
+        "a box on two wheels, 0.5 x 0.5 m, with a 6-DOF arm of the UR5's proportions: differential drive",
+    ),
+)
 
 _MAKERS = {
     "a1": "Unitree A1, quadruped",
@@ -178,7 +173,7 @@ def find_robot(name: str) -> KnownRobot:
     """A robot by its name, or by that of its folder in example-robot-data if it is alone there.
 
     Raises:
-        RobotError: an unknown name, or one that several robots share; the message lists them.
+        RobotError: an unknown name, or a name that several robots share; the message lists them.
     """
     known = _catalogue()
     if name in known:
@@ -207,7 +202,7 @@ def is_ours(urdf: Path) -> bool:
 
 
 def recorded_robot(name: str, urdf: str | None) -> str | None:
-    """What to load a recorded robot by: its name, or its URDF where another robot than the named one had that name."""
+    """The name or URDF by which to load a recorded robot; the URDF if another robot has that name now."""
     if name not in _catalogue():
         return urdf
     own = find_robot(name).urdf
@@ -224,18 +219,30 @@ def _catalogue() -> dict[str, KnownRobot]:
     for name, file, hand, summary in _OWN:
         srdf = folder / f"{file}.srdf"
         known[name] = KnownRobot(
-            name, summary, "diff_drive", folder / f"{file}.urdf", srdf if srdf.is_file() else None, (folder,),
+            name,
+            summary,
+            "diff_drive",
+            folder / f"{file}.urdf",
+            srdf if srdf.is_file() else None,
+            (folder,),
             hand_frame=hand,
-        )  # fmt: skip
+        )
     share = _example_robot_data()
     if share is None:
         return known
     root = share / "example-robot-data/robots"
     tiago = root / "tiago_description/robots/tiago.urdf"
     known["tiago"] = KnownRobot(
-        "tiago", "PAL Robotics TIAGo of example-robot-data: differential drive, lift, 7-DOF arm", "diff_drive", tiago,
-        None, (share,), tuple(_TIAGO_HOME), _TIAGO_HOME, "hand_palm_link",
-    )  # fmt: skip
+        "tiago",
+        "PAL Robotics TIAGo of example-robot-data: differential drive, lift, 7-DOF arm",
+        "diff_drive",
+        tiago,
+        None,
+        (share,),
+        tuple(_TIAGO_HOME),
+        _TIAGO_HOME,
+        "hand_palm_link",
+    )
     files = sorted(root.glob("*/*/*.urdf"))
     stems = Counter(urdf.stem for urdf in files)
     for urdf in files:
@@ -250,7 +257,7 @@ def _catalogue() -> dict[str, KnownRobot]:
 
 @cache
 def _shared() -> dict[str, tuple[str, ...]]:
-    """Names that are no robot's own: of folders, and of files where several are called so."""
+    """Names that do not belong to a single robot: those of folders, and of files where several have the same."""
     share = _example_robot_data()
     shared: dict[str, list[str]] = {}
     for robot in _catalogue().values():
@@ -262,7 +269,7 @@ def _shared() -> dict[str, tuple[str, ...]]:
 
 
 def _folder(urdf: Path, root: Path) -> str:
-    """What the robot's folder is called after."""
+    """The name in the robot's folder."""
     return urdf.relative_to(root).parts[0].removesuffix("_description").removesuffix("_data")
 
 

@@ -1,11 +1,11 @@
 """Covering: convex pieces grow until they hold a body's surface and what it encloses.
 
-Space is cut into cubes, and the surface along their faces. What lies of a closed body in one cube is held by the convex
+Space is cut into cubes, and the surface along their faces. The part of a closed body in one cube is held by the convex
 hull of the surface in it and of those of its corners that are inside. So the pieces hold the body where each cube's
 points all lie in one of them: each cube is given to the piece that it sticks out of least, and that piece grows.
 
-Inside is what is not reached from outside through cubes without surface. Of a body with holes the surface alone is
-held.
+A place is inside if it is not reached from outside through cubes without surface. Of a body with holes only the surface
+is held.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.hulls import convex_hull
 
-_SPLIT = 1.0 / 32.0  # edge of a cube, as a share of the body's diagonal
-_MOST_CUT = 800_000  # triangles that the surface gets by being cut; with more, cubes are larger
-_TOUCH = 1e-9  # of a cube's edge, within which a point counts as on its face
-_SHIFT = np.array([0.37, 0.41, 0.43])  # of a cube's edge: bodies have faces at round numbers
-_BLOCK = 50_000  # points that are measured at once
+_CUBE_SHARE = 1.0 / 32.0  # edge of a cube, as a share of the body's diagonal
+_MOST_CUT_TRIANGLES = 800_000  # triangles that the surface gets by being cut; with more, cubes are larger
+_FACE_TOLERANCE = 1e-9  # of a cube's edge, within which a point counts as on its face
+_GRID_SHIFT = np.array([0.37, 0.41, 0.43])  # of a cube's edge: bodies have faces at round numbers
+_POINTS_AT_ONCE = 50_000  # points that are measured at once
 
 _Faces = NDArray[np.int64]
 
@@ -36,7 +36,7 @@ class _Cells:
         members: (M,) numbers of points, cube by cube.
         starts: (C,) where the members of each cube begin.
         centers: (C, 3) [m].
-        radius: [m] of a ball about a cube.
+        radius: radius [m] of a ball about a cube.
     """
 
     points: Array
@@ -47,13 +47,13 @@ class _Cells:
 
 
 def grown_pieces(vertices: Array, faces: _Faces, pieces: list[Array], *, closed: bool) -> tuple[list[Array], float]:
-    """Points whose hulls hold a body, and how far [m] it stuck out of the given ones at most.
+    """Points whose hulls hold a body, and how far [m] it stuck out of the given pieces at most.
 
     Args:
         vertices: (V, 3) [m].
-        faces: (F, 3), none of them without an area.
+        faces: (F, 3) triangles, each with an area.
         pieces: corners (C_k, 3) [m] of the convex pieces to grow, none of them flat.
-        closed: whether the surface encloses something: whether each edge belongs to two triangles.
+        closed: whether the surface encloses something, that is, each edge belongs to two triangles.
     """
     cells = _cells_of(vertices, faces, closed)
     planes = [convex_hull(piece).equations for piece in pieces]
@@ -87,10 +87,10 @@ def surface_cells(vertices: Array, faces: _Faces) -> list[Array]:
 
 def _cells_of(vertices: Array, faces: _Faces, closed: bool) -> _Cells:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    edge = _SPLIT * float(np.linalg.norm(high - low))
-    while _pieces_of(vertices[faces], edge) > len(faces) + _MOST_CUT:
+    edge = _CUBE_SHARE * float(np.linalg.norm(high - low))
+    while _pieces_of(vertices[faces], edge) > len(faces) + _MOST_CUT_TRIANGLES:
         edge *= 1.25
-    scaled = (vertices - low) / edge + _SHIFT + 1.0  # a layer of empty cubes about the body
+    scaled = (vertices - low) / edge + _GRID_SHIFT + 1.0  # a layer of empty cubes about the body
     points, triangles = _cut(scaled, faces)
     size = np.floor(points.max(axis=0)).astype(np.int64) + 2
     cell, point = _touched(points, triangles, size)
@@ -104,7 +104,7 @@ def _cells_of(vertices: Array, faces: _Faces, closed: bool) -> _Cells:
     cell, point = cell[order], point[order]
     starts = np.flatnonzero(np.concatenate(([True], cell[1:] != cell[:-1])))
     centers = np.column_stack(np.unravel_index(cell[starts], tuple(size))) + 0.5
-    points, centers = ((each - _SHIFT - 1.0) * edge + low for each in (points, centers))
+    points, centers = ((each - _GRID_SHIFT - 1.0) * edge + low for each in (points, centers))
     points[: len(vertices)] = vertices  # exactly
     return _Cells(points, point, starts, centers, edge * float(np.sqrt(0.75)) * (1.0 + 1e-6))
 
@@ -125,7 +125,7 @@ def _cut(points: Array, faces: _Faces) -> tuple[Array, _Faces]:
         done = []
         while len(open_faces):
             x = points[open_faces, axis]
-            first, last = np.floor(x.min(axis=1) + _TOUCH), np.ceil(x.max(axis=1) - _TOUCH)
+            first, last = np.floor(x.min(axis=1) + _FACE_TOLERANCE), np.ceil(x.max(axis=1) - _FACE_TOLERANCE)
             through = last - first > 1.5
             done.append(open_faces[~through])
             crossing, x = open_faces[through], x[through]
@@ -151,11 +151,11 @@ def _touched(points: Array, triangles: _Faces, size: Indices) -> tuple[Indices, 
     """Numbers of cubes, and of points of triangles that touch them: each pair once."""
     strides = np.array([size[1] * size[2], size[2], 1])
     pairs = []
-    for begin in range(0, len(triangles), 4 * _BLOCK):
-        some = triangles[begin : begin + 4 * _BLOCK]
+    for begin in range(0, len(triangles), 4 * _POINTS_AT_ONCE):
+        some = triangles[begin : begin + 4 * _POINTS_AT_ONCE]
         corners = points[some]
-        low = np.floor(corners.min(axis=1) - _TOUCH).astype(np.int64)
-        high = np.floor(corners.max(axis=1) + _TOUCH).astype(np.int64)
+        low = np.floor(corners.min(axis=1) - _FACE_TOLERANCE).astype(np.int64)
+        high = np.floor(corners.max(axis=1) + _FACE_TOLERANCE).astype(np.int64)
         keys = []
         for step in np.ndindex(2, 2, 2):
             cube = low + step
@@ -209,10 +209,10 @@ def _enclosed(filled: NDArray[np.bool_]) -> tuple[Indices, Indices, Array]:
 
 
 def _outside(points: Array, planes: Array) -> Array:
-    """How far [m] points lie outside of planes (K, 4); negative inside of all."""
+    """How far [m] points lie outside planes (K, 4); negative inside of all."""
     out = np.empty(len(points))
-    for begin in range(0, len(points), _BLOCK):
-        rows = slice(begin, begin + _BLOCK)
+    for begin in range(0, len(points), _POINTS_AT_ONCE):
+        rows = slice(begin, begin + _POINTS_AT_ONCE)
         out[rows] = (points[rows] @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     return out
 

@@ -5,16 +5,16 @@ Distances to a triangle soup are hollow: a robot deep inside a closed mesh would
 1. A mesh falls apart into its connected bodies. A closed body that is convex, but for dents of 0.1 % of its size, is
    one piece: its convex hull, or, of more than 3,000 corners, a slightly larger one
    (:func:`elastic_strips.hulls.few_corners`).
-2. A flat body becomes thin plates, `PLATE` thick on either side: one where it is convex, else one per triangle, or per
-   cube of space where there are many.
-3. A small or thin body, of less than `SMALL` of the mesh's diagonal across, becomes its convex hull.
+2. A flat body becomes thin plates, `PLATE_REACH` thick on either side: one where it is convex, else one per triangle,
+   or per cube of space where there are many.
+3. A small or thin body, of less than `SMALL_BODY` of the mesh's diagonal across, becomes its convex hull.
 4. Any other body is decomposed by V-HACD, whose pieces cut corners by a few percent of the body's size. Therefore they
    grow (:mod:`elastic_strips.covering`) until **together they hold every point of the surface, and of a closed
-   body every point inside** (to rounding, `TOLERANCE`). They may stick out of the mesh by V-HACD's voxel or what its
-   pieces had cut off: up to 3 % of a closed body's diagonal was measured (ring, torus, L-profile), more where a body
-   has holes in its surface, which the pieces bridge.
-5. Of more than `MANY` bodies those near each other are taken together, as their common hull; the log says how large
-   these are.
+   body every point inside** (to rounding, `SURFACE_TOLERANCE`). They may stick out of the mesh by V-HACD's voxel or
+   what its pieces had cut off: up to 3 % of a closed body's diagonal was measured (ring, torus, L-profile), more
+   where a body has holes in its surface, which the pieces bridge.
+5. Of more than `MANY_BODIES` bodies those near each other are taken together, as their common hull; the log says how
+   large these are.
 
 A mesh that is not watertight is decomposed in the same way; the inside of an open body is free where it is reached from
 the outside. Triangles without an area are bars, unless they lie along an edge of another one. The result is
@@ -45,17 +45,17 @@ from elastic_strips.progress import LoggedProgress
 # trimesh is imported where it is used: it takes half a second, and only scenes with meshes need it.
 _log = logging.getLogger(__name__)
 
-TOLERANCE = 1e-7
-"""A surface point lies at most this far [m] (per metre of the mesh's size) outside of the union of the pieces."""
+SURFACE_TOLERANCE = 1e-7
+"""A surface point lies at most this far [m] (per metre of the mesh's size) outside the union of the pieces."""
 
-PLATE = 1e-3
+PLATE_REACH = 1e-3
 """A flat body becomes a plate that reaches this far [m] to either side."""
 
-SMALL = 0.02
+SMALL_BODY = 0.02
 """A body that is at most this share of the mesh's diagonal across its longest direction becomes its convex hull, which
 sticks out of it by no more: it has points all along that direction."""
 
-MANY = 1_000
+MANY_BODIES = 1_000
 """Of more bodies those near each other are taken together."""
 
 _MAX_MESH_BYTES = 200_000_000
@@ -63,21 +63,20 @@ _MAX_FACES = 500_000
 _MAX_PLATES = 200  # of a flat body, one per triangle
 _SUFFIXES = (".dae", ".obj", ".ply", ".stl")
 
-_RESOLUTION, _COARSE = 50_000, 10_000  # voxels of V-HACD, of few bodies and of more
-_FEW, _SOME = 3, 12  # bodies
-_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
+_VOXELS_OF_FEW, _VOXELS_OF_MORE = 50_000, 10_000  # voxels of V-HACD, of few bodies and of more
+_FEW_BODIES, _SOME_BODIES = 3, 12
+_VHACD_EFFORTS = ((0.5, 32, 10), (0.2, 16, 5), (0.0, 8, 4))
 """Hulls and depth of V-HACD's recursion: the first; of more than some bodies by their share of the mesh's diagonal."""
 
-_MOST_CORNERS = 600  # of one of V-HACD's pieces, which stick out of the body anyway
+_MOST_PIECE_CORNERS = 600  # of one of V-HACD's pieces, which stick out of the body anyway
 _MANY_FACES = 50_000  # with more, V-HACD gets the body with vertices that are near each other taken together
-_CLUSTER = 1.0 / 200.0  # of the body's diagonal
-_MERGE = 1e-8  # [m] vertices nearer than this are one
-_DENT = 1e-3  # of a body's diagonal: dents that may be filled where it counts as convex
-_DEEP = 0.02  # of a body's diagonal: what is so far beyond a plane is no dent
-_SAME_AREA = 1e-2  # by which the areas of a convex body and of its hull may differ
-_THIN = 1e-12  # [m] height of a triangle that counts as without an area
-_NEARLY_AROUND = 0.95  # of all sides, from which an open mesh shuts in what counts as inside of it
-_KEPT = 32  # meshes in memory
+_CLUSTER_SHARE = 1.0 / 200.0  # of the body's diagonal, within which vertices are taken together
+_DENT_SHARE = 1e-3  # of a body's diagonal: dents that may be filled where it counts as convex
+_DEPTH_SHARE = 0.02  # of a body's diagonal: what is so far beyond a plane is no dent
+_AREA_TOLERANCE = 1e-2  # by which the areas of a convex body and of its hull may differ
+_LEAST_TRIANGLE_HEIGHT = 1e-12  # [m] height of a triangle that counts as without an area
+_ENCLOSING_SHARE = 0.95  # of all sides, from which an open mesh shuts in what counts as inside of it
+_MESHES_KEPT = 32  # meshes in memory
 
 _Faces = NDArray[np.int64]
 _cache: OrderedDict[bytes, tuple[Array, ...]] = OrderedDict()
@@ -95,7 +94,7 @@ def convex_pieces(vertices: Array, faces: _Faces) -> tuple[Array, ...]:
 
 
 def _once(vertices: Array, faces: _Faces, most: int, make: Callable[[Array, _Faces], list[Array]]) -> tuple[Array, ...]:
-    """The pieces of a mesh, of which there are ``most`` if it is not 0: made, or still in memory."""
+    """The pieces of a mesh, at most ``most`` if that is not 0: made, or still in memory."""
     digest = hashlib.sha256(np.array([len(vertices), most], dtype=np.int64).tobytes())
     digest.update(np.ascontiguousarray(vertices, dtype=np.float64).tobytes())
     digest.update(np.ascontiguousarray(faces, dtype=np.int64).tobytes())
@@ -109,7 +108,7 @@ def _once(vertices: Array, faces: _Faces, most: int, make: Callable[[Array, _Fac
         piece.flags.writeable = False
     with _lock:
         _cache[key] = pieces
-        while len(_cache) > _KEPT:
+        while len(_cache) > _MESHES_KEPT:
             _cache.popitem(last=False)
     return pieces
 
@@ -117,13 +116,13 @@ def _once(vertices: Array, faces: _Faces, most: int, make: Callable[[Array, _Fac
 def few_pieces(vertices: Array, faces: _Faces, most: int) -> tuple[Array, ...]:
     """Corners (V_i, 3) [m] of at most ``most`` convex pieces that together hold a mesh's surface, and its inside.
 
-    All bodies of the mesh are taken together. Inside is what cannot be reached from outside through an opening of about
-    a thirtieth of the mesh's size, be it closed or not.
+    All bodies of the mesh are taken together. A place is inside if it cannot be reached from outside through an opening
+    of about a thirtieth of the mesh's size, whether the mesh is closed or not.
 
     Args:
         vertices: (V, 3) [m], which are not flat.
         faces: triangles (F, 3).
-        most: pieces.
+        most: largest number of pieces.
     """
     return _once(vertices, faces, most, lambda points, triangles: _few(points, triangles, most))
 
@@ -134,14 +133,15 @@ def _few(vertices: Array, faces: _Faces, most: int) -> list[Array]:
     closed = len(body) > 0 and bool(_closed(body, np.zeros(len(body), dtype=np.int64))[0])
     if not len(body) or len(_bars(points, body, triangles[~kept])) or (closed and _convex(points, body)):
         return [few_corners(vertices, "Mesh piece", SceneError)[0]]
-    return _solid_pieces(points, body, True, most, _EFFORTS[0][2], _COARSE)
+    return _solid_pieces(points, body, True, most, _VHACD_EFFORTS[0][2], _VOXELS_OF_MORE)
 
 
 def load_mesh(path: Path) -> tuple[Array, _Faces]:
     """Vertices (V, 3), in the file's unit, and faces (F, 3) of a mesh file.
 
     Raises:
-        SceneError: missing, unreadable, empty, of another kind, without triangles, or with vertices not finite.
+        SceneError: the file is missing, unreadable, empty, of another kind, without triangles, or has vertices that are
+            not finite.
     """
     import trimesh
 
@@ -211,7 +211,9 @@ def _merged(vertices: Array, faces: _Faces) -> tuple[Array, _Faces, NDArray[np.b
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     points, triangles = np.array(mesh.vertices), np.array(mesh.faces)
     triangles = triangles[np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]]  # each once
-    kept = np.asarray(trimesh.triangles.nondegenerate(points[triangles], areas=None, height=_THIN), dtype=bool)
+    kept = np.asarray(
+        trimesh.triangles.nondegenerate(points[triangles], areas=None, height=_LEAST_TRIANGLE_HEIGHT), dtype=bool
+    )
     return points, triangles, kept
 
 
@@ -219,8 +221,8 @@ def _merged(vertices: Array, faces: _Faces) -> tuple[Array, _Faces, NDArray[np.b
 class Surface:
     """The triangles of a mesh, each once, and neighbours turned the same way round.
 
-    So a body that is drawn from both sides, or whose triangles lie either way, encloses what it does. Which way a body
-    is turned as a whole stays as it is: that tells a hollow in another body from a body of its own.
+    So a body that is drawn from both sides, or whose triangles lie either way, still encloses its inside. Which way a
+    body is turned as a whole stays as it is: that distinguishes a hollow in another body from a body of its own.
 
     Attributes:
         corners: (T, 3, 3) [m].
@@ -232,7 +234,7 @@ class Surface:
 
     @classmethod
     def of(cls, vertices: Array, faces: _Faces) -> Surface:
-        """That of vertices (V, 3) [m] and triangles (F, 3)."""
+        """The surface of vertices (V, 3) [m] and triangles (F, 3)."""
         import trimesh
 
         points, triangles, kept = _merged(vertices, faces)
@@ -246,14 +248,14 @@ class Surface:
     def encloses(self, point: Array) -> bool:
         """Whether a point (3,) is inside: an open surface has to be about it on nearly all sides.
 
-        The surface goes about once around a point inside, and about 0 times around one outside.
+        The surface winds about once around a point inside, and about 0 times around one outside.
         """
         a, b, c = np.moveaxis(self.corners - point, 1, 0)
         la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
         volume = np.einsum("ij,ij->i", a, np.cross(b, c))
         around = la * lb * lc + lc * (a * b).sum(axis=1) + la * (b * c).sum(axis=1) + lb * (c * a).sum(axis=1)
         times = abs(float(np.arctan2(volume, around).sum() / (2.0 * np.pi)))
-        return times > (0.5 if self.closed else _NEARLY_AROUND)
+        return times > (0.5 if self.closed else _ENCLOSING_SHARE)
 
 
 def one_of_each_body(vertices: Array, faces: _Faces) -> Array:
@@ -281,8 +283,11 @@ def _bars(points: Array, faces: _Faces, thin: _Faces) -> _Faces:
     own = np.unique(longest[:, 0] * len(points) + longest[:, 1])
     first, second = np.divmod(own[~np.isin(own, keys)], len(points))
     if len(first):
-        _log.warning("%d triangles of a mesh have no area and lie along no other one: they are taken as bars, %g m "
-                     "thick", len(first), 2.0 * PLATE)  # fmt: skip
+        _log.warning(
+            "%d triangles of a mesh have no area and lie along no other one: they are taken as bars, %g m thick",
+            len(first),
+            2.0 * PLATE_REACH,
+        )
     return np.column_stack((first, second, second)).astype(np.int64)
 
 
@@ -328,11 +333,11 @@ def _closed(faces: _Faces, groups: _Faces) -> NDArray[np.bool_]:
 def _grouped(points: Array, faces: _Faces, labels: _Faces) -> tuple[_Faces, NDArray[np.bool_]]:
     """Number (F,) of the group that each triangle belongs to, and of each group whether it is one body.
 
-    Each body is its own, unless there are more than `MANY`: then bodies are together whose boxes have their middle in
-    one cube of space, of such a size that few enough are left; larger bodies stay alone.
+    Each body is its own, unless there are more than `MANY_BODIES`: then bodies are together whose boxes have their
+    middle in one cube of space, of such a size that few enough are left; larger bodies stay alone.
     """
     count = int(labels.max()) + 1
-    if count <= MANY:
+    if count <= MANY_BODIES:
         return labels, np.ones(count, dtype=bool)
     order = np.argsort(labels, kind="stable")
     starts = np.searchsorted(labels[order], np.arange(count))
@@ -340,16 +345,21 @@ def _grouped(points: Array, faces: _Faces, labels: _Faces) -> tuple[_Faces, NDAr
     low = np.minimum.reduceat(corners.min(axis=1), starts)
     high = np.maximum.reduceat(corners.max(axis=1), starts)
     size, middle = np.linalg.norm(high - low, axis=1), 0.5 * (low + high) - low.min(axis=0)
-    edge = SMALL * float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
+    edge = SMALL_BODY * float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
     while True:
         cell = np.column_stack((np.floor(middle / edge).astype(np.int64), np.where(size > edge, np.arange(count), -1)))
         _, group = np.unique(cell, axis=0, return_inverse=True)
         group = group.ravel()
-        if group.max() < MANY:
+        if group.max() < MANY_BODIES:
             break
         edge *= 1.25
-    _log.warning("a mesh of %d bodies: those within %.2g m are taken together, as %d convex hulls; give a mesh each to "
-                 "what is to be told apart", count, edge, int(group.max()) + 1)  # fmt: skip
+    _log.warning(
+        "a mesh of %d bodies: those within %.2g m are taken together, as %d convex hulls; give a mesh each to "
+        "what is to be told apart",
+        count,
+        edge,
+        int(group.max()) + 1,
+    )
     return group[labels], np.bincount(group) == 1
 
 
@@ -359,7 +369,7 @@ def _simple_body(corners: Array, faces: _Faces, closed: bool, whole: float, alon
         return _plates(corners, faces)
     centred = corners - corners.mean(axis=0)
     across = np.ptp(centred @ np.linalg.eigh(centred.T @ centred)[1], axis=0)
-    if alone and np.hypot(*np.sort(across)[:2]) > SMALL * whole and not (closed and _convex(corners, faces)):
+    if alone and np.hypot(*np.sort(across)[:2]) > SMALL_BODY * whole and not (closed and _convex(corners, faces)):
         return None
     return [few_corners(corners, "Mesh piece", SceneError)[0]]
 
@@ -378,7 +388,7 @@ def _convex(corners: Array, faces: _Faces) -> bool:
     sides = corners[faces]
     normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
-    if abs(0.5 * float(lengths.sum()) - hull.area) > _SAME_AREA * hull.area:
+    if abs(0.5 * float(lengths.sum()) - hull.area) > _AREA_TOLERANCE * hull.area:
         return False
     size = float(np.linalg.norm(np.ptp(corners, axis=0)))
     middle, planes = few.mean(axis=0), np.unique(hull.equations, axis=0)
@@ -391,7 +401,7 @@ def _convex(corners: Array, faces: _Faces) -> bool:
         _, found = tree.query(np.column_stack((normals[left], along[left] / size)), k=near)
         plane = planes[found.reshape(len(left), -1)]
         depth = -(np.einsum("fni,fki->fkn", sides[left], plane[..., :3]) + plane[..., None, 3])
-        left = left[depth.max(axis=2).min(axis=1) > _DENT * size + sticks_out]
+        left = left[depth.max(axis=2).min(axis=1) > _DENT_SHARE * size + sticks_out]
         if not len(left):
             return True
     return False
@@ -404,7 +414,7 @@ def _dented(corners: Array, faces: _Faces) -> bool:
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     beyond = normals @ corners[:: 1 + len(corners) // 2000].T - np.sum(normals * some[:, 0], axis=1)[:, None]
     either = np.minimum(beyond.max(axis=1), -beyond.min(axis=1))  # a surface may be inside out
-    return bool(np.mean(either > _DEEP * float(np.linalg.norm(np.ptp(corners, axis=0)))) > 0.2)
+    return bool(np.mean(either > _DEPTH_SHARE * float(np.linalg.norm(np.ptp(corners, axis=0)))) > 0.2)
 
 
 def _plates(corners: Array, faces: _Faces) -> list[Array]:
@@ -417,27 +427,31 @@ def _plates(corners: Array, faces: _Faces) -> list[Array]:
     sides = flat[faces]
     first, second = sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]
     area = 0.5 * float(np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).sum())
-    if abs(area - convex_hull(flat).volume) <= _DENT * area:
+    if abs(area - convex_hull(flat).volume) <= _DENT_SHARE * area:
         outline = corners[convex_hull(flat).vertices]
         return [few_corners(_plate(outline), "Mesh piece", SceneError)[0]]
     return [_plate(points) for points in surface_cells(corners, faces)]
 
 
 def _plate(corners: Array) -> Array:
-    """Points about flat ones (V, 3), `PLATE` to either side; to all sides where they lie on a line."""
+    """Points about flat ones (V, 3), `PLATE_REACH` to either side; to all sides where they lie on a line."""
     _, size, across = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)
     if len(size) > 1 and size[1] > MIN_THICKNESS:
-        return np.vstack((corners + PLATE * across[2], corners - PLATE * across[2]))
-    return (corners[:, None] + PLATE * np.array([(-1, -1, 1), (1, -1, -1), (-1, 1, -1), (1, 1, 1)])[None]).reshape(
-        -1, 3
-    )
+        return np.vstack((corners + PLATE_REACH * across[2], corners - PLATE_REACH * across[2]))
+    return (
+        corners[:, None] + PLATE_REACH * np.array([(-1, -1, 1), (1, -1, -1), (-1, 1, -1), (1, 1, 1)])[None]
+    ).reshape(-1, 3)
 
 
 def _decomposed(vertices: Array, faces: _Faces, closed: bool, bodies: int, whole: float) -> list[Array]:
     """Pieces of a body that is neither flat nor convex, one of several in a mesh of a diagonal ``whole`` [m]."""
     share = float(np.linalg.norm(np.ptp(vertices, axis=0))) / whole
-    most, depth = next((hulls, deep) for least, hulls, deep in _EFFORTS if bodies <= _SOME or share >= least)
-    return _solid_pieces(vertices, faces, closed, most, depth, _RESOLUTION if bodies <= _FEW else _COARSE)
+    most, depth = next(
+        (hulls, deep) for least, hulls, deep in _VHACD_EFFORTS if bodies <= _SOME_BODIES or share >= least
+    )
+    return _solid_pieces(
+        vertices, faces, closed, most, depth, _VOXELS_OF_FEW if bodies <= _FEW_BODIES else _VOXELS_OF_MORE
+    )
 
 
 def _solid_pieces(vertices: Array, faces: _Faces, closed: bool, most: int, depth: int, resolution: int) -> list[Array]:
@@ -457,7 +471,7 @@ def _solid_pieces(vertices: Array, faces: _Faces, closed: bool, most: int, depth
         return [few_corners(vertices, "Mesh piece", SceneError)[0]]
     grown, stuck_out = grown_pieces(vertices, faces, hulls, closed=closed)
     _log.debug("%d pieces; the body stuck out of V-HACD's pieces by up to %.3g m", len(grown), stuck_out)
-    return [few_corners(piece, "Mesh piece", SceneError, most=_MOST_CORNERS)[0] for piece in grown]
+    return [few_corners(piece, "Mesh piece", SceneError, most=_MOST_PIECE_CORNERS)[0] for piece in grown]
 
 
 def _clustered(vertices: Array, faces: _Faces) -> tuple[Array, _Faces]:
@@ -465,7 +479,7 @@ def _clustered(vertices: Array, faces: _Faces) -> tuple[Array, _Faces]:
     if len(faces) <= _MANY_FACES:
         return vertices, faces
     low = vertices.min(axis=0)
-    edge = _CLUSTER * float(np.linalg.norm(vertices.max(axis=0) - low))
+    edge = _CLUSTER_SHARE * float(np.linalg.norm(vertices.max(axis=0) - low))
     cube = np.floor((vertices - low) / edge).astype(np.int64)
     size = cube.max(axis=0) + 1
     _, first, number = np.unique(

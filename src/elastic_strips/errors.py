@@ -8,18 +8,19 @@
     │   ├── SceneError                 an obstacle, a motion, a scene, their files
     │   ├── ScenarioError              a scenario, a drive problem, their files
     │   ├── ConfigurationError         a configuration of a robot
-    │   │   └── GoalError              no configuration reaches a goal, or none that is free
+    │   │   └── GoalError              no configuration reaches a goal, or no free one
     │   ├── ParameterError             a parameter
     │   ├── RecordError                the record of a run (elastic_strips.control)
     │   ├── LaserLogError              a laser log (elastic_strips.io)
     │   └── BagError                   a bag of ROS messages (elastic_strips.io)
+    ├── NumericalError (also a FloatingPointError): a computation ends without a number
     ├── ThreadError (also a RuntimeError): a workspace is used by two threads at once
     ├── MissingExtraError (also an ImportError): a package that only some uses need is not installed
-    ├── PerceptionError                no scene can be made of what was sensed (elastic_strips.sim)
+    ├── PerceptionError                no scene can be made of the readings (elastic_strips.sim)
     └── RetimingError                  no timing of a path was found (elastic_strips.trajectory)
 
-An *expected* failure (a blocked or broken strip) is never an error that wrong input raises: it is a status on a report,
-or, where there is nothing to report on, an error that is no `InputError`.
+An *expected* failure (a blocked or broken strip) is never raised as an error of the input: it is a status on a report,
+or, where there is nothing to report on, an error that is not an `InputError`.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class ConfigurationError(InputError):
 
 
 class GoalError(ConfigurationError):
-    """No configuration reaches a goal, or none that touches nothing; ``search`` has what was found, as data."""
+    """No configuration reaches a goal, or all that do touch something; ``search`` has the result as data."""
 
     def __init__(self, message: str, search: object = None) -> None:
         super().__init__(message)
@@ -64,8 +65,12 @@ class ParameterError(InputError):
     """A parameter is outside its range."""
 
 
+class NumericalError(ElasticStripsError, FloatingPointError):
+    """A computation has no answer: a depth that Coal does not find, a step whose matrix is not positive definite."""
+
+
 class ThreadError(ElasticStripsError, RuntimeError):
-    """A thread called what another one was using: a deformer, or whatever has buffers of its own."""
+    """A thread called something that another one was using: a deformer, or whatever has buffers of its own."""
 
 
 class MissingExtraError(ElasticStripsError, ImportError):
@@ -73,7 +78,7 @@ class MissingExtraError(ElasticStripsError, ImportError):
 
 
 def missing_extra(user: str, package: str, extra: str | None = None) -> MissingExtraError:
-    """The error where ``user`` needs a ``package`` of an ``extra`` of this library, or of none."""
+    """The error that ``user`` needs a ``package`` of an ``extra`` of this library, or of no extra."""
     wanted = package if extra is None else f"'elastic-strips[{extra}]'"
     return MissingExtraError(f"{user} needs {package}, which is not installed: pip install {wanted}")
 

@@ -1,8 +1,8 @@
-"""Files: every file that is read is opened here, and every file that is written is written here.
+"""Files: every file that is read or written is opened here.
 
-A file that is read is a regular one (or a link to one), up to a size that its reader states, so that none can hang the
-process or fill its memory. A file that is written is there whole or not at all. Within a command (`command_files`) none
-that it has read is written, whatever name leads to it.
+Only regular files (or links to them) are read, up to a size that the reader states, so that none can hang the
+process or fill its memory. A file is written whole or not at all. Within a command (`command_files`) no file is written
+that it has read, whatever name leads to it.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ _command: _Command | None = None  # of the process: its threads read and write f
 
 @contextmanager
 def command_files() -> Iterator[None]:
-    """Within, a file that was read is not overwritten, but for what was written within: symbolic and hard links, other
-    spellings and files that are named inside files are the same file."""
+    """Within this context a file that was read is not overwritten, unless it was written within it: symbolic and hard
+    links, other spellings and files that are named inside files are the same file."""
     global _command
     before = _command
     _command = before or _Command()
@@ -58,7 +58,7 @@ def command_files() -> Iterator[None]:
 
 
 def inputs_read() -> list[str]:
-    """The files that the command has read so far, by absolute names: for the process that this one works for."""
+    """The files that the command has read so far, by absolute names, for the process that this one works for."""
     return [] if _command is None else [os.path.abspath(name) for name in _command.read.values()]
 
 
@@ -78,7 +78,7 @@ def refuse_input(target: Path) -> None:
     """Refuse to write a file that the command has read.
 
     Raises:
-        InputError: it has.
+        InputError: the command has read it.
     """
     if _command is None:
         return
@@ -100,8 +100,8 @@ def open_input(
 
     Args:
         path: the file, or a link to it.
-        what: what to call it in messages, such as ``"laser log"``.
-        limit: most bytes that it may have.
+        what: its name in messages, such as ``"laser log"``.
+        limit: largest size [bytes] that it may have.
         error: type of the error that is raised about it.
 
     Yields:
@@ -139,7 +139,7 @@ def check_input(path: str | os.PathLike[str], what: str, limit: int, error: type
 
 
 def read_input(path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> bytes:
-    """What a file holds.
+    """The bytes of a file.
 
     Raises:
         InputError: as of `open_input`.
@@ -152,22 +152,22 @@ def read_input(path: str | os.PathLike[str], what: str, limit: int, error: type[
 
 
 def _unpacked(data: bytes, path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> bytes:
-    """What a gzip file holds, as far as the limit."""
+    """The unpacked bytes of a gzip file, up to the limit."""
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
             out = stream.read(limit + 1)
     except (OSError, EOFError, zlib.error) as problem:
-        raise error(f"{_name(path)}: the {what} is no gzip file: {_said(problem)}") from None
+        raise error(f"{_name(path)}: the {what} is not a gzip file: {_said(problem)}") from None
     if len(out) > limit:
         raise error(f"{_name(path)}: the {what} has more than {limit} bytes unpacked, which is the most that is read")
     return out
 
 
 def read_input_text(path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> str:
-    """What a UTF-8 text file, or one packed by gzip (``*.gz``), holds, without a byte order mark.
+    """The text of a UTF-8 file, or of one packed by gzip (``*.gz``), without a byte order mark.
 
     Raises:
-        InputError: as of `open_input`, or what it holds is not UTF-8; the message names line and byte.
+        InputError: as for `open_input`, or its content is not UTF-8; the message names line and byte.
     """
     data = read_input(path, what, limit, error)
     if os.fspath(path).endswith(".gz"):
@@ -190,9 +190,9 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
         target = Path(path)
         target.exists()  # a name that the system refuses fails here
     except (OSError, TypeError, ValueError) as error:
-        raise InputError(f"{path!s:.80}: is no file name: {getattr(error, 'strerror', None) or error}") from None
+        raise InputError(f"{path!s:.80}: is not a file name: {getattr(error, 'strerror', None) or error}") from None
     if not target.name:
-        raise InputError(f"{str(path)!r}: is no file name")
+        raise InputError(f"{str(path)!r}: is not a file name")
     if target.is_dir():
         raise InputError(f"{target}: is a folder; give the name of a file")
     if target.exists() and not target.is_file():  # it would be replaced by a file
@@ -207,10 +207,10 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
 
 
 def write_json(path: str | os.PathLike[str], document: object) -> Path:
-    """Write a document as JSON: the whole file or none (NaN and infinity are refused).
+    """Write a document as JSON: the whole file or nothing (NaN and infinity are refused).
 
     Raises:
-        InputError: the file cannot be written, or the document is no JSON.
+        InputError: the file cannot be written, or the document is not JSON.
     """
     target = check_writable(path)
     return atomic_write(target, json_text(document, str(target)).encode())
@@ -220,16 +220,16 @@ def json_text(document: object, where: str) -> str:
     """A document as JSON (NaN and infinity are refused), for a place that messages call ``where``.
 
     Raises:
-        InputError: the document is no JSON.
+        InputError: the document is not JSON.
     """
     try:
         return json.dumps(document, indent=1, allow_nan=False) + "\n"
     except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(f"{where}: what is to be written is no JSON: {error}") from None
+        raise InputError(f"{where}: the document is not JSON: {error}") from None
 
 
 def atomic_write(target: Path, data: bytes) -> Path:
-    """Write a file that `check_writable` has passed: all of it or nothing. One that is there keeps its mode.
+    """Write a file that `check_writable` has passed: all of it or nothing. An existing file keeps its mode.
 
     Raises:
         InputError: the file cannot be written, or the command has read it.
@@ -260,10 +260,10 @@ def atomic_write(target: Path, data: bytes) -> Path:
 
 @contextmanager
 def scratch_folder(target: Path) -> Iterator[Path]:
-    """A folder for what others write on its way to a file; it goes away with what is in it.
+    """A folder in which others write on the way to a file; it is removed with its contents.
 
     Raises:
-        InputError: there is no room for it, or it cannot be written: about the file.
+        InputError: there is no room for the file, or it cannot be written.
     """
     try:
         with tempfile.TemporaryDirectory(prefix="elastic-strips-", ignore_cleanup_errors=True) as folder:

@@ -2,7 +2,7 @@
 
 ``coal.Convex.convexHull`` ends the process on points that are nearly flat, so the triangles come from Qhull. And Coal
 counts the neighbours of a corner in 8 bits: it refuses a hull where a corner has more than 255. Its distance queries
-grow with the number of corners, and so does what is kept: a hull of very many becomes a slightly larger one of few.
+grow with the number of corners, and so does the memory: a hull of very many becomes a slightly larger one of few.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ MOST_CORNERS = 3000
 MIN_THICKNESS = 1e-6
 """A convex hull thinner than this [m] counts as flat and is refused."""
 
-_DIRECTIONS = 0.15  # in which a hull's outermost corners are looked for, per corner that it may have
-_MOST_EXACT = 4000  # points that Qhull is asked about: a flat face of n corners takes it a time of n²
-_CUTS = 3  # times that corners which stick out further than `_STICKS_OUT` are cut off
-_STICKS_OUT = 2e-3  # of a hull's diagonal
-_ROUNDING = 1e-11  # of a hull's size, by which planes are moved outwards, and a point is not outside
+_DIRECTIONS_PER_CORNER = 0.15  # in which a hull's outermost corners are looked for, per corner that it may have
+_MOST_POINTS_EXACT = 4000  # points that Qhull is asked about: a flat face of n corners takes it a time of n²
+_MOST_CUTS = 3  # times that corners which stick out further than that are cut off
+_CORNER_SHARE = 2e-3  # of a hull's diagonal, by which corners that are cut off stick out
+_PLANE_ROUNDING = 1e-11  # of a hull's size, by which planes are moved outwards, and a point is not outside
 
 _MOST_NEIGHBOURS = 255  # of a corner of a Coal shape
-_LARGE_FACE = 50  # triangles
-_TIP = 1e-5  # [m]
+_LARGE_FACE = 50  # triangles of a face
+_TIP_EDGE = 1e-5  # [m]
 
 
 def convex_hull(points: Array) -> ConvexHull:
@@ -82,14 +82,14 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
     if size.min() <= 0.0:
         return points, 0.0  # flat: Qhull says so
     scaled = local / size  # as thick as it is long, so that directions are spread evenly over it
-    coarse = scaled[np.unique(_outermost(scaled, _sphere(int(_DIRECTIONS * most))))]
+    coarse = scaled[np.unique(_outermost(scaled, _sphere(int(_DIRECTIONS_PER_CORNER * most))))]
     planes = _planes(coarse)
     touching = _outermost(scaled, planes[:, :3])
     fine = np.vstack((coarse, scaled[np.unique(touching)]))
-    some = max(1, len(points) // _MOST_EXACT)
-    if np.count_nonzero(_largest(scaled[::some], planes) > _ROUNDING) * some <= 2 * _MOST_EXACT:
-        outside = _largest(scaled, planes) > _ROUNDING
-        few = np.vstack((fine, scaled[outside])) if np.count_nonzero(outside) <= _MOST_EXACT else scaled
+    some = max(1, len(points) // _MOST_POINTS_EXACT)
+    if np.count_nonzero(_largest(scaled[::some], planes) > _PLANE_ROUNDING) * some <= 2 * _MOST_POINTS_EXACT:
+        outside = _largest(scaled, planes) > _PLANE_ROUNDING
+        few = np.vstack((fine, scaled[outside])) if np.count_nonzero(outside) <= _MOST_POINTS_EXACT else scaled
     else:
         few = scaled
     if len(few) < len(scaled):
@@ -99,9 +99,9 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
     normals = planes[:, :3] / size
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     inside = convex_shape(fine * size, what, error)[0]
-    allowed = _STICKS_OUT * MOST_CORNERS / most * float(np.linalg.norm(size))
-    for k in range(_CUTS + 1):
-        reach = np.sum(normals * local[touching], axis=1) + _ROUNDING * np.abs(local).max()
+    allowed = _CORNER_SHARE * MOST_CORNERS / most * float(np.linalg.norm(size))
+    for k in range(_MOST_CUTS + 1):
+        reach = np.sum(normals * local[touching], axis=1) + _PLANE_ROUNDING * np.abs(local).max()
         try:
             corners = _cut_out(normals, reach, coarse.mean(axis=0) * size)
         except QhullError:  # not seen either
@@ -109,7 +109,7 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
         away = _ways_to(inside, corners)
         sticks_out = np.linalg.norm(away, axis=1)
         far = sticks_out > allowed
-        if k == _CUTS or not far.any() or len(corners) + 2 * np.count_nonzero(far) > most:
+        if k == _MOST_CUTS or not far.any() or len(corners) + 2 * np.count_nonzero(far) > most:
             break
         normals = np.vstack((normals, away[far] / sticks_out[far][:, None]))
         touching = np.concatenate((touching, _outermost(local, normals[len(touching) :])))
@@ -117,7 +117,7 @@ def few_corners(points: Array, what: str, error: type[InputError], *, most: int 
     out = np.sum(sides[:, :3] * local[_outermost(local, sides[:, :3])], axis=1) + sides[:, 3]
     if len(corners) > most or out.max() > 0.0:
         return points, 0.0  # not seen: then it is the hull itself
-    return corners @ axes + middle, float(sticks_out.max()) + _TIP
+    return corners @ axes + middle, float(sticks_out.max()) + _TIP_EDGE
 
 
 def _planes(points: Array) -> Array:
@@ -158,7 +158,7 @@ def _outermost(points: Array, directions: Array) -> Indices:
 
 
 def _largest(points: Array, planes: Array) -> Array:
-    """How far (V,) [m] each point lies outside of the farthest of planes (K, 4); negative inside of all."""
+    """How far (V,) [m] each point lies outside the farthest of planes (K, 4); negative inside of all."""
     blocks = np.array_split(points, 1 + len(points) * len(planes) // 1_000_000)  # each stays in the processor's cache
     return np.concatenate([(block @ planes[:, :3].T + planes[:, 3]).max(axis=1) for block in blocks])
 
@@ -182,7 +182,7 @@ def _cut_out(normals: Array, reach: Array, within: Array) -> Array:
 
 
 def _ways_to(body: coal.Convex, points: Array) -> Array:
-    """The shortest ways (K, 3) [m] from a convex body to points outside of it."""
+    """The shortest ways (K, 3) [m] from a convex body to points outside it."""
     dot, still, point = coal.Sphere(0.0), coal.Transform3s.Identity(), coal.Transform3s()
     request, result = coal.DistanceRequest(True), coal.DistanceResult()
     ways = []
@@ -215,8 +215,11 @@ def convex_shape(points: Array, what: str, error: type[InputError]) -> tuple[coa
     if sticks_out > 0.0:
         _log.info(
             "%s: a convex hull of more than %d corners is taken as one of %d that sticks out by up to %.2g mm",
-            what, MOST_CORNERS, len(few), 1e3 * sticks_out,
-        )  # fmt: skip
+            what,
+            MOST_CORNERS,
+            len(few),
+            1e3 * sticks_out,
+        )
     return _plain_shape(*_hull_triangles(few, what, error))
 
 
@@ -234,7 +237,7 @@ def _hull_triangles(points: Array, what: str, error: type[InputError]) -> tuple[
     """Corners (V, 3) and triangles (T, 3) of a convex hull in which no corner has more neighbours than Coal takes.
 
     Where one has, as in a wheel's flat side that is cut into a fan, large flat faces are cut into strips: the same
-    hull. An apex that still has too many becomes the corners of a tiny polygon about it: the hull grows by ``_TIP``.
+    hull. An apex that still has too many becomes the corners of a tiny polygon about it: the hull grows by `_TIP_EDGE`.
     """
     hull = convex_hull(points)
     corners, triangles = _numbered(points, hull.vertices, hull.simplices)
@@ -254,7 +257,7 @@ def _hull_triangles(points: Array, what: str, error: type[InputError]) -> tuple[
             )
             across = np.linalg.svd(outward[None] / np.linalg.norm(outward))[2][1:]
             angles = np.linspace(0.0, 2.0 * np.pi, 3 + count[worst] // 100, endpoint=False)
-            grown.append(corners[worst] + _TIP * np.column_stack((np.cos(angles), np.sin(angles))) @ across)
+            grown.append(corners[worst] + _TIP_EDGE * np.column_stack((np.cos(angles), np.sin(angles))) @ across)
         points = np.vstack(grown)
         hull = convex_hull(points)
     raise error(f"{what}: a corner of a convex hull has {count.max()} neighbours; Coal takes {_MOST_NEIGHBOURS}")

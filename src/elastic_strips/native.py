@@ -1,12 +1,13 @@
-"""The native kernel: the inner loops compiled, where they are; the NumPy code beside each is its readable twin.
+"""The native kernel: the inner loops in compiled form, if installed; the NumPy code beside each is its readable twin.
 
-``ELASTIC_STRIPS_NATIVE=0`` turns it off. Without a compiled part, or with one that was made for another Coal, the twin
-runs, and a notice is logged once.
+``ELASTIC_STRIPS_NATIVE=0`` turns it off, and a file's path takes that one. Without a compiled part, or with one that
+was made for another Coal or with other constants, the twin runs, and a notice is logged once.
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import logging
 import os
 from collections.abc import Iterator
@@ -16,6 +17,8 @@ from typing import TYPE_CHECKING
 
 import coal
 
+from elastic_strips import constants
+
 if TYPE_CHECKING:  # its types, for all who have a native half
     from elastic_strips import _native as _native
 
@@ -23,22 +26,46 @@ _log = logging.getLogger(__name__)
 
 
 def _load() -> tuple[ModuleType | None, str]:
-    if os.environ.get("ELASTIC_STRIPS_NATIVE", "1") == "0":
+    which = os.environ.get("ELASTIC_STRIPS_NATIVE", "1")
+    if which == "0":
         return None, "turned off by ELASTIC_STRIPS_NATIVE=0"
     try:
-        native = importlib.import_module("elastic_strips._native")
+        native = _imported("elastic_strips._native", which if os.sep in which else None)
     except ImportError as error:
         _log.warning("the native kernel is not there (%s): NumPy computes, several times slower", error)
         return None, f"not there ({error})"
     if native.coal_version != coal.__version__:  # its shapes would be laid out in another way
         _log.warning(
             "the native kernel was compiled for Coal %s, and this is %s: NumPy computes, several times slower; "
-            "install elastic-strips anew",
+            "reinstall elastic-strips",
             native.coal_version,
             coal.__version__,
         )
         return None, f"compiled for Coal {native.coal_version}, and this is {coal.__version__}"
+    for name, value in native.constants.items():
+        mine = getattr(constants, name, None)
+        if value != mine:
+            _log.warning(
+                "the native kernel was compiled with %s = %s, and here it is %s: NumPy computes, several times slower; "
+                "install elastic-strips anew",
+                name,
+                value,
+                mine,
+            )
+            return None, f"compiled with {name} = {value}, and here it is {mine}"
     return native, ""
+
+
+def _imported(name: str, file: str | None) -> ModuleType:
+    """The module where it is installed, or from a file."""
+    if file is None:
+        return importlib.import_module(name)
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no compiled module of this Python")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 _kernel: ModuleType | None
@@ -53,7 +80,7 @@ def kernel() -> ModuleType | None:
 
 @contextmanager
 def twin() -> Iterator[None]:
-    """What is made meanwhile computes in NumPy."""
+    """Workspaces that are made within this context compute in NumPy."""
     global _kernel
     before, _kernel = _kernel, None
     try:

@@ -1,7 +1,7 @@
-"""Ownership: what has buffers of its own is for one thread at a time.
+"""Ownership: an object with buffers of its own is for one thread at a time.
 
 Threads may hand a workspace on between two calls. Two that are inside at once would see each other's nodes and
-distances half changed, and what one of them proved would be proven of neither's.
+distances half changed, and a proof of one of them would hold for neither.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class OneThread:
         return self
 
     def share_with(self, part: OneThread) -> None:
-        """Make a part of this workspace one with it: who is inside either of them is inside both."""
+        """Make a part of this workspace one with it: a thread inside either of them is inside both."""
         part._inside = self._inside
 
     def __getstate__(self) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""ROS packages, found by what their ``package.xml`` calls them."""
+"""ROS packages, found by the names in their ``package.xml``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_PACKAGE_BYTES = 200_000
 def package_of(name: str, folders: Iterable[Path]) -> Path | None:
     """The folder of a ROS package: one of these or a folder in one, with a ``package.xml`` that gives this name.
 
-    Where a checkout is called otherwise than its package, nothing else tells.
+    Only this file tells if a checkout has another name than its package.
     """
     for folder in folders:
         if _package_name(folder) == name:

@@ -1,4 +1,4 @@
-"""Progress of what may take long, as lines of the log: the library never prints."""
+"""Progress of long work, as lines of the log: the library never prints."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ LOGGER = "elastic_strips.progress"
 """Name of the logger; the command line shows its lines (level INFO) where standard error is a terminal."""
 
 _log = logging.getLogger(LOGGER)
-_PATIENCE = 2.0  # [s]
+PROGRESS_PERIOD = 2.0
+"""How long nothing is said, at first and after each line [s]."""
 
 
 class LoggedProgress:
@@ -30,7 +31,7 @@ class LoggedProgress:
         """One more is done."""
         self._done += 1
         now = perf_counter()
-        if now - self._said > _PATIENCE and self._done < self._total:
+        if now - self._said > PROGRESS_PERIOD and self._done < self._total:
             self._said = now
             _log.info(
                 "%s: %d of %d %s after %.0f s", self._what, self._done, self._total, self._unit, now - self._begun

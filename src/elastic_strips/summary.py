@@ -6,7 +6,7 @@ import html
 from collections.abc import Mapping
 from dataclasses import fields
 
-_MOST, _CELL = 240, 60  # characters of a line, of a value in it
+_LINE_LENGTH, _VALUE_LENGTH = 240, 60  # characters
 
 
 class Summary:
@@ -15,11 +15,11 @@ class Summary:
     __slots__ = ()
 
     def _summary(self) -> Mapping[str, object]:
-        """What to say, by name: the fields of the dataclass where a subclass says nothing else."""
+        """Values of the summary by name: the fields of the dataclass unless a subclass returns others."""
         return {f.name: getattr(self, f.name) for f in fields(self) if f.repr}  # type: ignore[arg-type]
 
     def _measured(self) -> Mapping[str, object]:
-        """What else a table says, and takes time to find out."""
+        """Further rows of a table, which take time to find out."""
         return {}
 
     def __repr__(self) -> str:
@@ -28,7 +28,7 @@ class Summary:
 
     def _repr_html_(self) -> str:
         rows = {**self._summary(), **self._measured()}
-        return table(type(self).__name__, {name: _brief(v, 4 * _CELL) for name, v in rows.items()})
+        return table(type(self).__name__, {name: _brief(v, 4 * _VALUE_LENGTH) for name, v in rows.items()})
 
 
 def table(title: str, rows: Mapping[str, str]) -> str:
@@ -41,7 +41,7 @@ def table(title: str, rows: Mapping[str, str]) -> str:
     return f"<table><caption><b>{html.escape(title)}</b></caption><tbody>{cells}</tbody></table>"
 
 
-def _brief(value: object, most: int = _CELL) -> str:
+def _brief(value: object, most: int = _VALUE_LENGTH) -> str:
     if getattr(value, "ndim", 0):  # an array
         return f"<{' × '.join(map(str, getattr(value, 'shape', ())))} numbers>"
     if isinstance(value, str):
@@ -53,6 +53,6 @@ def _brief(value: object, most: int = _CELL) -> str:
     return shortened(" ".join(repr(value).split()), most)
 
 
-def shortened(text: str, most: int = _MOST) -> str:
-    """A text of at most so many characters."""
+def shortened(text: str, most: int = _LINE_LENGTH) -> str:
+    """A text shortened to a number of characters."""
     return text if len(text) <= most else text[: most - 1] + "…"

@@ -1,4 +1,4 @@
-"""Checks of what callers hand in: types and numbers. The messages name the value, its bound, and what is wanted."""
+"""Checks of arguments: types and numbers. The messages name the value, its bound, and what is wanted."""
 
 from __future__ import annotations
 
@@ -15,6 +15,12 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, ParameterError, nearest_name
+
+MAX_LENGTH = 1e6
+"""Largest size or coordinate that is accepted [m]."""
+
+MIN_LENGTH = 1e-6
+"""Smallest size that is accepted [m], but for 0 where that means something; distances are accurate to about 3e-6 m."""
 
 _SHORT = reprlib.Repr()  # of a list of a million entries the first ones alone
 _SHORT.maxlevel = 4
@@ -34,10 +40,10 @@ def shown(value: object) -> str:
 def check_type(
     what: str, value: object, kind: type, error: type[InputError] = ParameterError, *, none: bool = False
 ) -> None:
-    """The value is of that kind, or None where ``none`` says that it may be.
+    """Check that the value is of this kind, or None where ``none`` allows it.
 
     Raises:
-        error: it is not; the message says what it is instead.
+        error: it is of another kind; the message says which.
     """
     if isinstance(value, kind) or (none and value is None):
         return
@@ -46,10 +52,10 @@ def check_type(
 
 
 def check_able(what: str, value: object, *methods: str) -> None:
-    """The value has these methods; where none is named, it can be called. None passes: it stands for a default.
+    """Check that the value has these methods, or can be called if none is named. None passes: it stands for a default.
 
     Raises:
-        ParameterError: it has not.
+        ParameterError: it does not have them.
     """
     missing = [name for name in methods if not callable(getattr(value, name, None))]
     if value is None or (callable(value) if not methods else not missing):
@@ -59,7 +65,7 @@ def check_able(what: str, value: object, *methods: str) -> None:
 
 
 def check_choice(what: str, value: object, valid: Iterable[str], error: type[InputError] = ParameterError) -> None:
-    """The value is one of the names.
+    """Check that the value is one of the names.
 
     Raises:
         error: it is not; the message has the names.
@@ -70,7 +76,7 @@ def check_choice(what: str, value: object, valid: Iterable[str], error: type[Inp
 
 
 def _told(value: object) -> str:
-    """What a value is, for those who handed in another one than they thought."""
+    """A value's type and text, for callers who passed something else than they thought."""
     return "None" if value is None else f"{type(value).__name__}: {shown(value)}"
 
 
@@ -86,14 +92,14 @@ def check_number(
     infinite: bool = False,
     error: type[InputError] = ParameterError,
 ) -> float:
-    """A finite number in [low, high], larger than ``above`` and smaller than ``below``; True and False are none.
+    """A finite number in [low, high], larger than ``above`` and smaller than ``below``; True and False are not numbers.
 
     Args:
         what: its name, for the message; may be empty.
         value: what to check.
         low, high, above, below: bounds.
-        unit: for the message.
-        infinite: inf passes, too.
+        unit: unit for the message.
+        infinite: whether inf passes, too.
         error: type of the error.
 
     Raises:
@@ -123,13 +129,13 @@ def check_array(
 
     Args:
         what: its name, for the message.
-        value: what numpy can turn into an array of numbers.
-        shape: wanted; None is any length of at least one.
+        value: something that numpy can turn into an array of numbers.
+        shape: the wanted shape; None is any length of at least one.
         limit: bound of every entry's absolute value.
         error: type of the error.
 
     Raises:
-        error: it is none.
+        error: it is not one.
     """
     wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
@@ -168,7 +174,7 @@ def _is_finite(value: object) -> TypeGuard[float]:
 
 
 def check_count(what: str, value: object, *, low: int = 0, high: int | None = None) -> int:
-    """A whole number from ``low`` to ``high``; True and False are none.
+    """A whole number from ``low`` to ``high``; True and False are not numbers.
 
     Raises:
         ParameterError: it is not.
@@ -182,12 +188,12 @@ def check_count(what: str, value: object, *, low: int = 0, high: int | None = No
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bound:
-    """What a number of a dataclass may be, said in its annotation: ``Annotated[float, Bound(low=1.0, unit="m")]``.
+    """Bounds of a number of a dataclass, given in its annotation: ``Annotated[float, Bound(low=1.0, unit="m")]``.
 
     Attributes:
         low, high: least and largest value.
-        above, below: smaller and larger than any value.
-        unit: for the message.
+        above, below: bounds that are not themselves allowed.
+        unit: unit for the message.
         infinite: whether inf is a value, too.
     """
 
@@ -210,7 +216,7 @@ _Rule = Callable[[str, object], object]
 
 
 def check_fields(owner: object, what: str = "") -> None:
-    """Every field of a dataclass is what its annotation says; called by ``__post_init__``.
+    """Check that every field of a dataclass is what its annotation says; called by ``__post_init__``.
 
     Every number says its `Bound`: a plain ``float`` or ``int`` is a `TypeError` of whoever wrote the class. An ``int``
     is whole, a ``Literal`` one of its names, a ``str`` not blank; values of ``bool`` and of dataclasses are of that
@@ -221,7 +227,7 @@ def check_fields(owner: object, what: str = "") -> None:
         what: its name in messages; that of its class if there is none.
 
     Raises:
-        ParameterError: a value that is not; the message names class, field, value and bound.
+        ParameterError: a value does not fit; the message names class, field, value and bound.
     """
     what = what or type(owner).__name__
     for name, rule in _rules(type(owner)):

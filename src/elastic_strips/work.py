@@ -20,7 +20,7 @@ SECONDS_PER: dict[str, float] = {
     "checks": 40e-6,
     "rays": 26e-6,
 }
-"""Time of each [s] with the native kernel, and with all that goes along with it: fitted to 5,000 planning ticks, plans
+"""Time of each [s] with the native kernel, including all work around it: fitted to 5,000 planning ticks, plans
 and scans of seven drives (corridors, with and without movers, evasion, lasers and several strips; Silvermate, TIAGo).
 In three other drives 92 % of the 643 ticks longer than 3 ms took between 1/1.5 and 1.5 times what these say."""
 
@@ -30,16 +30,16 @@ class Work:
     """Amounts of computing.
 
     Attributes:
-        batches: calls of what works on all nodes or samples at once: kinematics, speed profiles, rolling projections,
-            footprints; what such a call costs whatever its size, with what is done around it.
+        batches: calls that work on all nodes or samples at once: kinematics, speed profiles, rolling projections,
+            footprints; they stand for the cost of such a call whatever its size, and of the work around it.
             A single configuration makes none.
         pairs: distances of bodies and parts that were bounded.
         queries: distances that were measured exactly.
-        obstacles: those that were gone through one by one.
+        obstacles: obstacles that were processed one by one.
         outlooks: distances of manoeuvres' poses to obstacles seen from above.
         cells: open cells of grids that were searched.
         checks: configurations that were checked for a sampling planner.
-        rays: of sensors' readings that were taken in.
+        rays: rays of sensors' readings that were taken in.
     """
 
     batches: int = 0
@@ -94,7 +94,7 @@ def count_work(
 
 
 def seconds_counted() -> float:
-    """Modelled time [s] of what the calling thread has computed since it began."""
+    """Modelled time [s] of the computing of the calling thread since it began."""
     return sum(map(mul, _COUNTS.amounts, SECONDS_PER.values()))
 
 

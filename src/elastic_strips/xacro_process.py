@@ -25,23 +25,23 @@ from elastic_strips.packages import package_of
 from elastic_strips.summary import shortened
 
 MAX_BYTES = 8_000_000
-"""Of one file."""
-_MOST_BYTES = 50_000_000  # of what they expand to
-_PROCESSOR_TIME, _PATIENCE = 3, 4.2  # [s]; the second is by the clock: a bomb is over within five seconds
-_MEMORY = 1_500_000_000  # [bytes]
+"""Of one file that describes a robot: xacro, URDF or SRDF."""
+_MOST_EXPANDED_BYTES = 50_000_000  # of what they expand to
+_PROCESSOR_TIME, _CLOCK_TIME = 3, 4.2  # [s] at most: a bomb is over within five seconds
+_MOST_MEMORY = 1_500_000_000  # [bytes]
 _CHILD = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from elastic_strips.xacro_process import run; run()"
 
 
 def expanded(source: Path, mappings: Mapping[str, str], folders: Sequence[Path]) -> tuple[str, list[str]]:
-    """What xacro makes of a file, and the lines that it says about it.
+    """The URDF that xacro makes of a file, and the lines of its messages.
 
     Args:
         source: the file.
         mappings: arguments by name.
-        folders: in which packages lie.
+        folders: folders in which packages lie.
 
     Raises:
-        RobotError: xacro refuses it, or it takes too much time or memory.
+        RobotError: xacro refuses the file, or needs too much time or memory.
         MissingExtraError: xacro is not installed.
     """
     try:
@@ -51,9 +51,9 @@ def expanded(source: Path, mappings: Mapping[str, str], folders: Sequence[Path])
     task = {"source": str(source), "mappings": dict(mappings), "folders": [str(f) for f in folders]}
     command = [sys.executable, "-c", _CHILD, json.dumps(sys.path)]
     try:
-        ended = subprocess.run(command, input=json.dumps(task).encode(), capture_output=True, timeout=_PATIENCE)
+        ended = subprocess.run(command, input=json.dumps(task).encode(), capture_output=True, timeout=_CLOCK_TIME)
     except subprocess.TimeoutExpired:
-        raise _too_much(source, f"is not done after {_PATIENCE} s") from None
+        raise _too_much(source, f"is not done after {_CLOCK_TIME} s") from None
     except OSError as error:
         raise RobotError(f"{source}: xacro cannot be started: {error.strerror or error}") from None
     try:
@@ -72,7 +72,7 @@ def expanded(source: Path, mappings: Mapping[str, str], folders: Sequence[Path])
 def _too_much(source: Path, what: str) -> RobotError:
     return RobotError(
         f"{source}: xacro cannot expand it: it {what}; a file may take {_PROCESSOR_TIME} s and "
-        f"{_MEMORY // 1_000_000} MB. Does a macro call itself, or an expression make something huge?"
+        f"{_MOST_MEMORY // 1_000_000} MB. Does a macro call itself, or an expression make something huge?"
     )
 
 
@@ -96,9 +96,9 @@ def _bound() -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         import resource
-    except ImportError:  # Windows: its parent waits no longer than `_PATIENCE`
+    except ImportError:  # Windows: its parent waits no longer than `_CLOCK_TIME`
         return
-    for kind, most in (("RLIMIT_CPU", _PROCESSOR_TIME), ("RLIMIT_AS", _MEMORY), ("RLIMIT_CORE", 0)):
+    for kind, most in (("RLIMIT_CPU", _PROCESSOR_TIME), ("RLIMIT_AS", _MOST_MEMORY), ("RLIMIT_CORE", 0)):
         with suppress(AttributeError, ValueError, OSError):  # macOS bounds no address space
             number = getattr(resource, kind)
             _, hard = resource.getrlimit(number)
@@ -125,8 +125,8 @@ def _expand(source: Path, mappings: dict[str, str], folders: list[Path], files: 
                 within.append(f"of {source}")
             inside = f" ({', '.join(within)})" if within else ""
             raise RobotError(f"{where}: xacro cannot expand it{inside}: {_words(error)}") from None
-    if len(document) > _MOST_BYTES:
-        raise RobotError(f"{source}: xacro makes {len(document)} bytes of it; at most {_MOST_BYTES} are read")
+    if len(document) > _MOST_EXPANDED_BYTES:
+        raise RobotError(f"{source}: xacro makes {len(document)} bytes of it; at most {_MOST_EXPANDED_BYTES} are read")
     lines = filter(None, (line.strip() for line in said.getvalue().splitlines()[:20]))
     return document.decode(), [shortened(line, 300) for line in (*lines, *_assumed(mappings, given))]
 
@@ -148,7 +148,7 @@ class _Arguments(dict[str, str]):
 
 
 def _assumed(mappings: Mapping[str, str], arguments: _Arguments) -> list[str]:
-    """What to say of arguments that nobody gave, and of those that nobody asked for: the robot may be another one."""
+    """Notes about arguments that nobody gave, and about those that the file does not use: it may be another robot."""
     said = []
     defaults = [f"{name} = {value!r}" for name, value in arguments.items() if name not in mappings]
     if defaults:

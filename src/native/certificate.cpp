@@ -5,43 +5,40 @@
 
 namespace strips {
 
-constexpr double kLoose = 0.15;   // a lower bound may lie below by the capsule's length and about this
-constexpr double kMargin = 1e-4;  // what a lower bound decides by less than this is measured exactly all the same
-
 // Distance of two line segments.
 static double segment_distance(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
   const Vec3 u = b - a, v = d - c, w = a - c;
   const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), uw = u.dot(w), vw = v.dot(w);
-  constexpr double tiny = 1e-18;
   const double det = uu * vv - uv * uv;
-  double s = det > tiny ? (uv * vw - vv * uw) / det : 0.0;
+  double s = det > POINT_LENGTH2 ? (uv * vw - vv * uw) / det : 0.0;
   s = std::clamp(s, 0.0, 1.0);
-  double t = std::clamp((uv * s + vw) / std::max(vv, tiny), 0.0, 1.0);
-  s = std::clamp((uv * t - uw) / std::max(uu, tiny), 0.0, 1.0);
-  t = std::clamp((uv * s + vw) / std::max(vv, tiny), 0.0, 1.0);
+  double t = std::clamp((uv * s + vw) / std::max(vv, POINT_LENGTH2), 0.0, 1.0);
+  s = std::clamp((uv * t - uw) / std::max(uu, POINT_LENGTH2), 0.0, 1.0);
+  t = std::clamp((uv * s + vw) / std::max(vv, POINT_LENGTH2), 0.0, 1.0);
   return (w + s * u - t * v).norm();
 }
 
 double ObstaclePairs::measure(const Frames& frames, std::size_t node, double place, std::int64_t pair, bool exact) {
   ++(exact ? counts.queries : counts.pairs);
-  const std::size_t body = static_cast<std::size_t>(pair) / poses_.count, part = pair - body * poses_.count;
+  const std::size_t body = static_cast<std::size_t>(pair) / parts_.count(), part = pair - body * parts_.count();
   Vec3 one, two, shift;
   double uncertainty = 0.0;
   const Vec3* moves = moving_.at(place, part, shift, uncertainty) ? &shift : nullptr;
   if (exact) {
-    return Queries{narrow_, frames, poses_, moving_}.exact(node, body, part, moves).distance - kGjkExcess - uncertainty;
+    return Queries{narrow_, frames, parts_, moving_}.exact(node, body, part, moves).distance - GJK_EXCESS - uncertainty;
   }
   narrow_.bodies->ends_at(frames, node, body, one, two);
-  return capsule_bound(*narrow_.bodies, one, two, body, poses_, part, moves, uncertainty);
+  return capsule_bound(*narrow_.bodies, one, two, body, parts_, part, moves, uncertainty);
 }
 
 double ObstaclePairs::loose(std::int64_t pair) const {
-  const double* e = &narrow_.bodies->ends[(static_cast<std::size_t>(pair) / poses_.count) * 6];
-  return (Vec3(e[3], e[4], e[5]) - Vec3(e[0], e[1], e[2])).norm() + kLoose;
+  const double* e = &narrow_.bodies->ends[(static_cast<std::size_t>(pair) / parts_.count()) * 6];
+  return (Vec3(e[3], e[4], e[5]) - Vec3(e[0], e[1], e[2])).norm() + CAPSULE_LOOSE;
 }
 
-SelfPairs::SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs)
+SelfPairs::SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs, bool shallow)
     : bodies_(std::move(bodies)), pairs_(std::move(pairs)) {
+  solver_.shallow = shallow;
   for (std::size_t s = 0; s < pairs_.size() / 2; ++s) {
     functors_.push_back(
         std::make_unique<ShapePair>(bodies_->solids[pairs_[2 * s]].shape, bodies_->solids[pairs_[2 * s + 1]].shape));
@@ -68,10 +65,10 @@ double SelfPairs::query(const Frames& frames, std::size_t node, std::int64_t pai
 }
 
 double SelfPairs::measure(const Frames& frames, std::size_t node, double, std::int64_t pair, bool exact) {
-  return exact ? query(frames, node, pair) - kGjkExcess : lower_bound(frames, node, pair);
+  return exact ? query(frames, node, pair) - GJK_EXCESS : lower_bound(frames, node, pair);
 }
 
-double SelfPairs::loose(std::int64_t) const { return kLoose; }
+double SelfPairs::loose(std::int64_t) const { return CAPSULE_LOOSE; }
 
 void Worst::note(double at, std::int64_t which, double d, bool sure) {
   if (there && (certain != sure ? certain : distance <= d)) return;
@@ -154,10 +151,10 @@ bool Bisection::settle(Pairs& pairs, std::vector<Interval>& todo, Search& search
   return search.over();
 }
 
-std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, Search& search, int depth,
+std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, Search& search,
                                      const Approach* approach) {
   const double c = search.clearance;
-  for (int level = 0; level < depth; ++level) {
+  for (int level = 0; level < depth_; ++level) {
     const bool settled =
         std::all_of(todo.begin(), todo.end(), [](const Interval& x) { return x.exact_low && x.exact_high; });
     if (!settled) {
@@ -186,7 +183,7 @@ std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, S
       d[k] = measure(pairs, places[k], x.pair, false);
       // from here on, a half is proven
       const double one = first[k] - x.d_low + 2.0 * c, two = second[k] - x.d_high + 2.0 * c;
-      bool need = d[k] < std::max(std::max(one, two), c) + kMargin;
+      bool need = d[k] < std::max(std::max(one, two), c) + EXACT_WITHIN;
       if (need && approach != nullptr && x.high - x.low > 1.0) {  // only what can close a half; it is halved anyway
         need = d[k] + pairs.loose(x.pair) >= std::min(one, two) || d[k] <= c;
       }
@@ -225,7 +222,7 @@ void self_drift(const Tree& tree, const double* coordinates, const double* befor
       const double* r = radius + k * d.pairs;
       for (std::size_t s = 0; s < d.pairs; ++s) {
         double shift = moved * r[s];
-        if (std::isnan(shift)) shift = kFar;  // of a new node nothing is known
+        if (std::isnan(shift)) shift = FAR;  // of a new node nothing is known
         bound[s] -= shift;
         since[s] += shift;
       }
@@ -253,12 +250,12 @@ static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t nod
   const double cheap = pairs.lower_bound(frames, node, static_cast<std::int64_t>(pair));
   if (cheap >= reach) {
     d.bound[k] = cheap;
-    d.since[k] = kFar;
+    d.since[k] = FAR;
     d.exact[k] = INFINITY;
     return;
   }
   d.exact[k] = pairs.query(frames, node, static_cast<std::int64_t>(pair));
-  d.bound[k] = d.exact[k] - kGjkExcess;
+  d.bound[k] = d.exact[k] - GJK_EXCESS;
   d.since[k] = 0.0;
   // kept in the base's frame: the base carries all links alike, and needs no new measurement
   const double* T = frames.at(pairs.planar() ? 1 : 0, node);
@@ -304,7 +301,7 @@ std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tr
     for (const Interval& x : todo) {
       const std::size_t s = static_cast<std::size_t>(x.low), p = static_cast<std::size_t>(x.pair);
       const double other = d.bound[(s + 1 - end) * d.pairs + p];
-      self_refine_at(pairs, frames, s + end, p, x.travel + 2.0 * clearance - other + kMargin, d);
+      self_refine_at(pairs, frames, s + end, p, x.travel + 2.0 * clearance - other + EXACT_WITHIN, d);
     }
   }
   return still_open(std::move(todo), d.bound, d.pairs, clearance);
@@ -318,7 +315,7 @@ void colliding_nodes(Queries& ask, Distances& d, Search& search) {
       const double* bound = d.bound + d.index(n, g, 0);
       for (std::size_t p = 0; p < d.parts; ++p) {
         if (bound[p] > clearance) continue;
-        refine_at(ask, n, g, p, clearance + kMargin, d);
+        refine_at(ask, n, g, p, clearance + EXACT_WITHIN, d);
         if (bound[p] > clearance) continue;
         search.states[std::min(n, last)] = search.states[n == 0 ? 0 : n - 1] = 2;
         search.worst.note(static_cast<double>(std::min(n, last)), static_cast<std::int64_t>(g * d.parts + p), bound[p],
@@ -358,7 +355,7 @@ std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const d
     reach.clear();
     for (const Interval& x : todo) {
       const std::size_t other = static_cast<std::size_t>(x.low) + 1 - end, pair = static_cast<std::size_t>(x.pair);
-      reach.push_back(x.travel + 2.0 * clearance - d.bound[other * d.bodies * d.parts + pair] + kMargin);
+      reach.push_back(x.travel + 2.0 * clearance - d.bound[other * d.bodies * d.parts + pair] + EXACT_WITHIN);
     }
     for (std::size_t k = 0; k < todo.size(); ++k) {
       const std::size_t node = static_cast<std::size_t>(todo[k].low) + end,
@@ -370,7 +367,7 @@ std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const d
 }
 
 Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, std::size_t nodes, double clearance,
-                   int depth, const Approach& approach) {
+                   const Approach& approach) {
   const std::size_t last = nodes - 1;
   const Frames& frames = bisection.frames;
   std::vector<Interval> todo;
@@ -383,7 +380,7 @@ Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, std::s
     if (x.open(clearance)) todo.push_back(x);
   }
   Search search{clearance};
-  search.unknown(bisection.run(pairs, std::move(todo), search, depth, &approach));
+  search.unknown(bisection.run(pairs, std::move(todo), search, &approach));
   return search.worst;
 }
 

@@ -1,6 +1,7 @@
 // The certificate's branch and bound: open intervals of pairs are halved until none is left; see certificate.py.
 #pragma once
 
+#include <algorithm>
 #include <functional>
 
 #include "proximity.hpp"
@@ -20,21 +21,22 @@ class Pairs {
 // Pairs of a body and one of P parts, numbered body * P + part.
 class ObstaclePairs : public Pairs {
  public:
-  ObstaclePairs(Narrowphase& narrow, const PartPoses& poses, const Moving& moving)
-      : narrow_(narrow), poses_(poses), moving_(moving) {}
+  ObstaclePairs(Narrowphase& narrow, const Parts& parts, const Moving& moving)
+      : narrow_(narrow), parts_(parts), moving_(moving) {}
   double measure(const Frames& frames, std::size_t node, double place, std::int64_t pair, bool exact) override;
   double loose(std::int64_t pair) const override;
 
  private:
   Narrowphase& narrow_;
-  const PartPoses& poses_;
+  const Parts& parts_;
   const Moving& moving_;
 };
 
 // Pairs of the robot's own bodies; see SelfProximity.
 class SelfPairs : public Pairs {
  public:
-  SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs);
+  // Distances are 0 where shapes touch, if it is shallow.
+  SelfPairs(std::shared_ptr<const Bodies> bodies, std::vector<std::int64_t> pairs, bool shallow = false);
   double measure(const Frames& frames, std::size_t node, double place, std::int64_t pair, bool exact) override;
   double loose(std::int64_t pair) const override;
 
@@ -47,7 +49,6 @@ class SelfPairs : public Pairs {
   std::int64_t joint(std::size_t pair, int which) const { return bodies_->joint[pairs_[2 * pair + which]]; }
   std::size_t body(std::size_t pair, int which) const { return static_cast<std::size_t>(pairs_[2 * pair + which]); }
   std::size_t size() const { return functors_.size(); }
-  void shallow() { solver_.shallow = true; }
   std::mutex busy;  // held by the thread that is inside
 
  private:
@@ -91,15 +92,15 @@ struct Search {
 // How far the two of a pair can have come nearer from one node to another.
 using Approach = std::function<double(std::int64_t pair, std::size_t low, std::size_t high)>;
 
-// A path: nodes, and the tangents (N-1, nv) from each to the next. Halves intervals along it, level by level.
+// A path: nodes, and the tangents (N-1, nv) from each to the next. Halves intervals along it, level by level, at most
+// `depth` times; after 64 there are no more numbers in between.
 class Bisection {
  public:
-  Bisection(const Tree& tree, const Frames& frames, const double* coordinates, const double* v)
-      : frames(frames), tree_(tree), coordinates_(coordinates), v_(v) {}
+  Bisection(const Tree& tree, const Frames& at, const double* coordinates, const double* v, int depth)
+      : frames(at), tree_(tree), coordinates_(coordinates), v_(v), depth_(std::min(depth, 64)) {}
 
-  // What still is open after `depth` levels; `approach` is null where all intervals lie in one segment.
-  std::vector<Interval> run(Pairs& pairs, std::vector<Interval> todo, Search& search, int depth,
-                            const Approach* approach);
+  // What still is open then; `approach` is null where all intervals lie in one segment.
+  std::vector<Interval> run(Pairs& pairs, std::vector<Interval> todo, Search& search, const Approach* approach);
 
   const Frames frames;
   std::size_t checks = 0;  // configurations measured between nodes
@@ -111,6 +112,7 @@ class Bisection {
 
   const Tree& tree_;
   const double *coordinates_, *v_;
+  const int depth_;
   std::vector<double> T_, places_;  // placements at places between nodes, ascending
   Frames between_{nullptr, nullptr, 0};
 };
@@ -146,6 +148,6 @@ std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const d
 
 // Prove all pairs along a motion, from the first sample to the last; what is found too near, or is left open.
 Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, std::size_t nodes, double clearance,
-                   int depth, const Approach& approach);
+                   const Approach& approach);
 
 }  // namespace strips

@@ -8,11 +8,6 @@
 
 namespace strips {
 
-constexpr double kTolerance = 1e-10, kFine = 1e-12;  // of GJK and EPA
-constexpr double kExcess = 5e-6;                     // [m] that a distance may be above what its normal proves
-constexpr double kAgreement = 1e-4;
-constexpr double kFailed = -1e100;  // Coal says -1.8e308 where its solver for penetration does not converge
-
 static coal::DistanceRequest request(double gjk, double epa) {
   coal::DistanceRequest made(true);
   if (gjk > 0.0) made.gjk_tolerance = gjk;
@@ -93,7 +88,7 @@ static double support(const coal::ShapeBase& shape, const Vec3& n) {
 // How far two shapes are apart along a unit vector from one to the other: no more than their distance, wherever the
 // vector comes from; -inf where it is none.
 static double gap(const ShapePair& pair, const Transform3s& one, const Transform3s& two, const Vec3& n) {
-  if (!(n.squaredNorm() < 1.0 + 1e-9)) return -INFINITY;
+  if (!(n.squaredNorm() < 1.0 + UNIT_EXCESS)) return -INFINITY;
   return n.dot(two.getTranslation() - one.getTranslation()) - support(*pair.one, one.getRotation().transpose() * n) -
          support(*pair.two, -(two.getRotation().transpose() * n));
 }
@@ -108,12 +103,12 @@ ShapePair::ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::S
       fine(deep_one.get(), deep_two.get()) {}
 
 PairSolver::PairSolver()
-    : apart_(request(kTolerance, 0.0)),
+    : apart_(request(GJK_TOLERANCE, 0.0)),
       touch_(request(0.0, 0.0)),
       deep_(request(0.0, 0.0)),
-      fine_(request(kTolerance, kFine)) {
+      fine_(request(GJK_TOLERANCE, EPA_TOLERANCE)) {
   touch_.enable_signed_distance = false;
-  for (double tolerance : {1e-4, 1e-3, 1e-2, 0.1}) coarse_.push_back(request(0.0, tolerance));
+  for (double tolerance : COARSE_EPA_TOLERANCES) coarse_.push_back(request(0.0, tolerance));
 }
 
 double PairSolver::ask(const ShapePair& pair, const Transform3s& one, const Transform3s& two) {
@@ -126,7 +121,7 @@ double PairSolver::ask(const ShapePair& pair, const Transform3s& one, const Tran
 double PairSolver::proven(const ShapePair& pair, const Transform3s& one, const Transform3s& two, double d) {
   if (d <= 0.0) return d;
   const double apart = gap(pair, one, two, result_.normal);
-  if (d <= apart + kExcess) return d;
+  if (d <= apart + NORMAL_EXCESS) return d;
   result_.clear();
   pair.deep(one, two, deep_, result_);
   return std::max({gap(pair, one, two, result_.normal), apart, 0.0});
@@ -137,13 +132,13 @@ double PairSolver::penetration(const ShapePair& pair, const Transform3s& one, co
   double deep = pair.deep(one, two, deep_, result_);
   result_.clear();
   const double fine = pair.fine(one, two, fine_, result_);
-  if (fine > kFailed && std::abs(fine - deep) < kAgreement) return fine;
+  if (fine > NO_DEPTH && std::abs(fine - deep) < DEPTH_AGREEMENT) return fine;
   for (std::size_t k = 0; k <= coarse_.size(); ++k) {  // even Coal's own tolerance is not always reached
     result_.clear();
     deep = pair.deep(one, two, k == 0 ? deep_ : coarse_[k - 1], result_);
-    if (deep > kFailed) return deep;
+    if (deep > NO_DEPTH) return deep;
   }
-  throw NoDepth("Coal finds no penetration depth of two shapes at any tolerance");
+  throw Failure("NumericalError", "Coal finds no penetration depth of two shapes at any tolerance");
 }
 
 double PairSolver::ask(const Block& block, coal::CollisionObject& probe) {

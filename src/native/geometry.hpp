@@ -13,11 +13,19 @@
 #include <string>
 #include <vector>
 
+#include "constants.hpp"
+
 namespace strips {
 
 using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using coal::Transform3s;
+
+// What Python gets as an error of this name of errors.py, the one that the twin raises.
+struct Failure : std::runtime_error {
+  Failure(const char* error, const char* what) : std::runtime_error(what), name(error) {}
+  const char* name;
+};
 
 // Many boxes in one of Coal's trees, in the frame of the part that they make up.
 struct Block {
@@ -50,11 +58,6 @@ struct ShapePair {
   coal::ComputeDistance apart, deep, fine;
 
   ShapePair(std::shared_ptr<coal::ShapeBase> a, std::shared_ptr<coal::ShapeBase> b);
-};
-
-// Coal says no depth of two shapes that penetrate, whatever the tolerance.
-struct NoDepth : std::runtime_error {
-  using std::runtime_error::runtime_error;
 };
 
 // Requests and one result, of one thread.

@@ -20,12 +20,20 @@
 namespace nb = nanobind;
 using namespace strips;
 
+namespace {
+
 // An array of Python's itself, contiguous and of this very type, and never a converted copy.
 template <typename T>
 struct Same : nb::ndarray<T, nb::c_contig, nb::device::cpu> {
   using Array = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
   using Array::Array;
+  template <typename U>
+  operator std::vector<U>() const {
+    return std::vector<U>(this->data(), this->data() + this->size());
+  }
 };
+
+}  // namespace
 
 template <typename T>
 struct nanobind::detail::type_caster<Same<T>> {
@@ -50,30 +58,44 @@ void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-// Sizes that arrays have in common, by letters: what does not fit is refused before anything is read or written.
+bool finite(const double* x, std::size_t count) {
+  double nought[8] = {};  // eight sums side by side, which stay 0
+  std::size_t k = 0;
+  for (; k + 8 <= count; k += 8) {
+    for (std::size_t i = 0; i < 8; ++i) nought[i] += x[k + i] * 0.0;
+  }
+  for (; k < count; ++k) nought[0] += x[k] * 0.0;
+  return std::all_of(nought, nought + 8, [](double sum) { return sum == 0.0; });
+}
+
+// Sizes that arrays have in common, by letters, 'z' the stamp of the parts that they number: what does not fit is
+// refused before anything is read or written.
 struct Sizes {
   Sizes() { std::fill_n(size, 26, kOpen); }
   explicit Sizes(const Tree& tree) : Sizes() {
     is('j', tree.joints).is('v', tree.nv).is('r', tree.nv - tree.base_nv()).is('m', tree.motions());
   }
   explicit Sizes(const Bodies& bodies) : Sizes(bodies.tree) { is('g', bodies.size()); }
-  explicit Sizes(const Narrowphase& narrow) : Sizes(*narrow.bodies) { is('p', narrow.parts()); }
+  explicit Sizes(const Narrowphase& narrow) : Sizes(*narrow.bodies) {}
   explicit Sizes(const SelfPairs& pairs) : Sizes(pairs.bodies()) { is('s', pairs.size()); }
 
   Sizes& is(char letter, std::size_t value) {
     std::size_t& known = size[letter - 'a'];
-    require(known == kOpen || known == value, "what is handed over together is not of the same size");
+    require(known == kOpen || known == value,
+            "what is handed over together is not of the same size, or of other parts");
     known = value;
     return *this;
   }
-  Sizes& has(const PartPoses& poses) { return is('p', poses.count); }
-  Sizes& has(const Moving& moving) { return moving.mover ? is('n', moving.nodes).is('p', moving.parts) : *this; }
-  Sizes& has(const Distances& d) { return is('n', d.nodes).is('g', d.bodies).is('p', d.parts); }
+  Sizes& has(const Parts& parts) { return is('p', parts.count()).is('z', parts.stamp); }
+  Sizes& has(const Moving& moving) { return moving.mover ? is('n', moving.nodes).is('z', moving.stamp) : *this; }
+  Sizes& has(const Distances& d) { return is('n', d.nodes).is('g', d.bodies).is('p', d.parts).is('z', d.stamp); }
   Sizes& has(const SelfDistances& d) { return is('n', d.nodes).is('s', d.pairs); }
   Sizes& has(const System& system) { return is('n', system.nodes).is('v', system.nv); }
 
-  // One word for each array, such as "nv j>n34 k<n": a letter is the size that it was before, 'N' one less than 'n',
+  // One word for each array, such as "nv ?j>n34 k<n": a letter is the size that it was before, 'N' one less than 'n',
   // ">n" at least that, and a digit itself; "<n" at the end are numbers of what there are n of, "~n" -1 among them.
+  // What is only read has to be finite, but after a '?': there the function has an answer to what is no number. So it
+  // is with placements, which `place` makes of finite coordinates: of what is nowhere nothing is proven.
   template <typename... A>
   Sizes& operator()(const char* words, const A&... arrays) {
     (fit(words, arrays), ...);
@@ -88,6 +110,8 @@ struct Sizes {
   template <typename T>
   void fit(const char*& at, const Same<T>& array) {
     const char* word = at;
+    const bool any = *at == '?';
+    at += any;
     std::size_t k = 0;
     bool fits = true;
     for (; *at != '\0' && *at != ' ' && *at != '<' && *at != '~'; ++at, ++k) {
@@ -110,21 +134,14 @@ struct Sizes {
     }
     if (!fits)
       throw std::invalid_argument("arrays do not fit each other: '" + std::string(word, at) + "' is the first");
+    if constexpr (std::is_same_v<T, const double>) require(any || finite(array.data(), array.size()), kNoNumber);
     at += *at == ' ';
   }
 
   static constexpr std::size_t kOpen = static_cast<std::size_t>(-2);
+  static constexpr char kNoNumber[] = "an array holds what is no number";
   std::size_t size[26];
 };
-
-template <typename T, typename A>
-std::vector<T> copied(const A& array) {
-  return std::vector<T>(array.data(), array.data() + array.size());
-}
-
-std::vector<std::uint8_t> flags(const Flags& array) { return copied<std::uint8_t>(array); }
-std::vector<double> reals(const Reals& array) { return copied<double>(array); }
-std::vector<std::int64_t> numbers(const Numbers& array) { return copied<std::int64_t>(array); }
 
 // A function that runs without the interpreter's lock.
 template <typename Scope, typename F>
@@ -141,8 +158,7 @@ struct Kept : View {
   std::shared_ptr<void> arrays;
 };
 template <char... Letters, typename View, typename... A>
-void keep(Kept<View>* self, const char* words, const A&... arrays) {
-  Sizes sizes;
+void keep(Kept<View>* self, Sizes sizes, const char* words, const A&... arrays) {
   sizes(words, arrays...);
   new (self)
       Kept<View>{{arrays.data()..., sizes.size[Letters - 'a']...}, std::make_shared<std::tuple<A...>>(arrays...)};
@@ -154,7 +170,7 @@ Moving view(const MaybeMoving& moving) { return moving ? Moving(*moving) : Movin
 template <typename Workspace>
 std::unique_lock<std::mutex> enter(Workspace& workspace) {
   std::unique_lock<std::mutex> inside(workspace.busy, std::try_to_lock);
-  if (!inside) throw std::runtime_error("another thread is at work in these very buffers");
+  if (!inside) throw Failure("ThreadError", "another thread is at work in these very buffers");
   return inside;
 }
 
@@ -169,13 +185,13 @@ Proof proof(const Worst& worst, std::size_t checks, const Counts& counts) {
 }
 
 // Bisect what is open and not decided; what is left then is unknown.
-Proof bisected(Bisection& bisection, Pairs& pairs, const std::vector<Interval>& todo, Search& search, int depth) {
+Proof bisected(Bisection& bisection, Pairs& pairs, const std::vector<Interval>& todo, Search& search) {
   for (const Interval& x : todo) search.found(x.low, x.pair, std::min(x.d_low, x.d_high));
   std::vector<Interval> open;
   for (const Interval& x : todo) {
     if (!search.decided(x.low)) open.push_back(x);
   }
-  search.unknown(bisection.run(pairs, std::move(open), search, depth, nullptr));
+  search.unknown(bisection.run(pairs, std::move(open), search, nullptr));
   return proof(search.worst, bisection.checks, pairs.counts);
 }
 
@@ -200,76 +216,68 @@ void bind_robot(nb::module_& m) {
     return block(sides.data(), at.data(), sides.shape(0));
   });
 
-  nb::class_<Tree> tree(m, "Tree");
-  tree.def("__init__", [](Tree* self, bool planar, Numbers parents, Numbers motion, Flags prismatic, Flags circular,
-                          Flags support, Reals offset, Numbers coordinate, Reals rate, Reals shift) {
-    const std::size_t base = planar ? 3 : 0, nv = circular.size() + base, joints = parents.size();
-    Sizes().is('v', nv)("jm j j~m j j44 r m<v m m", support, parents, motion, prismatic, offset, circular, coordinate,
-                        rate, shift);
-    require(joints > base / 3 && coordinate.size() >= nv, "a tree without joints or motions for its columns");
-    for (std::size_t i = 1; i < joints; ++i) {
-      const bool root = planar && i == 1, behind = parents.data()[i] < static_cast<std::int64_t>(i);
-      require(parents.data()[i] >= 0 && behind, "a joint before its parent");
-      require((motion.data()[i] < 0) == root, "a joint without a motion, or a planar root with one");
-    }
-    const Space space{static_cast<int>(nv), planar, flags(circular)};
-    new (self) Tree{space,
-                    static_cast<int>(joints),
-                    numbers(parents),
-                    numbers(motion),
-                    numbers(coordinate),
-                    flags(prismatic),
-                    flags(support),
-                    reals(offset),
-                    reals(rate),
-                    reals(shift)};
-  });
-  unlocked(tree, "place", [](const Tree& tree, Reals coordinates, Same<double> T, Same<double> J, bool jacobians) {
-    Sizes sizes(tree);
-    sizes("nv j>n34 >nm6", coordinates, T, J);
-    place(tree, coordinates.data(), coordinates.shape(0), T.data(), jacobians ? J.data() : nullptr, T.shape(1));
-  });
+  nb::class_<Tree> tree_class(m, "Tree");
+  tree_class.def(
+      "__init__", [](Tree* self, bool planar, Numbers parents, Numbers motion, Flags prismatic, Flags circular,
+                     Flags support, Reals offset, Numbers coordinate, Reals rate, Reals shift) {
+        const std::size_t base = planar ? 3 : 0, nv = circular.size() + base, joints = parents.size();
+        Sizes().is('v', nv)("jm j j~m j j44 r m<v m m", support, parents, motion, prismatic, offset, circular,
+                            coordinate, rate, shift);
+        require(joints > base / 3 && coordinate.size() >= nv, "a tree without joints or motions for its columns");
+        for (std::size_t i = 1; i < joints; ++i) {
+          const bool root = planar && i == 1, behind = parents.data()[i] < static_cast<std::int64_t>(i);
+          require(parents.data()[i] >= 0 && behind, "a joint before its parent");
+          require((motion.data()[i] < 0) == root, "a joint without a motion, or a planar root with one");
+        }
+        const Space space{static_cast<int>(nv), planar, circular};
+        const int count = static_cast<int>(joints);
+        new (self) Tree{space, count, parents, motion, coordinate, prismatic, support, offset, rate, shift};
+      });
+  unlocked(
+      tree_class, "place", [](const Tree& tree, Reals coordinates, Same<double> T, Same<double> J, bool jacobians) {
+        Sizes{tree}("nv j>n34 >nm6", coordinates, T, J);
+        place(tree, coordinates.data(), coordinates.shape(0), T.data(), jacobians ? J.data() : nullptr, T.shape(1));
+      });
 
-  nb::class_<Bodies> bodies(m, "Bodies");
-  bodies.def("__init__", [](Bodies* self, const Tree& tree, const std::vector<Solid>& solids, Numbers joint,
-                            Reals rotation, Reals translation, Reals ends, Reals radius, double skin) {
-    Sizes sizes(tree);
-    sizes.is('g', solids.size())("g<j g33 g3 g23 g", joint, rotation, translation, ends, radius);
-    for (const Solid& solid : solids) require(solid.shape != nullptr, "a body that is a block");
-    new (self)
-        Bodies{tree, solids, numbers(joint), reals(rotation), reals(translation), reals(ends), reals(radius), skin};
-  });
+  nb::class_<Bodies>(m, "Bodies")
+      .def("__init__", [](Bodies* self, const Tree& tree, const std::vector<Solid>& solids, Numbers joint,
+                          Reals rotation, Reals translation, Reals ends, Reals radius, double skin) {
+        Sizes(tree).is('g', solids.size())("g<j g33 g3 g23 g", joint, rotation, translation, ends, radius);
+        for (const Solid& solid : solids) require(solid.shape != nullptr, "a body that is a block");
+        new (self) Bodies{tree, solids, joint, rotation, translation, ends, radius, skin};
+      });
 }
 
-void bind_obstacles(nb::module_& m) {
-  nb::class_<Kept<PartPoses>> poses(m, "Poses");
-  poses.def("__init__", [](Kept<PartPoses>* self, Reals rotation, Reals translation, Reals center, Reals half) {
-    keep<'p'>(self, "p33 p3 p3 p3", rotation, translation, center, half);
-  });
-  nb::class_<Kept<Moving>> moving(m, "Moving");
-  moving.def("__init__", [](Kept<Moving>* self, Reals shift, Reals uncertainty, Numbers mover) {
-    require(shift.ndim() > 0 && shift.shape(0) > 0, "a forecast for no node");
-    keep<'n', 'm', 'p'>(self, "nm3 nm p~m", shift, uncertainty, mover);
-  });
-  nb::class_<Kept<Distances>> distances(m, "Distances");
-  distances.def("__init__", [](Kept<Distances>* self, Same<double> bound, Same<double> since, Same<double> exact,
-                               Same<double> direction, Same<double> witness, Reals limit) {
-    keep<'n', 'g', 'p'>(self, "ngp ngp ngp ngp3 ngp3 p", bound, since, exact, direction, witness, limit);
-  });
+void bind_distances(nb::module_& m) {
+  nb::class_<Kept<Parts>>(m, "Parts")
+      .def("__init__", [](Kept<Parts>* self, const std::vector<Solid>& solids, Reals rotation, Reals translation,
+                          Reals center, Reals half) {
+        keep(self, Sizes().is('p', solids.size()), "p33 p3 p3 p3", rotation, translation, center, half);
+        self->solids = solids;
+      });
+  nb::class_<Kept<Moving>>(m, "Moving")
+      .def("__init__", [](Kept<Moving>* self, const Kept<Parts>& parts, Reals shift, Reals uncertainty, Numbers mover) {
+        require(shift.ndim() > 0 && shift.shape(0) > 0, "a forecast for no node");
+        keep<'n', 'm', 'p'>(self, Sizes().has(parts), "nm3 nm p~m", shift, uncertainty, mover);
+        self->stamp = parts.stamp;
+      });
+  nb::class_<Kept<Distances>>(m, "Distances")
+      .def("__init__", [](Kept<Distances>* self, const Kept<Parts>& parts, Same<double> bound, Same<double> since,
+                          Same<double> exact, Same<double> direction, Same<double> witness, Reals limit) {
+        keep<'n', 'g', 'p'>(self, Sizes().has(parts), "ngp ngp ngp ngp3 ngp3 p", bound, since, exact, direction,
+                            witness, limit);
+        self->stamp = parts.stamp;
+      });
 
   nb::class_<Narrowphase> narrowphase(m, "Narrowphase");
   narrowphase.def(nb::init<std::shared_ptr<Bodies>>());
-  narrowphase.def("set_parts", [](Narrowphase& self, const std::vector<Solid>& parts) {
-    const auto inside = enter(self);
-    self.set_parts(parts);
-  });
   unlocked(narrowphase, "query",
-           [](Narrowphase& self, Reals T, Numbers node, Numbers body, Numbers part, const Kept<PartPoses>& poses,
+           [](Narrowphase& self, Reals T, Numbers node, Numbers body, Numbers part, const Kept<Parts>& parts,
               MaybeReals shift, Same<double> distance, Same<double> direction, Same<double> witness) {
              const auto inside = enter(self);
-             Sizes(self).has(poses)("jc34 k<c k<g k<p k3 k k3 k3", T, node, body, part, shift, distance, direction,
+             Sizes(self).has(parts)("?jc34 k<c k<g k<p k3 k k3 k3", T, node, body, part, shift, distance, direction,
                                     witness);
-             Queries ask{self, frames_of(T), poses, {}};
+             Queries ask(self, frames_of(T), parts);
              for (std::size_t k = 0; k < node.size(); ++k) {
                Vec3 by;
                if (shift) by = Eigen::Map<const Vec3>(shift->data() + 3 * k);
@@ -280,11 +288,11 @@ void bind_obstacles(nb::module_& m) {
              }
            });
   unlocked(narrowphase, "refine",
-           [](Narrowphase& self, Reals T, const Kept<PartPoses>& poses, const MaybeMoving& moving, double influence,
+           [](Narrowphase& self, Reals T, const Kept<Parts>& parts, const MaybeMoving& moving, double influence,
               Kept<Distances>& distances) {
              const auto inside = enter(self);
-             Sizes(self).has(poses).has(distances).has(view(moving))("j>n34", T);
-             Queries ask{self, frames_of(T), poses, view(moving)};
+             Sizes(self).has(parts).has(distances).has(view(moving))("?j>n34", T);
+             Queries ask(self, frames_of(T), parts, view(moving));
              refine(ask, influence, distances);
              return counted(ask.counts);
            });
@@ -292,74 +300,66 @@ void bind_obstacles(nb::module_& m) {
            [](const Narrowphase& self, Reals T, Reals coordinates, double influence, Same<double> kept,
               Same<double> ends, Same<double> rotations, Reals low, Reals high, Same<std::int64_t> cover,
               Same<double> margin, Kept<Distances>& distances) {
-             Sizes sizes(self);
-             sizes.has(distances)("j>n34 nv nv ng23 ng33", T, coordinates, kept, ends, rotations);
-             sizes("c3 c3 n~c n", low, high, cover, margin);
+             Sizes(self).has(distances)("?j>n34 nv nv ng23 ng33 c3 c3 n~c n", T, coordinates, kept, ends, rotations,
+                                        low, high, cover, margin);
              Nodes nodes{kept.data(), ends.data(),  rotations.data(), low.data(),
                          high.data(), cover.data(), margin.data()};
              return follow(*self.bodies, frames_of(T), coordinates.data(), influence, nodes, distances);
            });
   unlocked(narrowphase, "certify",
-           [](Narrowphase& self, Reals T, Reals J, Reals coordinates, Reals v, const Kept<PartPoses>& poses,
+           [](Narrowphase& self, Reals T, Reals J, Reals coordinates, Reals v, const Kept<Parts>& parts,
               const MaybeMoving& moving, Reals radius, MaybeReals approach, Kept<Distances>& distances,
               double clearance, int depth, Same<std::int8_t> states) {
              const auto inside = enter(self);
-             Sizes sizes(self);
-             sizes.has(poses).has(distances).has(view(moving));
-             sizes("j>n34 >nm6 nv Nv mg Np N", T, J, coordinates, v, radius, approach, states);
+             Sizes(self).has(parts).has(distances).has(view(moving))("?j>n34 ?>nm6 nv Nv mg Np N", T, J, coordinates, v,
+                                                                     radius, approach, states);
              require(distances.nodes > 1, "a strip of less than two nodes");
              Search search{clearance, states.data()};
-             Queries ask{self, frames_of(T, J.data()), poses, view(moving)};
+             Queries ask(self, frames_of(T, J.data()), parts, view(moving));
+             Bisection bisection(self.bodies->tree, ask.frames, coordinates.data(), v.data(), depth);
              colliding_nodes(ask, distances, search);
              const double* nearer = approach ? approach->data() : nullptr;
              const std::vector<Interval> todo = open_obstacles(ask, radius.data(), v.data(), nearer, search, distances);
-             ObstaclePairs pairs(self, ask.poses, ask.moving);
+             ObstaclePairs pairs(self, parts, ask.moving);
              pairs.counts = ask.counts;
-             Bisection bisection(self.bodies->tree, ask.frames, coordinates.data(), v.data());
-             return bisected(bisection, pairs, todo, search, depth);
+             return bisected(bisection, pairs, todo, search);
            });
   unlocked(
       narrowphase, "prove",
-      [](Narrowphase& self, Reals T, Reals coordinates, Reals v, const Kept<PartPoses>& poses,
-         const MaybeMoving& moving, Reals travel, MaybeReals approach, double clearance, int depth) {
+      [](Narrowphase& self, Reals T, Reals coordinates, Reals v, const Kept<Parts>& parts, const MaybeMoving& moving,
+         Reals travel, MaybeReals approach, double clearance, int depth) {
         const auto inside = enter(self);
         const Moving moves = view(moving);
-        Sizes sizes(self);
-        sizes("nv Nv j>n34 Ng Np", coordinates, v, T, travel, approach).has(poses).has(moves);
-        const std::size_t bodies = self.bodies->size(), parts = poses.count;
+        Sizes{self}("nv Nv ?j>n34 Ng Np", coordinates, v, T, travel, approach).has(parts).has(moves);
+        const std::size_t bodies = self.bodies->size(), count = parts.count();
         const std::vector<double> own = summed(travel), theirs = approach ? summed(*approach) : std::vector<double>();
         const Approach nearer = [&](std::int64_t pair, std::size_t low, std::size_t high) {
-          const std::size_t g = static_cast<std::size_t>(pair) / parts, p = static_cast<std::size_t>(pair) - g * parts;
+          const std::size_t g = static_cast<std::size_t>(pair) / count, p = static_cast<std::size_t>(pair) - g * count;
           const double sum = own[high * bodies + g] - own[low * bodies + g];
-          return theirs.empty() ? sum : sum + (theirs[high * parts + p] - theirs[low * parts + p]);
+          return theirs.empty() ? sum : sum + (theirs[high * count + p] - theirs[low * count + p]);
         };
-        ObstaclePairs pairs(self, poses, moves);
-        Bisection bisection(self.bodies->tree, frames_of(T), coordinates.data(), v.data());
-        const Worst worst =
-            prove_motion(pairs, bodies * parts, bisection, coordinates.shape(0), clearance, depth, nearer);
+        ObstaclePairs pairs(self, parts, moves);
+        Bisection bisection(self.bodies->tree, frames_of(T), coordinates.data(), v.data(), depth);
+        const Worst worst = prove_motion(pairs, bodies * count, bisection, coordinates.shape(0), clearance, nearer);
         return proof(worst, bisection.checks, pairs.counts);
       });
-}
 
-void bind_self(nb::module_& m) {
-  nb::class_<Kept<SelfDistances>> selfDistances(m, "SelfDistances");
-  selfDistances.def("__init__",
-                    [](Kept<SelfDistances>* self, Same<double> bound, Same<double> since, Same<double> exact,
-                       Same<double> direction, Same<double> first, Same<double> second, double tolerance) {
-                      keep<'n', 's'>(self, "ns ns ns ns3 ns3 ns3", bound, since, exact, direction, first, second);
-                      self->tolerance = tolerance;
-                    });
+  nb::class_<Kept<SelfDistances>>(m, "SelfDistances")
+      .def("__init__", [](Kept<SelfDistances>* self, Same<double> bound, Same<double> since, Same<double> exact,
+                          Same<double> direction, Same<double> first, Same<double> second, double tolerance) {
+        keep<'n', 's'>(self, Sizes(), "ns ns ns ns3 ns3 ns3", bound, since, exact, direction, first, second);
+        self->tolerance = tolerance;
+      });
   nb::class_<SelfPairs> selfPairs(m, "SelfPairs");
   selfPairs.def("__init__", [](SelfPairs* self, std::shared_ptr<Bodies> bodies, Numbers pairs) {
-    Sizes sizes(*bodies);
-    sizes("s2<g", pairs);
-    new (self) SelfPairs(bodies, numbers(pairs));
+    Sizes{*bodies}("s2<g", pairs);
+    new (self) SelfPairs(bodies, pairs);
   });
   unlocked(selfPairs, "update",
            [](SelfPairs& self, Reals T, Reals coordinates, Reals before, Reals radius, double reach,
               Kept<SelfDistances>& distances) {
              const auto inside = enter(self);
-             Sizes(self).has(distances)("j>n34 nv nv vs", T, coordinates, before, radius);
+             Sizes(self).has(distances)("?j>n34 nv ?nv vs", T, coordinates, before, radius);
              self.counts = {};
              self_drift(self.bodies().tree, coordinates.data(), before.data(), radius.data(), distances);
              self_refine(self, frames_of(T), reach, distances);
@@ -369,56 +369,44 @@ void bind_self(nb::module_& m) {
            [](SelfPairs& self, Reals T, Reals coordinates, Reals v, Reals radius, Kept<SelfDistances>& distances,
               double clearance, int depth, Same<std::int8_t> states) {
              const auto inside = enter(self);
-             Sizes(self).has(distances)("j>n34 nv Nv vs N", T, coordinates, v, radius, states);
+             Sizes(self).has(distances)("?j>n34 nv Nv vs N", T, coordinates, v, radius, states);
              const Frames frames = frames_of(T);
              Search search{clearance, states.data()};
              self.counts = {};
              const Tree& tree = self.bodies().tree;
+             Bisection bisection(tree, frames, coordinates.data(), v.data(), depth);
              const std::vector<Interval> todo =
                  open_self(self, frames, tree, radius.data(), v.data(), search, distances);
-             Bisection bisection(tree, frames, coordinates.data(), v.data());
-             return bisected(bisection, self, todo, search, depth);
+             return bisected(bisection, self, todo, search);
            });
   unlocked(selfPairs, "prove",
            [](SelfPairs& self, Reals T, Reals coordinates, Reals v, Reals travel, double clearance, int depth) {
              const auto inside = enter(self);
-             Sizes sizes(self);
-             sizes("nv Nv Ns j>n34", coordinates, v, travel, T);
+             Sizes{self}("nv Nv Ns ?j>n34", coordinates, v, travel, T);
              const std::size_t count = self.size();
              const std::vector<double> own = summed(travel);
              const Approach nearer = [&](std::int64_t pair, std::size_t low, std::size_t high) {
                return own[high * count + pair] - own[low * count + pair];
              };
              self.counts = {};
-             Bisection bisection(self.bodies().tree, frames_of(T), coordinates.data(), v.data());
-             const Worst worst = prove_motion(self, count, bisection, coordinates.shape(0), clearance, depth, nearer);
+             Bisection bisection(self.bodies().tree, frames_of(T), coordinates.data(), v.data(), depth);
+             const Worst worst = prove_motion(self, count, bisection, coordinates.shape(0), clearance, nearer);
              return proof(worst, bisection.checks, self.counts);
            });
 }
 
 // A Validity and the arrays that it reads.
 struct Checker {
-  Kept<PartPoses> poses;
-  Reals radius;
-  Tree tree;
+  const Kept<Parts> parts;
+  const Reals radius;
   Validity validity;
 
-  Checker(std::shared_ptr<Bodies> bodies, const std::vector<Solid>& parts, Numbers self_pairs,
-          const Kept<PartPoses>& poses, Reals radius, double margin)
-      : poses(poses),
-        radius(radius),
-        tree(bodies->tree),
-        validity(bodies, parts, numbers(self_pairs), poses, radius.data(), margin) {}
+  Checker(std::shared_ptr<Bodies> bodies, const Kept<Parts>& among, Numbers self_pairs, Reals radii, double margin)
+      : parts(among), radius(radii), validity(bodies, parts, self_pairs, radius.data(), margin) {}
 
   const double* row(const Reals& coordinates) const {
-    Sizes sizes(tree);
-    sizes("v", coordinates);
-    return finite(coordinates.data(), coordinates.size());
-  }
-  static const double* finite(const double* row, std::size_t count) {
-    const auto is_finite = [](double x) { return std::isfinite(x); };
-    require(std::all_of(row, row + count, is_finite), "coordinates that are no numbers");
-    return row;
+    Sizes{validity.tree()}("v", coordinates);
+    return coordinates.data();
   }
 };
 
@@ -428,23 +416,23 @@ struct Chart {
   std::vector<double> one, two, per_unit;
 
   bool motion(const std::vector<double>& a, const std::vector<double>& b, double step) {
-    return checker->validity.motion(row(one, a), row(two, b), step);
+    return checker->validity.motion(filled(one, a), filled(two, b), step);
   }
-  const double* row(std::vector<double>& row, const std::vector<double>& state) const {
+  const double* filled(std::vector<double>& row, const std::vector<double>& state) const {
     require(state.size() == per_unit.size(), "a state of another size than the chart");
     const std::size_t first = row.size() - per_unit.size();
     for (std::size_t k = 0; k < per_unit.size(); ++k) row[first + k] = state[k] * per_unit[k];
-    return Checker::finite(row.data(), row.size());
+    require(finite(row.data(), row.size()), Sizes::kNoNumber);
+    return row.data();
   }
 };
 
 void bind_validity(nb::module_& m) {
   nb::class_<Checker> validity(m, "Validity");
-  validity.def("__init__", [](Checker* self, std::shared_ptr<Bodies> bodies, const std::vector<Solid>& parts,
-                              Numbers self_pairs, const Kept<PartPoses>& poses, Reals radius, double margin) {
-    Sizes sizes(*bodies);
-    sizes.is('p', parts.size()).has(poses)("mg s2<g", radius, self_pairs);
-    new (self) Checker(bodies, parts, self_pairs, poses, radius, margin);
+  validity.def("__init__", [](Checker* self, std::shared_ptr<Bodies> bodies, const Kept<Parts>& parts,
+                              Numbers self_pairs, Reals radius, double margin) {
+    Sizes(*bodies).has(parts)("mg s2<g", radius, self_pairs);
+    new (self) Checker(bodies, parts, self_pairs, radius, margin);
   });
   validity.def("valid", [](Checker& self, Reals row) { return self.validity.valid(self.row(row)); });
   validity.def("motion", [](Checker& self, Reals a, Reals b, double step) {
@@ -454,8 +442,9 @@ void bind_validity(nb::module_& m) {
       "chart",
       [](Checker& self, Reals row, Reals unit) {
         self.row(row);
-        require(unit.ndim() == 1 && unit.size() <= row.size(), "a chart of more coordinates than there are");
-        return Chart{&self, reals(row), reals(row), reals(unit)};
+        Sizes()("k", unit);
+        require(unit.size() <= row.size(), "a chart of more coordinates than there are");
+        return Chart{&self, row, row, unit};
       },
       nb::keep_alive<0, 1>());
   nb::class_<Chart>(m, "Chart").def("motion", &Chart::motion);
@@ -465,14 +454,14 @@ void bind_validity(nb::module_& m) {
 // The space of rows (K, nv) of three arrays.
 Space space_of(bool planar, const Flags& circular, const Reals& a, const Reals& b, const Same<double>& c) {
   const std::size_t nv = circular.size() + (planar ? 3 : 0);
-  Sizes().is('v', nv)("r kv kv kv", circular, a, b, c);
-  return {static_cast<int>(nv), planar, flags(circular)};
+  Sizes().is('v', nv)("r ?kv ?kv kv", circular, a, b, c);
+  return {static_cast<int>(nv), planar, circular};
 }
 
 void bind_system(nb::module_& m) {
   nb::class_<Kept<System>> system(m, "System");
   system.def("__init__", [](Kept<System>* self, Same<double> force, Same<double> diagonal, Same<double> upper) {
-    keep<'n', 'v'>(self, force.size() > 0 ? "nv nvv Nvv" : "nv nvv nvv", force, diagonal, upper);
+    keep<'n', 'v'>(self, Sizes(), force.size() > 0 ? "nv nvv Nvv" : "nv nvv nvv", force, diagonal, upper);
   });
   unlocked(system, "add_elastic", [](Kept<System>& self, bool planar, Reals v, Reals weight) {
     require(self.nodes > 0 && (!planar || self.nv >= 3), "springs between no nodes, or of a base without columns");
@@ -482,13 +471,13 @@ void bind_system(nb::module_& m) {
   unlocked(system, "add_repulsion",
            [](Kept<System>& self, const Narrowphase& narrow, Reals J, const Kept<Distances>& distances,
               double influence, double k_r, double near, double k_near) {
-             Sizes(narrow).has(self).has(distances)(">nm6", J);
+             Sizes(narrow).has(self).has(distances)("?>nm6", J);
              return add_repulsion(self, *narrow.bodies, J.data(), distances, influence, k_r, near, k_near);
            });
   unlocked(system, "add_self_repulsion",
            [](Kept<System>& self, const SelfPairs& pairs, Reals T, Reals J, const Kept<SelfDistances>& distances,
               Reals repulsion, double k_s) {
-             Sizes(pairs).has(self).has(distances)("j>n34 >nm6 s", T, J, repulsion);
+             Sizes(pairs).has(self).has(distances)("?j>n34 ?>nm6 s", T, J, repulsion);
              return add_self_repulsion(self, pairs, frames_of(T, J.data()), distances, repulsion.data(), k_s);
            });
   unlocked(system, "add_posture", [](Kept<System>& self, Reals coordinates, Reals target, Reals k_p, Flags circular) {
@@ -499,13 +488,11 @@ void bind_system(nb::module_& m) {
   });
   unlocked(system, "solve", [](const Kept<System>& self, Reals damping, Same<double> delta) {
     Sizes().has(self)("v nv", damping, delta);
-    return solve(self, damping.data(), delta.data());
+    solve(self, damping.data(), delta.data());
   });
   unlocked(m, "difference", [](bool planar, Flags circular, Reals a, Reals b, Same<double> v) {
     const Space space = space_of(planar, circular, a, b, v);
-    for (std::size_t k = 0; k < v.size(); k += space.nv) {
-      difference(space, a.data() + k, b.data() + k, v.data() + k);
-    }
+    for (std::size_t k = 0; k < v.size(); k += space.nv) difference(space, a.data() + k, b.data() + k, v.data() + k);
   });
   unlocked(m, "integrate", [](bool planar, Flags circular, Reals a, Reals v, Same<double> out) {
     const Space space = space_of(planar, circular, a, v, out);
@@ -533,7 +520,13 @@ Rollout rollout_of(const Reals& pose, const MaybeReals& time, Same<double>& out)
   return {pose.data(), time ? time->data() : nullptr, pose.shape(0), pose.shape(1), out.data()};
 }
 
-void bind_lookahead(nb::module_& m) {
+Grid grid_of(const Reals& grid, const Reals& y1, const Reals& y2, const Reals& acceleration, const Same<double>& x) {
+  Sizes()("g ?gm ?gm m g", grid, y1, y2, acceleration, x);
+  require(grid.size() > 0 && acceleration.size() > 0, "a path without points or coordinates");
+  return {grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
+}
+
+void bind_driving(nb::module_& m) {
   unlocked(m, "roll_out",
            [](Reals start, Reals speed, Reals first, Reals second, Reals change, Reals rate, Reals twist, Numbers done,
               Same<double> pose) {
@@ -566,15 +559,6 @@ void bind_lookahead(nb::module_& m) {
              const Rollout view = rollout_of(pose, std::nullopt, out);
              standing_boxes(view, boxes.data(), boxes.shape(0), footprint_of(middle, half, low, high), least, far);
            });
-}
-
-Grid grid_of(const Reals& grid, const Reals& y1, const Reals& y2, const Reals& acceleration, const Same<double>& x) {
-  Sizes()("g gm gm m g", grid, y1, y2, acceleration, x);
-  require(grid.size() > 0 && acceleration.size() > 0, "a path without points or coordinates");
-  return {grid.data(), y1.data(), y2.data(), acceleration.data(), grid.size(), acceleration.size()};
-}
-
-void bind_timing(nb::module_& m) {
   unlocked(
       m, "travel_at", [](Reals knots, Reals coefficients, Reals edges, MaybeReals weights, Reals s, Same<double> out) {
         Sizes()("k 4Km w W3m g 3gm", knots, coefficients, edges, weights, s, out);
@@ -595,7 +579,7 @@ void bind_timing(nb::module_& m) {
   unlocked(m, "fastest",
            [](Reals grid, Reals y1, Reals y2, Reals bound, Reals acceleration, double start, Same<double> x) {
              const Grid view = grid_of(grid, y1, y2, acceleration, x);
-             Sizes().is('g', grid.size())("g", bound);
+             Sizes().is('g', grid.size())("?g", bound);
              return fastest(view, bound.data(), start, x.data());
            });
   unlocked(m, "braked",
@@ -604,18 +588,30 @@ void bind_timing(nb::module_& m) {
            });
 }
 
+void translate(const std::exception_ptr& thrown, void* errors) {
+  try {
+    std::rethrow_exception(thrown);
+  } catch (const Failure& failure) {
+    PyErr_SetString(nb::handle(static_cast<PyObject*>(errors)).attr(failure.name).ptr(), failure.what());
+  }
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
-  nb::exception<NoDepth>(m, "NoDepth", PyExc_FloatingPointError);  // as the twin says it
-  nb::set_leak_warnings(false);                                    // what Python keeps until it ends is no leak
+  nb::register_exception_translator(translate, nb::module_::import_("elastic_strips.errors").release().ptr());
+  nb::set_leak_warnings(false);  // what Python keeps until it ends is no leak
   m.attr("coal_version") = std::to_string(COAL_MAJOR_VERSION) + "." + std::to_string(COAL_MINOR_VERSION) + "." +
                            std::to_string(COAL_PATCH_VERSION);
+  nb::dict constants;
+#define STRIPS_EXPORT(name, value) constants[#name] = name;
+  STRIPS_CONSTANTS(STRIPS_EXPORT)
+  constants["COARSE_EPA_TOLERANCES"] = nb::make_tuple(COARSE_EPA_TOLERANCES[0], COARSE_EPA_TOLERANCES[1],
+                                                      COARSE_EPA_TOLERANCES[2], COARSE_EPA_TOLERANCES[3]);
+  m.attr("constants") = constants;
   bind_robot(m);
-  bind_obstacles(m);
-  bind_self(m);
+  bind_distances(m);
   bind_system(m);
   bind_validity(m);
-  bind_lookahead(m);
-  bind_timing(m);
+  bind_driving(m);
 }

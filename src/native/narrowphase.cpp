@@ -15,11 +15,11 @@ bool Moving::at(double place, std::size_t part, Vec3& s, double& u) const {
   return true;
 }
 
-double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std::size_t body, const PartPoses& poses,
+double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std::size_t body, const Parts& parts,
                      std::size_t part, const Vec3* shift, double uncertainty) {
-  const double* R = poses.rotation + 9 * part;
-  const double *t = poses.translation + 3 * part, *center = poses.box_center + 3 * part,
-               *half = poses.box_half + 3 * part;
+  const double* R = parts.rotation + 9 * part;
+  const double *t = parts.translation + 3 * part, *center = parts.box_center + 3 * part,
+               *half = parts.box_half + 3 * part;
   Vec3 middle = 0.5 * (one + two);
   if (shift != nullptr) middle -= *shift;
   const double x = middle[0] - t[0], y = middle[1] - t[1], z = middle[2] - t[2];
@@ -31,55 +31,58 @@ double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std
   return std::sqrt(sum) - 0.5 * (two - one).norm() - bodies.radius[body] - uncertainty;
 }
 
-void Narrowphase::set_parts(const std::vector<Solid>& parts) {
-  parts_ = parts;
+void Narrowphase::turn_to(const Parts& parts) {
+  if (parts.stamp == stamp_) return;
+  stamp_ = 0;
+  const std::size_t count = parts.count();
   std::map<Key, std::unique_ptr<ShapePair>> kept;
-  table_.assign(bodies->size() * parts_.size(), nullptr);
+  table_.assign(bodies->size() * count, nullptr);
   for (std::size_t g = 0; g < bodies->size(); ++g) {
-    for (std::size_t p = 0; p < parts_.size(); ++p) {
-      const Key key(g, parts_[p].key());
+    for (std::size_t p = 0; p < count; ++p) {
+      const Key key(g, parts.solids[p].key());
       auto known = kept.find(key);
       if (known == kept.end()) {
         auto former = pairs_.extract(key);
         if (former.empty()) continue;
         known = kept.insert(std::move(former)).position;
       }
-      table_[g * parts_.size() + p] = known->second.get();
+      table_[g * count + p] = known->second.get();
     }
   }
   pairs_ = std::move(kept);
+  stamp_ = parts.stamp;
 }
 
-const ShapePair& Narrowphase::pair(std::size_t body, std::size_t part) {
-  const ShapePair*& entry = table_[body * parts_.size() + part];
+const ShapePair& Narrowphase::pair(const Parts& parts, std::size_t body, std::size_t part) {
+  const ShapePair*& entry = table_[body * parts.count() + part];
   if (entry == nullptr) {
-    auto& made = pairs_[Key(body, parts_[part].key())];
-    if (!made) made = std::make_unique<ShapePair>(bodies->solids[body].shape, parts_[part].shape);
+    auto& made = pairs_[Key(body, parts.solids[part].key())];
+    if (!made) made = std::make_unique<ShapePair>(bodies->solids[body].shape, parts.solids[part].shape);
     entry = made.get();
   }
   return *entry;
 }
 
 Found Queries::exact(std::size_t node, std::size_t body, std::size_t part, const Vec3* shift) {
-  const bool other = node != last_node || body != last_body;
+  const bool other = node != last_node_ || body != last_body_;
   if (other || shift != nullptr) {
-    narrow.bodies->placement(frames, node, body, body_R, body_t);
-    if (shift != nullptr) body_t -= *shift;  // the obstacle moves one way, or the robot the other
-    body_pose.setTransform(body_R, body_t);
-    last_node = shift == nullptr ? node : kNone;
-    last_body = body;
+    narrow.bodies->placement(frames, node, body, body_R_, body_t_);
+    if (shift != nullptr) body_t_ -= *shift;  // the obstacle moves one way, or the robot the other
+    body_pose_.setTransform(body_R_, body_t_);
+    last_node_ = shift == nullptr ? node : kNone;
+    last_body_ = body;
   }
   Found found;
   PairSolver& solver = narrow.solver_;
-  if (narrow.parts_[part].block) {
+  if (parts.solids[part].block) {
     found = cluster(body, part);
   } else {
-    if (part != last_part) {
-      const double *R = poses.rotation + 9 * part, *t = poses.translation + 3 * part;
-      part_pose.setTransform(Mat3(Eigen::Map<const Mat3>(R)), Vec3(t[0], t[1], t[2]));
-      last_part = part;
+    if (part != last_part_) {
+      const double *R = parts.rotation + 9 * part, *t = parts.translation + 3 * part;
+      part_pose_.setTransform(Mat3(Eigen::Map<const Mat3>(R)), Vec3(t[0], t[1], t[2]));
+      last_part_ = part;
     }
-    found.distance = solver.ask(narrow.pair(body, part), body_pose, part_pose);
+    found.distance = solver.ask(narrow.pair(parts, body, part), body_pose_, part_pose_);
     found.direction = -solver.normal();
     found.witness = solver.first();
   }
@@ -96,12 +99,12 @@ Found Queries::cluster(std::size_t body, std::size_t part) {
     probes[body] = std::make_unique<coal::CollisionObject>(sphere_as_capsule(narrow.bodies->solids[body].shape));
   }
   coal::CollisionObject& probe = *probes[body];
-  const Mat3 R = Eigen::Map<const Mat3>(poses.rotation + 9 * part);
-  const Vec3 t(poses.translation[3 * part], poses.translation[3 * part + 1], poses.translation[3 * part + 2]);
-  probe.setTransform(Transform3s(R.transpose() * body_R, R.transpose() * (body_t - t)));
+  const Mat3 R = Eigen::Map<const Mat3>(parts.rotation + 9 * part);
+  const Vec3 t(parts.translation[3 * part], parts.translation[3 * part + 1], parts.translation[3 * part + 2]);
+  probe.setTransform(Transform3s(R.transpose() * body_R_, R.transpose() * (body_t_ - t)));
   probe.computeAABB();
   PairSolver& solver = narrow.solver_;
-  const double d = solver.ask(*narrow.parts_[part].block, probe);
+  const double d = solver.ask(*parts.solids[part].block, probe);
   // here shape 1 is the tree's box and shape 2 the robot: the normal already leads away
   return {d, R * solver.normal(), R * solver.second() + t};
 }

@@ -1,6 +1,7 @@
 // Bodies against the parts of a scene: capsule–box bounds, and Coal's exact distances; see Narrowphase.
 #pragma once
 
+#include <atomic>
 #include <map>
 #include <mutex>
 
@@ -8,10 +9,15 @@
 
 namespace strips {
 
-// World poses (P, 3, 3), (P, 3) of parts, and the boxes about them in their frames (P, 3); see CandidateParts.
-struct PartPoses {
+// Parts of a scene: their solids, world poses (P, 3, 3), (P, 3), and the boxes about them in their frames (P, 3); see
+// CandidateParts. What knows parts by their numbers carries the stamp of those that it means.
+struct Parts {
   const double *rotation, *translation, *box_center, *box_half;
-  std::size_t count;
+  std::vector<Solid> solids = {};
+  std::size_t stamp = ++stamps;  // no two are the same, and none is 0
+
+  std::size_t count() const { return solids.size(); }
+  static inline std::atomic<std::size_t> stamps = 0;
 };
 
 // Where the obstacles that move will be: shift (N, M, 3) and uncertainty (N, M) at nodes; mover (P), -1 for what
@@ -19,14 +25,14 @@ struct PartPoses {
 struct Moving {
   const double *shift = nullptr, *uncertainty = nullptr;
   const std::int64_t* mover = nullptr;
-  std::size_t nodes = 0, movers = 0, parts = 0;
+  std::size_t nodes = 0, movers = 0, parts = 0, stamp = 0;
 
   // Shift and uncertainty of a part at a place, which is a node's number with a fraction.
   bool at(double place, std::size_t part, Vec3& s, double& u) const;
 };
 
 // Lower bound of a body's distance to a part's box, the part moved by `shift`, and less what it is uncertain by.
-double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std::size_t body, const PartPoses& poses,
+double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std::size_t body, const Parts& parts,
                      std::size_t part, const Vec3* shift, double uncertainty);
 
 // What an exact query found, in the world's frame; the direction leads away from the obstacle.
@@ -37,26 +43,23 @@ struct Found {
 
 class Narrowphase {
  public:
-  explicit Narrowphase(std::shared_ptr<const Bodies> bodies) : bodies(std::move(bodies)) {}
+  // Distances are 0 where shapes touch, if it is shallow.
+  explicit Narrowphase(std::shared_ptr<const Bodies> robot, bool shallow = false) : bodies(std::move(robot)) {
+    solver_.shallow = shallow;
+  }
 
-  // The solids of the P parts from here on; what is known of those that stay is kept.
-  void set_parts(const std::vector<Solid>& parts);
-  std::size_t parts() const { return parts_.size(); }
-
-  // Distances are 0 where shapes touch, from here on; the shape of a part is null where it is a block.
-  void shallow() { solver_.shallow = true; }
-  const coal::ShapeBase* shape(std::size_t part) const { return parts_[part].shape.get(); }
-
-  std::shared_ptr<const Bodies> bodies;
+  const std::shared_ptr<const Bodies> bodies;
   std::mutex busy;  // held by the thread that is inside
 
  private:
-  friend struct Queries;
+  friend class Queries;
   using Key = std::pair<std::size_t, const void*>;
 
-  const ShapePair& pair(std::size_t body, std::size_t part);
+  // Pairs with these parts; of those before, what stays is kept, and the others are forgotten.
+  void turn_to(const Parts& parts);
+  const ShapePair& pair(const Parts& parts, std::size_t body, std::size_t part);
 
-  std::vector<Solid> parts_;
+  std::size_t stamp_ = 0;                // of the parts that the table is for
   std::vector<const ShapePair*> table_;  // (G, P), null until they are asked for
   std::map<Key, std::unique_ptr<ShapePair>> pairs_;
   std::vector<std::unique_ptr<coal::CollisionObject>> probes_;  // (G), for blocks
@@ -70,20 +73,29 @@ struct Counts {
 };
 
 // Queries of a narrow phase at frames and poses that stay as they are as long as this is there.
-struct Queries {
-  Narrowphase& narrow;
-  const Frames frames;
-  const PartPoses poses;
-  const Moving moving;
-  Counts counts = {};
-  // the body's and the part's pose of the last query
-  std::size_t last_node = kNone, last_body = kNone, last_part = kNone;
-  Mat3 body_R = {};
-  Vec3 body_t = {};
-  Transform3s body_pose = {}, part_pose = {};
+class Queries {
+ public:
+  Queries(Narrowphase& asked, const Frames& at, const Parts& of, const Moving& forecast = {})
+      : narrow(asked), frames(at), parts(of), moving(forecast) {
+    narrow.turn_to(parts);
+  }
 
   Found exact(std::size_t node, std::size_t body, std::size_t part, const Vec3* shift);
+
+  Narrowphase& narrow;
+  const Frames frames;
+  const Parts& parts;
+  const Moving moving;
+  Counts counts;
+
+ private:
   Found cluster(std::size_t body, std::size_t part);
+
+  // the body's and the part's pose of the last query
+  std::size_t last_node_ = kNone, last_body_ = kNone, last_part_ = kNone;
+  Mat3 body_R_;
+  Vec3 body_t_;
+  Transform3s body_pose_, part_pose_;
 };
 
 }  // namespace strips

@@ -35,7 +35,7 @@ std::vector<std::int64_t> follow(const Bodies& bodies, const Frames& frames, con
         high[i] = std::max(high[i], std::max(one[i], two[i]) + radius);
       }
       double shift = std::sqrt(way) + radius * std::sqrt(0.5 * turn);
-      if (std::isnan(shift)) shift = kFar;
+      if (std::isnan(shift)) shift = FAR;
       double *bound = d.bound + d.index(n, g, 0), *since = d.since + d.index(n, g, 0);
       for (std::size_t p = 0; p < d.parts; ++p) {
         bound[p] -= shift;
@@ -61,17 +61,17 @@ static void measure(Queries& ask, std::size_t node, std::size_t body, std::size_
   const Vec3* moves = ask.moving.at(static_cast<double>(node), part, shift, uncertainty) ? &shift : nullptr;
   const std::size_t k = d.index(node, body, part);
   ++ask.counts.pairs;
-  const double cheap = capsule_bound(*ask.narrow.bodies, one, two, body, ask.poses, part, moves, uncertainty);
+  const double cheap = capsule_bound(*ask.narrow.bodies, one, two, body, ask.parts, part, moves, uncertainty);
   if (cheap >= reach) {
     d.bound[k] = cheap;
     d.exact[k] = INFINITY;
-    d.since[k] = kFar;
+    d.since[k] = FAR;
     return;
   }
   ++ask.counts.queries;
   const Found found = ask.exact(node, body, part, moves);
   d.exact[k] = found.distance - uncertainty;
-  d.bound[k] = d.exact[k] - kGjkExcess;
+  d.bound[k] = d.exact[k] - GJK_EXCESS;
   d.since[k] = 0.0;
   Eigen::Map<Vec3>(d.direction + 3 * k) = found.direction;
   Eigen::Map<Vec3>(d.witness + 3 * k) = found.witness;

@@ -5,14 +5,11 @@
 
 namespace strips {
 
-constexpr double kFar = 1e9;
-constexpr double kGjkExcess = 1e-5;  // what Coal may say too much [m]
-
 // What is known of each (node, body, part): arrays (N, G, P), or (N, G, P, 3); see ObstacleProximity.
 struct Distances {
   double *bound, *since, *exact, *direction, *witness;
   const double* limit;  // (P)
-  std::size_t nodes, bodies, parts;
+  std::size_t nodes, bodies, parts, stamp = 0;
 
   std::size_t index(std::size_t n, std::size_t g, std::size_t p) const { return (n * bodies + g) * parts + p; }
 };

@@ -7,7 +7,6 @@ namespace strips {
 
 namespace {
 
-constexpr double kSmall = 1e-4;
 constexpr double kPi = 3.14159265358979323846;
 
 double wrap(double angle) {
@@ -17,7 +16,7 @@ double wrap(double angle) {
 }
 
 double half_cot(double theta) {
-  if (std::abs(theta) < kSmall) return 1.0 - theta * theta / 12.0;
+  if (std::abs(theta) < SMALL_TURN) return 1.0 - theta * theta / 12.0;
   const double half = 0.5 * theta;
   return half / std::tan(half);
 }
@@ -89,7 +88,7 @@ void integrate(const Space& space, const double* a, const double* v, double scal
   for (int k = 0; k < space.nv; ++k) out[k] = a[k] + scale * v[k];
   if (!space.planar) return;
   const double theta = scale * v[2], vx = scale * v[0], vy = scale * v[1];
-  const bool small = std::abs(theta) < kSmall;
+  const bool small = std::abs(theta) < SMALL_TURN;
   const double s = small ? 1.0 - theta * theta / 6.0 : std::sin(theta) / theta;
   const double k = small ? 0.5 * theta : (1.0 - std::cos(theta)) / theta;
   const double dx = s * vx - k * vy, dy = k * vx + s * vy;
@@ -116,7 +115,7 @@ double Bounds::tight(const Bodies& robot, const Frames& frames, std::size_t node
       const double* c = frames.J + (node * tree.motions() + m) * 6;
       const Vec3 linear(c[0], c[1], c[2]), angular(c[3], c[4], c[5]);
       double lever = rate;
-      if (angular.cwiseAbs().maxCoeff() > 1e-9 * rate) {
+      if (angular.cwiseAbs().maxCoeff() > SLIDING_TURN * rate) {
         const double reach = std::sqrt(
             std::max((angular.cross(one) + linear).squaredNorm(), (angular.cross(two) + linear).squaredNorm()));
         lever = reach + rate * robot.radius[body] + rate * outer;

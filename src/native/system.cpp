@@ -8,17 +8,14 @@ namespace strips {
 
 namespace {
 
-constexpr double kSmall = 1e-4;
-constexpr double kTolerance = 1e-9;  // largest sideways travel of a segment that counts as none
-constexpr double kYawWeight = 0.1;   // cost of turning against moving
-constexpr double kLargestStep = 0.5;
+const Failure kNotPositive("NumericalError", "the matrix of the step is not positive definite");
 
 using Block3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 // Base blocks of the difference's derivatives with respect to the first and the second pose.
 void difference_jacobians(const double* v, Block3& first, Block3& second) {
   const double theta = v[2], half = 0.5 * theta;
-  const bool small = std::abs(theta) < kSmall;
+  const bool small = std::abs(theta) < SMALL_TURN;
   const double alpha = small ? 1.0 - theta * theta / 12.0 : half / std::tan(half);
   const double beta = small ? theta / 12.0 : (1.0 - alpha) / theta;
   first << -alpha, -half, -beta * v[0] + 0.5 * v[1], half, -alpha, -beta * v[1] - 0.5 * v[0], 0.0, 0.0, -1.0;
@@ -42,8 +39,8 @@ double add_elastic(System& s, bool planar, const double* v, const double* weight
       const Vec3 w(weight[0], weight[1], weight[2]), pull = w.cwiseProduct(Vec3(u[0], u[1], u[2]));
       const Block3 W0 = w.asDiagonal() * first, W1 = w.asDiagonal() * second;
       const Eigen::OuterStride<> stride(nv);
-      const auto add = [&](double* block, const Block3& more) {
-        Eigen::Map<Block3, 0, Eigen::OuterStride<>>(block, stride) += more;
+      const auto add = [&](double* to, const Block3& more) {
+        Eigen::Map<Block3, 0, Eigen::OuterStride<>>(to, stride) += more;
       };
       Eigen::Map<Vec3>(here) -= first.transpose() * pull;
       Eigen::Map<Vec3>(there) -= second.transpose() * pull;
@@ -143,13 +140,13 @@ double add_posture(System& s, const double* coordinates, const double* target, c
   return energy;
 }
 
-bool solve(const System& s, const double* damping, double* delta) {
+void solve(const System& s, const double* damping, double* delta) {
   using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const Eigen::Index nv = s.nv;
   const std::size_t n = s.nodes;
   const auto part = [&](std::size_t node) { return Eigen::Map<Eigen::VectorXd>(delta + node * nv, nv); };
   std::fill(delta, delta + n * nv, 0.0);
-  if (n < 3) return true;
+  if (n < 3) return;
   std::vector<Eigen::LLT<Matrix>> L(n);  // L Lᵀ of each inner block, and L⁻¹ U
   std::vector<Matrix> W(n);
   for (std::size_t i = 1; i + 1 < n; ++i) {
@@ -160,7 +157,7 @@ bool solve(const System& s, const double* damping, double* delta) {
       D.noalias() -= W[i - 1].transpose() * W[i - 1];
       part(i).noalias() -= W[i - 1].transpose() * part(i - 1);
     }
-    if (!D.allFinite() || L[i].compute(D).info() != Eigen::Success) return false;
+    if (!D.allFinite() || L[i].compute(D).info() != Eigen::Success) throw kNotPositive;
     auto x = part(i);
     L[i].matrixL().solveInPlace(x);
     if (i + 2 < n) W[i] = L[i].matrixL().solve(Eigen::Map<const Matrix>(s.upper + i * nv * nv, nv, nv));
@@ -170,13 +167,13 @@ bool solve(const System& s, const double* damping, double* delta) {
     if (i + 2 < n) x.noalias() -= W[i] * part(i + 1);
     L[i].matrixU().solveInPlace(x);
   }
-  return std::all_of(delta, delta + n * nv, [](double x) { return std::isfinite(x); });
+  if (!std::all_of(delta, delta + n * nv, [](double x) { return std::isfinite(x); })) throw kNotPositive;
 }
 
 double project_rolling(double* coordinates, std::size_t n, int nv, int iterations, int& taken) {
   const Space plane{3, true, {}};
   const std::size_t m = n - 1;
-  const Vec3 inverse_mass(1.0, 1.0, 1.0 / kYawWeight);
+  const Vec3 inverse_mass(1.0, 1.0, 1.0 / ROLLING_YAW_WEIGHT);
   std::vector<Vec3> row_a(m), row_b(m), step(n);
   std::vector<double> v(3 * m), diagonal(m), off(m), multiplier(m);
   double residual = INFINITY;
@@ -187,7 +184,7 @@ double project_rolling(double* coordinates, std::size_t n, int nv, int iteration
       const double aside = std::abs(v[3 * j + 1]);
       if (!(aside <= residual)) residual = aside;  // NaN as well
     }
-    if (residual <= kTolerance || taken == iterations || n < 3 || !std::isfinite(residual)) break;
+    if (residual <= ROLLING_TOLERANCE || taken == iterations || n < 3 || !std::isfinite(residual)) break;
     for (std::size_t j = 0; j < m; ++j) {
       Block3 first, second;
       difference_jacobians(&v[3 * j], first, second);
@@ -219,7 +216,7 @@ double project_rolling(double* coordinates, std::size_t n, int nv, int iteration
       step[j + 1] += inverse_mass.cwiseProduct(row_b[j]) * multiplier[j];
     }
     for (const Vec3& s : step) largest = std::max(largest, s.cwiseAbs().maxCoeff());
-    const double scale = largest > kLargestStep ? kLargestStep / largest : 1.0;
+    const double scale = largest > ROLLING_LARGEST_STEP ? ROLLING_LARGEST_STEP / largest : 1.0;
     for (std::size_t j = 0; j < n; ++j) {
       double pose[3];
       integrate(plane, coordinates + j * nv, step[j].data(), scale, pose);

@@ -34,8 +34,9 @@ double add_self_repulsion(System& system, const SelfPairs& pairs, const Frames& 
 double add_posture(System& system, const double* coordinates, const double* target, const double* k_p,
                    const std::uint8_t* circular, std::size_t base_nv);
 
-// Displacements (N, nv) of (D + K) delta = force, zero at both ends; false where the matrix is not positive definite.
-bool solve(const System& system, const double* damping, double* delta);
+// Displacements (N, nv) of (D + K) delta = force, zero at both ends; no answer where the matrix is not positive
+// definite.
+void solve(const System& system, const double* damping, double* delta);
 
 // Moves the inner poses (x, y, yaw) of rows (N, nv) until every segment can be driven; returns what is left sideways.
 double project_rolling(double* coordinates, std::size_t n, int nv, int iterations, int& taken);

@@ -22,25 +22,22 @@ static void to_front(std::vector<std::size_t>& order, std::size_t at) {
   std::rotate(order.begin(), order.begin() + at, order.begin() + at + 1);
 }
 
-Validity::Validity(std::shared_ptr<const Bodies> bodies, const std::vector<Solid>& parts,
-                   std::vector<std::int64_t> self_pairs, const PartPoses& poses, const double* radius, double margin)
+Validity::Validity(std::shared_ptr<const Bodies> bodies, const Parts& parts, std::vector<std::int64_t> self_pairs,
+                   const double* radius, double margin)
     : bodies_(bodies),
-      narrow_(bodies),
-      self_(bodies, std::move(self_pairs)),
-      poses_(poses),
+      narrow_(bodies, true),
+      self_(bodies, std::move(self_pairs), true),
+      parts_(parts),
       bounds_{radius, bodies->size()},
       margin_(margin),
       order_(bodies->size()),
       self_order_(self_.size()),
-      axes_(bodies->size() * poses.count),
+      axes_(bodies->size() * parts.count()),
       self_axes_(self_.size()) {
-  narrow_.set_parts(parts);
-  narrow_.shallow();
-  self_.shallow();
-  for (std::size_t p = 0; p < poses_.count; ++p) {
-    const double *R = poses_.rotation + 9 * p, *center = poses_.box_center + 3 * p, *half = poses_.box_half + 3 * p;
+  for (std::size_t p = 0; p < parts_.count(); ++p) {
+    const double *R = parts_.rotation + 9 * p, *center = parts_.box_center + 3 * p, *half = parts_.box_half + 3 * p;
     for (int i = 0; i < 3; ++i) {
-      double middle = poses_.translation[3 * p + i], reach = margin_;
+      double middle = parts_.translation[3 * p + i], reach = margin_;
       for (int k = 0; k < 3; ++k) {
         middle += R[3 * i + k] * center[k];
         reach += std::abs(R[3 * i + k]) * half[k];
@@ -82,7 +79,7 @@ bool Validity::motion(const double* a, const double* b, double step) {
   while (stride < count) stride *= 2;
   for (; stride > 1; stride /= 2) {
     for (std::size_t k = stride / 2; k < count; k += stride) {
-      integrate(tree, a, v.data(), static_cast<double>(k) / count, row.data());
+      integrate(tree, a, v.data(), static_cast<double>(k) / static_cast<double>(count), row.data());
       if (!valid(row.data())) return false;
     }
   }
@@ -127,19 +124,19 @@ bool Validity::clear_of_parts(const Frames& frames) {
     }
   }
   near_.clear();
-  for (std::size_t p = 0; p < poses_.count; ++p) {
+  for (std::size_t p = 0; p < parts_.count(); ++p) {
     const double *least = &low_[3 * p], *most = &high_[3 * p];
     if (least[0] <= high[0] && low[0] <= most[0] && least[1] <= high[1] && low[1] <= most[1] && least[2] <= high[2] &&
         low[2] <= most[2]) {
       near_.push_back(p);
     }
   }
-  Queries ask{narrow_, frames, poses_, {}};
+  Queries ask(narrow_, frames, parts_);
   for (std::size_t k = 0; k < count; ++k) {
     const std::size_t g = order_[k];
     for (std::size_t p : near_) {
-      if (capsule_bound(*bodies_, ends[2 * g], ends[2 * g + 1], g, poses_, p, nullptr, 0.0) > margin_) continue;
-      Axis& axis = axes_[g * poses_.count + p];
+      if (capsule_bound(*bodies_, ends[2 * g], ends[2 * g + 1], g, parts_, p, nullptr, 0.0) > margin_) continue;
+      Axis& axis = axes_[g * parts_.count() + p];
       const double room = margin_ - bodies_->skin;
       if (!axis.normal.isZero() && -axis.reach - extent(frames, g, axis.normal) > room) continue;
       const Found found = ask.exact(0, g, p, nullptr);
@@ -147,11 +144,11 @@ bool Validity::clear_of_parts(const Frames& frames) {
         to_front(order_, k);
         return false;
       }
-      const coal::ShapeBase* shape = narrow_.shape(p);
-      if (shape == nullptr) continue;  // a block has no one direction
+      const auto& shape = parts_.solids[p].shape;
+      if (!shape) continue;  // a block has no one direction
       axis.normal = -found.direction;
-      const Mat3 R = Eigen::Map<const Mat3>(poses_.rotation + 9 * p);
-      axis.reach = found.direction.dot(Vec3(Eigen::Map<const Vec3>(poses_.translation + 3 * p))) +
+      const Mat3 R = Eigen::Map<const Mat3>(parts_.rotation + 9 * p);
+      axis.reach = found.direction.dot(Vec3(Eigen::Map<const Vec3>(parts_.translation + 3 * p))) +
                    reach_of(*shape, R.transpose() * found.direction);
     }
   }

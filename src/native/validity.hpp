@@ -7,9 +7,9 @@ namespace strips {
 
 class Validity {
  public:
-  // `radius` (M, G) are the static radii of MotionBounds, of motions.
-  Validity(std::shared_ptr<const Bodies> bodies, const std::vector<Solid>& parts, std::vector<std::int64_t> self_pairs,
-           const PartPoses& poses, const double* radius, double margin);
+  // `radius` (M, G) are the static radii of MotionBounds, of motions. It keeps no parts and no radii.
+  Validity(std::shared_ptr<const Bodies> bodies, const Parts& parts, std::vector<std::int64_t> self_pairs,
+           const double* radius, double margin);
   Validity(const Validity&) = delete;
   Validity& operator=(const Validity&) = delete;
 
@@ -18,6 +18,7 @@ class Validity {
   // The straight motion but for its start, looked at wherever some point may have moved by `step`, its middle first.
   bool motion(const double* a, const double* b, double step);
 
+  const Tree& tree() const { return bodies_->tree; }
   std::size_t checks = 0;
 
  private:
@@ -34,7 +35,7 @@ class Validity {
   std::shared_ptr<const Bodies> bodies_;
   Narrowphase narrow_;
   SelfPairs self_;
-  PartPoses poses_;
+  const Parts& parts_;
   Bounds bounds_;
   double margin_;
   std::vector<double> low_, high_;  // (P, 3) boxes about the parts in the world, grown by the margin

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips import proof_checker
 from elastic_strips.cli import main
@@ -180,7 +181,7 @@ def test_angles_and_columns_that_do_not_matter(folder, silvermate):
     assert call(*arguments, "--ignore", "lump", "--angles", "deg") == 2
 
 
-@pytest.mark.parametrize(
+@each(
     ("arguments", "message"),
     [
         (["missing.csv", "--robot", "silvermate", "--scene", "scene.yaml"], "cannot read the path file"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import re
 import subprocess
@@ -22,7 +21,6 @@ from elastic_strips.cli.group import cli
 from elastic_strips.io import load_path
 from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.sim.scenarios import scenario_names
-from elastic_strips.viewer.browser import find_browser
 
 DOCS = Path(__file__).parents[2] / "docs" / "result-format.md"
 SHUT_IN = """robot: silvermate
@@ -50,13 +48,19 @@ def _object(path: Path) -> dict[str, Any]:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
+@pytest.mark.parametrize("words", ["bench plan", "study paper", "drive case-1 --method vfh"])
+def test_what_a_checkout_has_is_said(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(*words.split()) == 2
+    assert "python -m workshop" in capsys.readouterr().err
+
+
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     """Help names every command and exit code; each command has its own."""
     assert call("--help") == 0
     text = capsys.readouterr().out
-    for word in ("run", "view", "bench", "list", "0 certified", "2 wrong input", "3 blocked", "130"):
+    for word in ("run", "view", "sweep", "list", "0 certified", "2 wrong input", "3 blocked", "130"):
         assert word in text
-    for command in ("run", "view", "list", "bench", "bench plan", "bench replan", "bench tick", "study", "study paper"):
+    for command in ("run", "view", "list", "sweep", "certify"):
         assert call(*command.split(), "-h") == 0
         assert f"Usage: elastic-strips {command}" in capsys.readouterr().out
     assert call("--version") == 0
@@ -92,7 +96,7 @@ def _commands(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[t
 def test_help_stands_on_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     """No help points to a file of the checkout, which an installed wheel has not."""
     every = list(_commands(cli))
-    assert len(every) > 25
+    assert len(every) > 8
     for words in every:
         assert call(*words, "--help") == 0
         text = capsys.readouterr().out
@@ -296,106 +300,6 @@ def test_view_writes_a_page_of_a_scenario_and_of_a_result(tmp_path: Path) -> Non
     assert pages[0] != pages[1]
 
 
-# --- bench -------------------------------------------------------------------------------------------------------
-
-
-def _bench(tmp_path: Path, *arguments: str) -> dict[str, Any]:
-    path = tmp_path / "figures.json"
-    assert call("bench", *arguments, "--json", path) == 0
-    figures = _object(path)
-    assert figures["benchmark"] == arguments[0]
-    named = arguments[arguments.index("--robot") + 1] if "--robot" in arguments else "silvermate"
-    assert figures["robot"] == named
-    assert figures["machine"]["elastic_strips"] == __version__
-    return figures
-
-
-def test_bench_plan(tmp_path: Path) -> None:
-    """Two corridors: each is a row, and the summary is made of the rows."""
-    figures = _bench(tmp_path, "plan", "--seeds", "2")
-    assert [run["seed"] for run in figures["runs"]] == [0, 1]
-    assert figures["certified"] == 1.0
-    assert figures["failures"] == []
-    times = [run["ms"] for run in figures["runs"]]
-    assert figures["time_to_certified_ms"]["max"] == pytest.approx(max(times))
-    assert figures["clearance_m"]["min"] == min(run["clearance_m"] for run in figures["runs"])
-    for run in figures["runs"]:
-        assert sum(run["phases_ms"].values()) <= run["ms"]
-
-
-def test_bench_plan_of_another_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The clutter, with the grid first; an unknown scenario is wrong input."""
-    figures = _bench(tmp_path, "plan", "--seeds", "2", "--scenario", "clutter", "--grid")
-    assert (figures["scenario"], figures["grid"], figures["certified"]) == ("clutter", True, 1.0)
-    soon = sum(run["certified"] and run["ms"] <= 2000.0 for run in figures["runs"]) / 2
-    assert figures["certified_within_2_s"] == soon
-    assert "2 seeds of clutter" in capsys.readouterr().out
-    assert call("bench", "plan", "--seeds", "1", "--scenario", "cluter") == 2
-    assert "clutter" in capsys.readouterr().err
-
-
-def test_bench_replan(tmp_path: Path) -> None:
-    """Up to four pushes on each of two corridors; the strip follows by about as much as it was pushed."""
-    figures = _bench(tmp_path, "replan", "--seeds", "2")
-    assert 2 <= figures["pushes"] == len(figures["runs"]) <= 8
-    assert {run["seed"] for run in figures["runs"]} == {0, 1}
-    assert all(run["ticks"] >= 1 and run["ms"] > 0 for run in figures["runs"])
-    assert figures["certified"] == sum(run["certified"] for run in figures["runs"]) / len(figures["runs"])
-
-
-def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
-    """What ticks do not mend is planned anew."""
-    figures = _bench(tmp_path, "replan", "--seeds", "2", "--into", "0.3")
-    assert figures["into_m"] == 0.3
-    assert figures["anew"] == sum(run["anew"] for run in figures["runs"]) > 0
-    assert all(run["certified"] or run["reason"] for run in figures["runs"])
-
-
-@pytest.mark.browser
-@pytest.mark.slow
-@pytest.mark.skipif(find_browser() is None, reason="no chromium")
-def test_bench_page(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("elastic_strips.sim.bench.page._SETTLED", 0.5)
-    figures = _bench(tmp_path, "page", "--robot", "bridge-arm", "--obstacles", "3", "--movers", "1", "--for", "3")
-    assert figures["pictures_per_s"] > 0.0 < figures["ticks_per_s"]
-    assert figures["renderer"]
-    assert "pictures a second" in capsys.readouterr().out
-
-
-def test_bench_settle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A settled strip is certified and no nearer to anything; scenarios whose ends a robot cannot take are left out."""
-    figures = _bench(tmp_path, "settle", "--seeds", "3")
-    assert figures["strips"] == len(figures["runs"]) == 3
-    assert figures["certified"] == 1.0
-    assert figures["energy_rise"] == 0.0
-    for run in figures["runs"]:
-        assert run["clearance_after_m"] > run["clearance_before_m"] - 0.005
-    assert "clearance lost" in capsys.readouterr().out
-    assert call("bench", "settle", "--seeds", "1", "--robot", "bridge-arm", "--scenario", "clutter") == 0
-    assert "0 strips" in capsys.readouterr().out
-
-
-def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
-    """The robot has no link for the laser: wrong input, and no table of failures."""
-    assert (
-        call("bench", "drive", "--robot", "jackal-box", "--sensors", "laser", "--seeds", "2", "--processes", "1") == 2
-    )
-    captured = capsys.readouterr()
-    assert captured.err.count("no link 'laser_frame'") == 1
-    assert "reached" not in captured.out
-
-
-def test_bench_tick(tmp_path: Path) -> None:
-    """Phases are most of the tick (a busy machine adds to what lies between); no --scaling, nothing else measured."""
-    figures = _bench(tmp_path, "tick", "--ticks", "20", "--no-scaling")
-    assert figures["ticks"] == 20
-    assert figures["nodes"] == 64
-    assert figures["obstacles"] == 32
-    assert 0.6 * figures["tick_mean_ms"] <= figures["phases_sum_ms"] <= 1.01 * figures["tick_mean_ms"]
-    assert figures["every_pair"]["pairs_per_node"] > figures["links"] * figures["obstacles"]
-    assert "nodes_scaling" not in figures
-
-
 # --- interrupted -------------------------------------------------------------------------------------------------
 
 
@@ -412,44 +316,6 @@ def test_ctrl_c_while_planning_ends_with_130(tmp_path: Path, after: float) -> No
     assert ended.stderr.strip().splitlines()[-1] == "interrupted"
     assert {p.name for p in tmp_path.iterdir()} == {"walls.yaml", "r.json"}
     assert (tmp_path / "r.json").read_text() == "older"
-
-
-def test_bench_robots(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A named robot and one of a folder, which is refused: both are rows of the table, put between a page's marks."""
-    caplog.set_level(logging.ERROR)  # as the command line does in a process of its own
-    (tmp_path / "bare").mkdir()
-    (tmp_path / "bare/stick.urdf").write_text('<robot name="stick"><link name="base"/></robot>')
-    odd = '<robot><link name="base"><collision><geometry><sphere radius="0.1"/></geometry></collision></link></robot>'
-    (tmp_path / "bare/odd.urdf").write_text(odd)
-    page = tmp_path / "page.md"
-    page.write_text("# Robots\n\n<!-- table: elastic-strips bench robots -->\nold\n<!-- end of table -->\nafter\n")
-    arguments = ("robots", "jackal-box", "--data", tmp_path / "bare", "--table", page, "--json", tmp_path / "r.json")
-    assert call("bench", *arguments) == 0
-    figures = _object(tmp_path / "r.json")
-    ours, odd_one, other = figures["robots"]
-    assert len(odd_one["warnings"]) == 1, "a robot without a name is given one, and that is said"
-    assert (ours["name"], ours["refused"], ours["plan"], ours["settle"]) == ("jackal-box", None, "certified", "settled")
-    assert other["name"] == "bare/stick"
-    assert "no collision geometry" in other["refused"]
-    lines = page.read_text().splitlines()
-    assert (lines[0], lines[-1]) == ("# Robots", "after")
-    assert "old" not in lines
-    assert [line.split(" | ")[0] for line in lines if line.startswith("| ")] == [
-        "| robot",
-        "| jackal-box",
-        "| bare/odd",
-        "| bare/stick",
-    ]
-    assert str(tmp_path) not in page.read_text()
-
-
-def test_ctrl_c_in_a_benchmark_ends_with_130(tmp_path: Path) -> None:
-    """The progress bar is taken away, and no figures are written."""
-    ended = interrupted(["bench", "plan", "--seeds", "10000", "--json", "f.json"], tmp_path, after=3.0)
-    assert ended.returncode == 130, ended
-    assert "Traceback" not in ended.stderr
-    assert "interrupted" in ended.stderr
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_ctrl_c_during_a_late_import_is_not_lost(tmp_path: Path) -> None:

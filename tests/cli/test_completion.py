@@ -8,10 +8,9 @@ import sys
 
 import pytest
 
-from elastic_strips.catalogue import METHODS, PLANTS, PRESETS, SCENARIOS
+from elastic_strips.catalogue import PLANTS, PRESETS, SCENARIOS
 from elastic_strips.robot import robot_names
 from elastic_strips.sim import FAULTS
-from elastic_strips.sim.scenarios.drive import DRIVE_METHODS
 from elastic_strips.sim.scenarios.drive import PLANTS as DRIVEN
 
 HEAVY = {"numpy", "pinocchio", "coal", "scipy", "rich", "yaml", "lxml"}
@@ -44,11 +43,7 @@ def _completed(line: str) -> tuple[list[str], set[str]]:
         ("elastic-strips d", ["doctor", "drag", "drive"]),
         ("elastic-strips run ca", [*(name for name in SCENARIOS if name.startswith("ca")), "ca"]),
         ("elastic-strips run case-1 --preset ", list(PRESETS)),
-        ("elastic-strips drive case-1 --method ", list(METHODS)),
         ("elastic-strips drive case-1 --disturb slip-l", ["slip-left@"]),
-        ("elastic-strips bench disturb --kind nan-f", ["nan-fix"]),
-        ("elastic-strips bench drive --plant m", ["mujoco"]),
-        ("elastic-strips bench drive --scenario mo", ["moving-corridor"]),
         ("elastic-strips certify path.csv --robot silver", ["silvermate", "silver"]),
         ("elastic-strips run case-1 --robot ", [*robot_names(), ""]),
     ],
@@ -60,7 +55,6 @@ def test_names_are_completed_at_once(line: str, expected: list[str]) -> None:
 
 
 def test_the_catalogue_has_the_names_that_are_driven() -> None:
-    assert tuple(METHODS) == DRIVE_METHODS
     assert tuple(PLANTS) == DRIVEN
     assert FAULTS
 
@@ -68,9 +62,6 @@ def test_the_catalogue_has_the_names_that_are_driven() -> None:
 @pytest.mark.parametrize(
     ("line", "among"),
     [
-        ("elastic-strips bench mbm --robot ", "fetch"),
-        ("elastic-strips bench peers --peer ", "drake"),
-        ("elastic-strips bench trials --kind ", "disk_full"),
         ("elastic-strips certify path.csv --interpolation ", "arc"),
     ],
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from cases import each
 from PIL import Image
 
 from elastic_strips.cli import main
@@ -64,8 +65,8 @@ def _refused(folder: Path, capsys: pytest.CaptureFixture[str], *arguments: objec
 CERTIFY = ("certify", "path.csv", "--robot", "cart.urdf", "--scene", "scene.yaml")
 
 
-@pytest.mark.parametrize("option", ["--json", "--repair", "--proof"])
-@pytest.mark.parametrize("name", ["path.csv", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
+@each("option", ["--json", "--repair", "--proof"])
+@each("name", ["path.csv", "cart.urdf", "scene.yaml", "hull.stl", "seen.stl"])
 def test_of_certify(folder, capsys, option, name):
     _refused(folder, capsys, *CERTIFY, option, name)
 
@@ -102,7 +103,7 @@ def test_the_image_of_a_map(folder, capsys, name):
     _refused(folder, capsys, *arguments, "--json", name)
 
 
-@pytest.mark.parametrize("name", ["cart.xacro", "part.xacro", "hull.stl"])
+@each("name", ["cart.xacro", "part.xacro", "hull.stl"])
 def test_what_a_xacro_file_includes(folder, capsys, name):
     pytest.importorskip("xacro")
     arguments = ("certify", "path.csv", "--robot", "cart.xacro", "--scene", "scene.yaml")
@@ -118,7 +119,7 @@ def test_of_run(folder, capsys, name, option):
     _refused(folder, capsys, "run", "scenario.yaml", option, name)
 
 
-@pytest.mark.parametrize("option", ["--json", "--record", "--html"])
+@each("option", ["--json", "--record", "--html"])
 def test_of_drive(folder, capsys, option):
     name = "scene.yaml"
     if option == "--record":

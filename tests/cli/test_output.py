@@ -94,7 +94,6 @@ def test_json_on_standard_output_is_alone_there(
         (("run", "case-3", "--preset", "paper"), "certified", "blocked"),
         (("drive", "short.yaml", "--compute", "free"), "reached", "reached"),
         (("certify", "path.csv", "--robot", "jackal-box", "--scene", "scene.yaml"), "verdict", "certified"),
-        (("bench", "plan", "--seeds", "1"), "machine", "clearance"),
     ):
         code = _call(*arguments, "--json", "-")
         printed = capsys.readouterr()
@@ -112,7 +111,7 @@ def test_wrong_input_leaves_standard_output_empty(capsys: pytest.CaptureFixture[
     assert "case-8" in printed.err
 
 
-@pytest.mark.parametrize("words", [(), ("bench",), ("study",)])
+@pytest.mark.parametrize("words", [()])
 def test_a_group_without_a_command_shows_its_help(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     assert _call(*words) == 2
     printed = capsys.readouterr()
@@ -159,28 +158,3 @@ def test_a_working_folder_that_was_removed_is_said(tmp_path: Path) -> None:
 def test_a_command_that_is_misspelt_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert _call("sweap") == 2
     assert "did you mean 'sweep'?" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("bench", "barn"), ("barn/barn_worlds.json", "github.com/Daffan")),
-        (("bench", "dynabarn"), ("dynabarn/dynabarn_worlds.json", "github.com/Daffan")),
-        (("bench", "house"), ("house/house.json", "github.com/aws-robotics")),
-        (("bench", "bridge"), ("bridge/bridge.json", "github.com/SYSU-STAR")),
-        (("bench", "mbm"), ("mbm", "github.com/KavrakiLab")),
-    ],
-)
-def test_data_that_is_not_there_is_said_with_where_it_comes_from(
-    words: tuple[str, ...], says: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _call(*words, "--root", tmp_path) == 2
-    printed = " ".join(capsys.readouterr().err.split())
-    assert not [text for text in (str(tmp_path), *says) if text not in printed], printed
-
-
-def test_a_robot_that_nobody_has_is_no_figure_of_a_benchmark(capsys: pytest.CaptureFixture[str]) -> None:
-    assert _call("bench", "robots", "silvermat") == 2
-    printed = capsys.readouterr()
-    assert "did you mean 'silvermate'?" in printed.err
-    assert printed.out == ""

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from cases import each
 
 from elastic_strips.cli import main
 from elastic_strips.errors import ScenarioError
@@ -74,8 +75,8 @@ def test_it_says_what_it_plans_and_what_not(folder, capsys):
     assert json.loads(captured.out)["locked"] == {"elbow": 0.25, "thumb": 0.5, "finger": 0.5}
 
 
-@pytest.mark.parametrize("command", ["run", "drive", "drag"])
-@pytest.mark.parametrize(
+@each("command", ["run", "drive", "drag"])
+@each(
     "more, words",
     [
         (["--joints", "lft"], "cannot plan 'lft'; did you mean 'lift'"),
@@ -111,7 +112,7 @@ def test_a_scenario_file_says_the_same(folder, capsys):
     assert "bot plans 1 joint: lift; locked: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
+@each(
     "robot, words",
     [
         ("{joints: [lift]}", "'name'"),

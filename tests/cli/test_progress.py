@@ -12,7 +12,7 @@ from elastic_strips.cli.options import LateProgress
 def test_a_bar_is_drawn_in_a_terminal_only(
     terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(options, "_PATIENCE", -1.0)
+    monkeypatch.setattr(options, "PROGRESS_PERIOD", -1.0)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
     if terminal:
@@ -44,7 +44,7 @@ def test_how_long_it_takes_is_said_in_lines_where_they_are_wanted(
 
 
 def test_a_label_is_no_markup(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(options, "_PATIENCE", -1.0)
+    monkeypatch.setattr(options, "PROGRESS_PERIOD", -1.0)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("FORCE_COLOR", "1")
     with LateProgress("s[/bold]", 2) as bar:

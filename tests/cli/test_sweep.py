@@ -13,10 +13,11 @@ from pathlib import Path
 
 import odd_jobs
 import pytest
+from cases import each
 from command_line import CALL, interrupted
 
 from elastic_strips.cli import main
-from elastic_strips.sim.sweep.runs import CLOCKED, MEASURED
+from elastic_strips.sim.sweep.runs import MEASURED
 
 SMALL = "kind: plan\nscenarios: [case-1]\nseeds: {count: 3}\ngrid: {influence: [0.2, 0.3]}\n"
 MANY = SMALL.replace("count: 3", "count: 6")
@@ -34,7 +35,7 @@ def call(*arguments: object) -> int:
 def rows(path: Path) -> list[dict[str, str]]:
     """Of a table, without what the clock has a part in."""
     with path.open(newline="") as stream:
-        return [{k: v for k, v in row.items() if k not in CLOCKED} for row in csv.DictReader(stream)]
+        return [{k: v for k, v in row.items() if k not in odd_jobs.CLOCKED} for row in csv.DictReader(stream)]
 
 
 def kept(folder: Path) -> int:
@@ -83,7 +84,7 @@ def test_a_run_that_fails_ends_nothing(folder: Path, capsys: pytest.CaptureFixtu
     assert len((folder / "s.csv.journal").read_text().splitlines()) == 4
 
 
-@pytest.mark.parametrize(
+@each(
     ("arguments", "says"),
     [
         (("nowhere.yaml",), "nowhere.yaml"),
@@ -93,7 +94,7 @@ def test_a_run_that_fails_ends_nothing(folder: Path, capsys: pytest.CaptureFixtu
         (("s.yaml", "--y", "nodes"), "--plot"),
         (("s.yaml", "--processes", "2", "--scheduler", "tcp://127.0.0.1:9"), "--processes"),
         (("s.yaml", "--processes", "0"), "--processes"),
-        (("s.yaml", "--out", ""), "no file name"),
+        (("s.yaml", "--out", ""), "file name"),
         (("s.yaml", "--plot", "p.xyz"), "unknown ending '.xyz'"),
         (("s.yaml", "--json", "s.csv.journal"), "named twice"),
         (("s.yaml", "--scheduler", "here"), "no Dask scheduler"),

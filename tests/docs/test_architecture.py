@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from cases import each
 
 import elastic_strips
 
@@ -34,7 +35,7 @@ def test_there_are_names_to_look_for():
     assert len(NAMES) > 30
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_name_on_the_page_is_there(name):
     resolve(name)
 

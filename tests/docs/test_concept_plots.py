@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from cases import each
 
 pyplot = pytest.importorskip("matplotlib.pyplot")
 
@@ -32,7 +33,7 @@ def test_each_plot_is_there_and_small(plots: ModuleType) -> None:
         assert (IMAGES / f"{name}.svg").stat().st_size < 100_000, name
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each("name", NAMES)
 def test_a_plot_shows_what_its_page_says(name: str, plots: ModuleType) -> None:
     figure = plots.PLOTS[name]()
     titles = [axes.get_title("left") or axes.get_title() for axes in figure.axes]

@@ -22,7 +22,6 @@ SAID = {
     "09_other_sides": "near",
     "10_laser": "moves at",
     "11_task_in_layers": "done",
-    "12_base_method": "reached after",
     "13_level_hand": "certified True",
     "14_arm_on_a_table": "base fixed: certified True",
     "15_page": "case-1.html",

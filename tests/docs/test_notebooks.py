@@ -10,6 +10,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from cases import each, refused
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -52,7 +53,7 @@ def test_they_are_a_numbered_series() -> None:
         assert title.startswith(f"# {int(path.name[:2])} · ")
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
+@each("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_outputs_are_stripped(path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
@@ -82,7 +83,6 @@ def test_their_extra_brings_what_they_import() -> None:
 
 
 @pytest.mark.notebook
-@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_notebook_runs_and_makes_a_page(path: Path) -> None:
     notebook = site_notebooks.executed(path)  # where the site has not done it, and changes of nothing that it rests on
@@ -138,7 +138,7 @@ def test_a_page_has_all_that_a_notebook_shows() -> None:
 
 
 def test_an_output_that_no_page_shows_is_said() -> None:
-    with pytest.raises(ValueError, match=r"page: no page shows an output 'error'"):
+    with refused(ValueError, "page", "'error'"):
         site_notebooks.page(notebook_of(nbformat.v4.new_output("error", ename="E", evalue="", traceback=[])), "page")
 
 
@@ -166,5 +166,5 @@ def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(site_notebooks, "executed", missing)
     config = MkDocsConfig()
     config.extra = {"notebooks": "*"}
-    with pytest.raises(PluginError, match=r"01_ten_lines.ipynb cannot be executed: .*nbclient.*\[docs,notebooks\]"):
+    with refused(PluginError, "01_ten_lines.ipynb", "nbclient", "[docs,notebooks]"):
         site_notebooks.on_files(Files([]), config)

@@ -15,12 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.sim.scenarios.paper_cases import TABLE_1, TABLE_2
 from elastic_strips.strip.paper import PaperParams
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper-map.md"
 PACKAGE = "elastic_strips"
+WORKSHOP = "workshop"
 MAPPED = "here"
 """Heading of the columns that hold names."""
 CODE = re.compile(r"`([^`]+)`")
@@ -89,8 +91,10 @@ def resolve(name: str) -> None:
     Raises:
         LookupError: a part of it is not there.
     """
-    found: object = importlib.import_module(PACKAGE)
     parts = name.split(".")
+    found: object = importlib.import_module(PACKAGE)
+    if parts[0] == WORKSHOP:
+        found, parts = importlib.import_module(WORKSHOP), parts[1:]
     for k, part in enumerate(parts):
         if hasattr(found, part):
             found = getattr(found, part)
@@ -114,7 +118,7 @@ def public(name: str) -> bool:
     parts = name.split(".")
     if any(part.startswith("_") for part in parts):
         return False
-    room, k = importlib.import_module(f"{PACKAGE}.{parts[0]}"), 1
+    room, k = importlib.import_module(parts[0] if parts[0] == WORKSHOP else f"{PACKAGE}.{parts[0]}"), 1
     while hasattr(getattr(room, parts[k], None), "__path__"):  # a room below it
         room, k = getattr(room, parts[k]), k + 1
     inside = isinstance(getattr(room, parts[k], None), ModuleType)
@@ -144,7 +148,7 @@ def test_all_names_are_there() -> None:
     assert [found for name in NAMES if (found := fault(name))] == []
 
 
-@pytest.mark.parametrize(
+@each(
     "name",
     ["strip.forces.no_such_force", "no_such_room.Thing", "strip.DeformParams.no_such_field", "strip.Strip.q.shape"],
 )
@@ -153,7 +157,7 @@ def test_what_is_not_there_is_noticed(name: str) -> None:
         resolve(name)
 
 
-@pytest.mark.parametrize("name", ["strip.paper.PaperDeformer._check_joint_angles", "sim.baselines.annotations"])
+@pytest.mark.parametrize("name", ["strip.paper.PaperDeformer._check_joint_angles", "workshop.baselines.annotations"])
 def test_what_is_private_or_borrowed_is_noticed(name: str) -> None:
     resolve(name)
     assert not public(name)
@@ -165,7 +169,7 @@ def test_fields_without_a_default_are_found() -> None:
     resolve("strip.DeformParams.influence")
 
 
-@pytest.mark.parametrize(
+@each(
     "section, wanted",
     [
         ("Equations", EQUATIONS),
@@ -181,7 +185,7 @@ def test_nothing_is_left_out(section: str, wanted: list[str]) -> None:
         assert found[first].names, f"{section}: {first} names nothing"
 
 
-@pytest.mark.parametrize("method", METHODS)
+@each("method", METHODS)
 def test_methods_are_there(method: str) -> None:
     assert any(method in first and row.names for first, row in of("Methods that the paper names").items())
 
@@ -199,7 +203,7 @@ def test_result_figures_are_of_their_cases() -> None:
         row = found[f"Fig. {number}"]
         assert row.cells["shows"] == case.replace("-", " ")
         assert row.cells["picture"] == f"fig-{number:02d}-{case}.png"
-        assert "sim.study.paper_study" in row.names
+        assert "workshop.study.paper_study" in row.names
 
 
 def test_printed_tables_are_those_of_the_cases() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -13,11 +12,11 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from cases import each
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "elastic_strips"
 ROOMS = sorted(".".join(path.parent.relative_to(PACKAGE.parent).parts) for path in PACKAGE.glob("*/**/__init__.py"))
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 SHOWN = "02_drag_an_obstacle"
 """The notebook that the site executes here, unless its outputs are kept; test_notebooks.py executes the others."""
 LOADED = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src", "video": "src"}
@@ -93,7 +92,7 @@ def test_nothing_is_loaded_from_elsewhere(pages: dict[Path, Page]) -> None:
     assert [(path.name, at) for path, page in pages.items() for at in page.loaded if re.match(r"\w*:?//", at)] == []
 
 
-@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", "urdf/README.md"])
+@each("document", ["README.md", "CONTRIBUTING.md", "urdf/README.md"])
 def test_anchors_that_pages_outside_of_the_site_name_are_there(
     document: str, site: Path, pages: dict[Path, Page]
 ) -> None:
@@ -102,7 +101,7 @@ def test_anchors_that_pages_outside_of_the_site_name_are_there(
         assert anchor in pages[site / f"{name}.html"].ids, f"{document}: {name}.md#{anchor}"
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@each("room", ROOMS)
 def test_every_public_name_has_its_entry(room: str, site: Path, pages: dict[Path, Page]) -> None:
     names = getattr(importlib.import_module(room), "__all__", [])
     if names:
@@ -161,11 +160,9 @@ def test_the_number_on_the_front_page_is_that_of_the_readme() -> None:
     assert re.findall(r"[\d.]+ ms", front) == [median, rarely]
 
 
-@pytest.mark.browser
-@pytest.mark.skipif(BROWSER is None, reason="no chromium")
-def test_search_finds_in_a_page_from_the_disk(site: Path) -> None:
+def test_search_finds_in_a_page_from_the_disk(site: Path, chromium: str) -> None:
     address = f"{(site / 'index.html').as_uri()}?q=influence"
     flags = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"]
-    done = subprocess.run([str(BROWSER), *flags, address], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([chromium, *flags, address], capture_output=True, text=True, timeout=120)
     assert re.search(r"\d+ matching documents", done.stdout)
     assert "tuning.html?h=influence" in done.stdout

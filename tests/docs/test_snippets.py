@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 import pytest
+from cases import each
 
 from elastic_strips.cli import main
 from elastic_strips.cli.group import cli
@@ -72,7 +73,7 @@ def test_the_readme_has_the_ten_line_program() -> None:
     )
 
 
-@pytest.mark.parametrize("words", commands())
+@each("words", commands())
 def test_commands_parse(words: list[str]) -> None:
     command: click.Command = cli
     context: click.Context | None = None
@@ -91,7 +92,7 @@ def test_there_are_commands() -> None:
     assert len(commands()) >= 5
 
 
-@pytest.mark.parametrize("document", [*DOCUMENTS, ROOT / "urdf" / "README.md"], ids=lambda d: str(d.relative_to(ROOT)))
+@each("document", [*DOCUMENTS, ROOT / "urdf" / "README.md"], ids=lambda d: str(d.relative_to(ROOT)))
 def test_links_lead_somewhere(document: Path) -> None:
     for target in LINK.findall(BLOCK.sub("", document.read_text(encoding="utf-8"))):
         if "://" not in target:
@@ -105,9 +106,10 @@ def test_pictures_are_small() -> None:
         assert picture.stat().st_size < 250_000, picture.name
 
 
-def test_named_code_exists() -> None:
-    """Every `room.name` that the design points to is there; test_paper_map.py does that for the paper's map."""
-    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("document", ["design.md", "decisions.md"])
+def test_named_code_exists(document: str) -> None:
+    """Every `room.name` that these pages point to is there; test_paper_map.py does that for the paper's map."""
+    text = (ROOT / "docs" / document).read_text(encoding="utf-8")
     rooms = {p.stem for p in (ROOT / "src" / "elastic_strips").iterdir() if not p.name.startswith("_")}
     names = {name for name in re.findall(r"`([a-z_]+(?:\.\w+)+)", text) if name.split(".")[0] in rooms}
     for name in names:

@@ -26,9 +26,12 @@ from elastic_strips.cli.view_command import _from_result
 from elastic_strips.control.record import Record, Recorder
 from elastic_strips.errors import InputError
 from elastic_strips.scene import Keyframes, World
-from elastic_strips.sim import datasets
 from elastic_strips.sim.sensors import read_sensors, sensor_file
 from elastic_strips.sim.sweep import read_sweep
+from workshop import datasets
+
+for folder in ("oracle", "unit/io"):  # who makes bags are the tests of bags
+    sys.path.append(str(Path(__file__).parents[1] / folder))
 
 PLAN_SECONDS = 0.3
 Use = Callable[[Path], object]
@@ -269,8 +272,7 @@ def _png() -> bytes:
 
 
 def _bag(suffix: str) -> bytes:
-    """A scan, its transforms, a cloud and joint states; the modules that make it are the tests' of bags."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "io"))
+    """A scan, its transforms, a cloud and joint states."""
     from test_bags import drive
 
     with tempfile.TemporaryDirectory() as folder:

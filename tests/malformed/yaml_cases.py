@@ -110,7 +110,7 @@ _OBSTACLES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 
 # name, whole scene file, what the message says
 _SCENES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("without obstacles", "version: 1\n", ("'obstacles' is missing",)),
+    ("without obstacles", "version: 1\n", ("'obstacles'",)),
     ("whose obstacles are a mapping", "obstacles: {a: 1}\n", ("obstacles", "must be a list")),
     ("whose obstacle is a word", "obstacles: [table]\n", ("obstacles[0]", "'table'")),
     ("of version 2", "version: 2\nobstacles: []\n", ("version", "2")),

@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from cases import each
 
 import elastic_strips as es
 from elastic_strips.cli import main
@@ -51,7 +52,7 @@ def _tree(robot: es.RobotModel) -> object:
 
 
 def _study(robot: es.RobotModel) -> object:
-    from elastic_strips.sim.study import paper_study
+    from workshop.study import paper_study
 
     return paper_study("nowhere")
 
@@ -102,7 +103,7 @@ def _png(robot: es.RobotModel) -> object:
         return es.io.load_nav2_map(Path(folder) / "map.yaml")
 
 
-@pytest.mark.parametrize(
+@each(
     ("package", "extra", "use"),
     [
         ("mujoco", "sim", _mujoco),
@@ -143,7 +144,7 @@ def test_what_the_notebooks_need_is_in_their_extra():
     assert {"ipywidgets", "matplotlib", "py_trees", "embreex"} <= names  # imported, and what rays against meshes need
 
 
-@pytest.mark.parametrize("error", [RetimingError, PerceptionError, MissingExtraError])
+@each("error", [RetimingError, PerceptionError, MissingExtraError])
 def test_an_expected_failure_is_no_wrong_input(error):
     assert issubclass(error, es.ElasticStripsError)
     assert not issubclass(error, InputError | ValueError)

@@ -10,6 +10,7 @@ import sys
 from types import ModuleType
 
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.catalogue import SCENARIOS
@@ -76,9 +77,7 @@ def test_what_is_listed_is_what_there_is():
     assert all(es.get_scenario(name).summary == summary for name, summary in SCENARIOS.items())
 
 
-@pytest.mark.parametrize(
-    "package", ["elastic_strips", "elastic_strips.io", "elastic_strips.sim", "elastic_strips.sim.scenarios"]
-)
+@each("package", ["elastic_strips", "elastic_strips.io", "elastic_strips.sim", "elastic_strips.sim.scenarios"])
 def test_names_that_load_late_are_all_there(package):
     """... and stay what they are after every module of the package has been imported."""
     module = importlib.import_module(package)
@@ -87,7 +86,7 @@ def test_names_that_load_late_are_all_there(package):
             importlib.import_module(f"{package}.{found.name}")
     for name in module.__all__:
         assert not isinstance(getattr(module, name), ModuleType), name
-    with pytest.raises(AttributeError, match="nonsense"):
+    with refused(AttributeError, "nonsense"):
         _ = module.nonsense
 
 

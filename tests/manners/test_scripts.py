@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -20,19 +21,19 @@ def checkout(tmp_path: Path) -> Path:
         'say() { printf "==> %s\\n" "$*"; }\ndie() { printf "error: %s\\n" "$*" >&2; exit 1; }\n'
     )
     (tmp_path / ".venv" / "bin").mkdir(parents=True)
-    for name in ("ruff", "clang-format", "lint-imports", "pyright", "pytest"):
+    for name in ("python", "ruff", "clang-format", "lint-imports", "pyright", "pytest"):
         end(tmp_path, name, 0)
     return tmp_path
 
 
 def end(checkout: Path, check: str, code: int) -> None:
     path = checkout / ".venv" / "bin" / check
-    path.write_text(f"#!/bin/sh\necho {check} has spoken\nexit {code}\n")
+    path.write_text(f'#!/bin/sh\necho {check} has spoken: "$@"\nexit {code}\n')
     path.chmod(0o755)
 
 
-def run(checkout: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([checkout / "scripts" / "test"], capture_output=True, text=True, timeout=60)
+def run(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([checkout / "scripts" / "test", *arguments], capture_output=True, text=True, timeout=60)
 
 
 def test_all_that_passes_ends_with_0(checkout: Path) -> None:
@@ -50,3 +51,15 @@ def test_what_fails_is_named_and_the_others_are_run(checkout: Path, check: str) 
     assert "error: something to mend: " + check in done.stderr
     for name in ("ruff", "clang-format", "lint-imports", "pyright", "pytest"):
         assert f"{name} has spoken" in done.stdout
+
+
+def test_the_quick_checks_are_ruff_and_the_quick_units(checkout: Path) -> None:
+    end(checkout, "pyright", 3)
+    done = run(checkout, "--quick", "-k", "viewer")
+    assert done.returncode == 0, done.stderr
+    spoken = dict(re.findall(r"^([a-z-]+) has spoken: (.*)$", done.stdout, re.MULTILINE))
+    assert set(spoken) == {"ruff", "pytest"}
+    assert {"slow", "process", "browser", "wheel"} <= set(re.findall(r"\w+", spoken["pytest"]))
+    assert spoken["pytest"].endswith("-k viewer tests/unit tests/property")
+    end(checkout, "pytest", 1)
+    assert run(checkout, "--quick").returncode == 1

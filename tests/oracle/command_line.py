@@ -25,10 +25,15 @@ def interrupted(
     after: float = 0.0,
     printed: str = "",
     until: Callable[[], bool] | None = None,
+    module: str = "elastic_strips.cli.group",
 ) -> subprocess.CompletedProcess[str]:
     """A process that gets Ctrl-C some seconds after its modules are loaded, or once it printed something, or once
     something holds."""
-    program = "from elastic_strips.cli import main; print('loaded', flush=True); main()"
+    root = str(Path(__file__).parents[2])
+    program = (
+        f"import sys; sys.path.append({root!r}); from elastic_strips.cli import run_program; "
+        f"print('loaded', flush=True); run_program({module!r}, None)"
+    )
     process = subprocess.Popen(
         [sys.executable, "-u", "-c", program, *arguments],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=os.environ,

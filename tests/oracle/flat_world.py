@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elastic_strips.perception import LaserScan, RangeRing
-from elastic_strips.sim.baselines import GoalParams
+from workshop.baselines import GoalParams
 
 LASER = np.radians(np.linspace(-135.0, 135.0, 137))
 SONARS = np.radians(np.arange(0.0, 360.0, 22.5))

@@ -2,16 +2,21 @@
 
 A program of its own, as a kernel that reads past an array's end takes the process with it. It prints what was accepted
 that should not have been, one line each, and then how many calls were made.
+
+    python tests/oracle/kernel_border.py --fuzz 100000
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from elastic_strips.errors import NumericalError
 from elastic_strips.native import kernel
 
 REFUSED = (TypeError, ValueError)
@@ -27,6 +32,8 @@ class Call:
         function: what is called.
         args: its arguments.
         free: (argument, axis) of arrays that may be longer, or shorter; numbers: arguments whose entries count others.
+        any: arguments that may hold what is no number; optional: those that may be None.
+        depth: the argument that says how often intervals may be halved: at random, not too often.
     """
 
     name: str
@@ -34,6 +41,9 @@ class Call:
     args: tuple[object, ...]
     free: tuple[tuple[int, int], ...] = ()
     numbers: tuple[int, ...] = ()
+    any: tuple[int, ...] = ()
+    optional: tuple[int, ...] = ()
+    depth: int | None = None
 
 
 def zeros(*shape: int) -> np.ndarray:
@@ -66,6 +76,9 @@ def calls(native) -> Iterator[Call]:
     yield Call("convex", native.convex, (corners, triangles, 0.0), free=((0, 0), (1, 0)), numbers=(1,))
     yield Call("block", native.block, (np.ones((2, 3)), zeros(2, 3)))
     sphere, box = native.primitive("sphere", [0.1], 0.0), native.primitive("box", [0.1, 0.1, 0.1], 0.0)
+    yield Call("primitive", native.primitive, ("box", [0.1, 0.1, 0.1], 0.0))
+    for given in (("box", [0.1]), ("cube", [0.1, 0.1, 0.1]), ("", []), (3, [0.1]), ("sphere", 0.1), ("sphere", [None])):
+        yield Call("primitive of no kind", native.primitive, (*given, 0.0), free=((-1, -1),))
     block, hull = native.block(np.ones((2, 3)), zeros(2, 3)), native.convex(corners, triangles, 0.0)
     turned = np.tile(np.eye(3), (G, 1, 1))
     bodies_args = (tree, [sphere, box, hull], ints(1, 2, 3), turned, zeros(G, 3), zeros(G, 2, 3), np.ones(G), 0.0)
@@ -73,60 +86,58 @@ def calls(native) -> Iterator[Call]:
     for solids in ([sphere, box], [sphere, box, block], [sphere, None, box], [sphere, box, hull, hull]):
         yield Call("Bodies of other solids", native.Bodies, (tree, solids, *bodies_args[2:]), free=((-1, -1),))
     bodies = native.Bodies(*bodies_args)
-    poses_args = (np.tile(np.eye(3), (P, 1, 1)), np.full((P, 3), 3.0), zeros(P, 3), np.full((P, 3), 0.1))
-    yield Call("Poses", native.Poses, poses_args)
-    poses = native.Poses(*poses_args)
+    solids = [sphere, box, hull, block]
+    placed = (np.tile(np.eye(3), (P, 1, 1)), np.full((P, 3), 3.0), zeros(P, 3), np.full((P, 3), 0.1))
+    yield Call("Parts", native.Parts, (solids, *placed))
+    for given in (solids[1:], [sphere, None, box, box], [sphere, 3.0, box, box]):
+        yield Call("Parts of other solids", native.Parts, (given, *placed), free=((-1, -1),))
+    parts, others = native.Parts(solids, *placed), native.Parts(solids, *placed)
+    few = native.Parts(solids[1:], *(a[1:] for a in placed))
     moving_args = (zeros(N, M, 3), zeros(N, M), ints(0, -1, 1, 0))
-    yield Call("Moving", native.Moving, moving_args, free=((2, 0),), numbers=(2,))
-    moving = native.Moving(*moving_args)
+    yield Call("Moving", native.Moving, (parts, *moving_args), numbers=(3,))
+    moving = native.Moving(parts, *moving_args)
     unknown = np.full((N, G, P), -1e9)
 
-    def known(n: int = N, g: int = G, p: int = P):
+    def known(n: int = N, g: int = G, p: int = P, of=parts):
         arrays = (np.full((n, g, p), -1e9), np.full((n, g, p), 1e9), np.full((n, g, p), np.inf))
-        return native.Distances(*arrays, zeros(n, g, p, 3), zeros(n, g, p, 3), np.full(p, 1e-3))
+        return native.Distances(of, *arrays, zeros(n, g, p, 3), zeros(n, g, p, 3), np.full(p, 1e-3))
 
-    distance_args = (unknown, -unknown, unknown.copy(), zeros(N, G, P, 3), zeros(N, G, P, 3), zeros(P))
+    distance_args = (parts, unknown, -unknown, unknown.copy(), zeros(N, G, P, 3), zeros(N, G, P, 3), zeros(P))
     yield Call("Distances", native.Distances, distance_args)
     narrow = native.Narrowphase(bodies)
-    parts = [sphere, box, hull, block]
-    for given in ([sphere, None, box, box], [sphere, 3.0]):
-        yield Call("set_parts of none", narrow.set_parts, (given,), free=((-1, -1),))
-    narrow.set_parts(parts)
-    few, few_poses, few_moving = native.Narrowphase(bodies), native.Poses(*(a[1:] for a in poses_args)), native.Moving(
-        moving_args[0][1:], moving_args[1][1:], moving_args[2]
-    )  # fmt: skip
-    few.set_parts(parts[1:])
+    few_moving = native.Moving(parts, moving_args[0][1:], moving_args[1][1:], moving_args[2])
     index = (ints(0, 1, 2, 3, 4, 6), ints(0, 1, 2, 0, 1, 2), ints(0, 1, 2, 3, 0, 1))
-    query = (T, *index, poses, zeros(K, 3), zeros(K), zeros(K, 3), zeros(K, 3))
-    yield Call("query", narrow.query, query, free=((0, 1),), numbers=(1, 2, 3))
-    yield Call("query of fewer parts", few.query, query, free=((-1, -1),))
-    refine = (T, poses, moving, 1.0, known())
-    yield Call("refine", narrow.refine, refine, free=((0, 1),))
+    query = (T, *index, parts, zeros(K, 3), zeros(K), zeros(K, 3), zeros(K, 3))
+    yield Call("query", narrow.query, query, free=((0, 1),), numbers=(1, 2, 3), any=(0,))
+    yield Call("query of fewer parts", narrow.query, (*query[:4], few, *query[5:]), free=((-1, -1),))
+    refine = (T, parts, moving, 1.0, known())
+    yield Call("refine", narrow.refine, refine, free=((0, 1),), any=(0,), optional=(2,))
     for name, function, args in (
-        ("fewer parts", few.refine, refine),
-        ("fewer poses", narrow.refine, (T, few_poses, *refine[2:])),
-        ("a shorter forecast", narrow.refine, (T, poses, few_moving, *refine[3:])),
+        ("fewer parts", narrow.refine, (T, few, *refine[2:])),
+        ("others", narrow.refine, (T, others, None, *refine[3:])),
+        ("others' forecast", narrow.refine, (T, parts, native.Moving(others, *moving_args), *refine[3:])),
+        ("others' distances", narrow.refine, (*refine[:4], known(of=others))),
+        ("a shorter forecast", narrow.refine, (T, parts, few_moving, *refine[3:])),
         ("more nodes", narrow.refine, (*refine[:4], known(n=C + 1))),
         ("more bodies", narrow.refine, (*refine[:4], known(g=G + 1))),
-        ("more columns", narrow.refine, (*refine[:4], known(p=P + 1))),
     ):
         yield Call(f"refine with {name}", function, args, free=((-1, -1),))
     follow = (
         T, zeros(N, nv), 0.3, np.full((N, nv), np.nan), zeros(N, G, 2, 3), zeros(N, G, 3, 3), np.full((N, 3), -9.0),
         np.full((N, 3), 9.0), ints(0, 1, 2, -1, 4), zeros(N), known(),
     )  # fmt: skip
-    yield Call("follow", narrow.follow, follow, free=((0, 1),), numbers=(8,))
+    yield Call("follow", narrow.follow, follow, free=((0, 1),), numbers=(8,), any=(0,))
     yield Call("follow of more nodes", narrow.follow, (*follow[:10], known(n=C + 1)), free=((-1, -1),))
     radius, states = np.ones((m, G)), np.zeros(N - 1, dtype=np.int8)
     certify = (
-        T, J, zeros(N, nv), zeros(N - 1, nv), poses, moving, radius, zeros(N - 1, P), known(), 0.05, 3, states,
+        T, J, zeros(N, nv), zeros(N - 1, nv), parts, moving, radius, zeros(N - 1, P), known(), 0.05, 3, states,
     )  # fmt: skip
-    yield Call("certify", narrow.certify, certify, free=((0, 1), (1, 0)))
-    one = (T, J, zeros(1, nv), zeros(0, nv), poses, None, radius, None, known(n=1), 0.05, 3, states[:0])
+    yield Call("certify", narrow.certify, certify, free=((0, 1), (1, 0)), any=(0, 1), optional=(5,), depth=10)
+    one = (T, J, zeros(1, nv), zeros(0, nv), parts, None, radius, None, known(n=1), 0.05, 3, states[:0])
     yield Call("certify of one node", narrow.certify, one, free=((-1, -1),))
-    prove = (T, zeros(N, nv), zeros(N - 1, nv), poses, moving, zeros(N - 1, G), zeros(N - 1, P), 0.05, 3)
-    yield Call("prove", narrow.prove, prove, free=((0, 1),))
-    none = (T, zeros(0, nv), zeros(0, nv), poses, None, zeros(0, G), None, 0.05, 3)
+    prove = (T, zeros(N, nv), zeros(N - 1, nv), parts, moving, zeros(N - 1, G), zeros(N - 1, P), 0.05, 3)
+    yield Call("prove", narrow.prove, prove, free=((0, 1),), any=(0,), optional=(4,), depth=8)
+    none = (T, zeros(0, nv), zeros(0, nv), parts, None, zeros(0, G), None, 0.05, 3)
     yield Call("prove of no node", narrow.prove, none, free=((-1, -1),))
     S = 2
     pairs_args = (bodies, np.array([[0, 1], [1, 2]]))
@@ -140,22 +151,25 @@ def calls(native) -> Iterator[Call]:
     self_args = (zeros(N, S), zeros(N, S), zeros(N, S), zeros(N, S, 3), zeros(N, S, 3), zeros(N, S, 3), 1e-3)
     yield Call("SelfDistances", native.SelfDistances, self_args)
     update = (T, zeros(N, nv), zeros(N, nv), zeros(nv, S), 1.0, own())
-    yield Call("update", pairs.update, update, free=((0, 1),))
+    yield Call("update", pairs.update, update, free=((0, 1),), any=(0, 2))
     yield Call("update of more nodes", pairs.update, (*update[:5], own(n=C + 1)), free=((-1, -1),))
     yield Call("update of more pairs", pairs.update, (*update[:5], own(s=S + 1)), free=((-1, -1),))
     self_certify = (T, zeros(N, nv), zeros(N - 1, nv), zeros(nv, S), own(), 0.01, 3, states.copy())
-    yield Call("self certify", pairs.certify, self_certify, free=((0, 1),))
-    yield Call("self prove", pairs.prove, (T, zeros(N, nv), zeros(N - 1, nv), zeros(N - 1, S), 0.01, 3), free=((0, 1),))
+    yield Call("self certify", pairs.certify, self_certify, free=((0, 1),), any=(0,), depth=6)
+    self_prove = (T, zeros(N, nv), zeros(N - 1, nv), zeros(N - 1, S), 0.01, 3)
+    yield Call("self prove", pairs.prove, self_prove, free=((0, 1),), any=(0,), depth=5)
     system_args = (zeros(N, nv), zeros(N, nv, nv), zeros(N - 1, nv, nv))
     yield Call("System", native.System, system_args)
     system = native.System(*system_args)
     yield Call("add_elastic", system.add_elastic, (True, zeros(N - 1, nv), np.ones(nv)))
-    yield Call("add_repulsion", system.add_repulsion, (narrow, J, known(), 0.3, 1.0, 0.1, 1.0), free=((1, 0),))
-    for other in (known(n=N + 1), known(g=G + 1), known(p=P + 1)):
+    yield Call(
+        "add_repulsion", system.add_repulsion, (narrow, J, known(), 0.3, 1.0, 0.1, 1.0), free=((1, 0),), any=(1,)
+    )
+    for other in (known(n=N + 1), known(g=G + 1)):
         yield Call("add_repulsion of others", system.add_repulsion, (narrow, J, other, 0.3, 1.0, 0.1, 1.0),
                    free=((-1, -1),))  # fmt: skip
     repulsion = (pairs, T, J, own(), np.full(S, 0.1), 1.0)
-    yield Call("add_self_repulsion", system.add_self_repulsion, repulsion, free=((1, 1), (2, 0)))
+    yield Call("add_self_repulsion", system.add_self_repulsion, repulsion, free=((1, 1), (2, 0)), any=(1, 2))
     posture = (zeros(N, nv), zeros(N, nv), np.ones(nv), np.zeros(nv - 3, dtype=bool))
     yield Call("add_posture", system.add_posture, posture, free=((3, 0),))
     yield Call("add_posture of more joints", system.add_posture, (*posture[:3], np.zeros(nv + 1, dtype=bool)),
@@ -163,14 +177,12 @@ def calls(native) -> Iterator[Call]:
     yield Call("solve", system.solve, (np.ones(nv), zeros(N, nv)))
     turning = np.zeros(nv - 3, dtype=bool)
     for name in ("difference", "integrate"):
-        yield Call(name, getattr(native, name), (True, turning, zeros(N, nv), zeros(N, nv), zeros(N, nv)))
+        yield Call(name, getattr(native, name), (True, turning, zeros(N, nv), zeros(N, nv), zeros(N, nv)), any=(2, 3))
     yield Call("project_rolling", native.project_rolling, (zeros(N, nv), 3), free=((0, 0), (0, 1)))
     for shape in ((0, nv), (N, 2)):
         yield Call("project_rolling", native.project_rolling, (zeros(*shape), 3), free=((-1, -1),))
-    validity_args = (bodies, parts, np.array([[0, 1]]), poses, radius, 0.05)
+    validity_args = (bodies, parts, np.array([[0, 1]]), radius, 0.05)
     yield Call("Validity", native.Validity, validity_args, free=((2, 0),), numbers=(2,))
-    for given in (parts[1:], [sphere, box, hull, None]):
-        yield Call("Validity of other parts", native.Validity, (bodies, given, *validity_args[2:]), free=((-1, -1),))
     checker = native.Validity(*validity_args)
     charted = native.Validity(*validity_args).chart(zeros(nv), np.ones(2))
     yield Call("valid", checker.valid, (zeros(nv),))
@@ -214,8 +226,8 @@ def calls(native) -> Iterator[Call]:
             zeros(W, 3, 3))  # fmt: skip
     yield Call("lead_base", native.lead_base, lead)
     grid = (np.linspace(0, 1, N), np.ones((N, m)), zeros(N, m))
-    yield Call("fastest", native.fastest, (*grid, np.ones(N), np.ones(m), 0.0, zeros(N)))
-    yield Call("braked", native.braked, (*grid, np.ones(m), 0.5, 0.9, zeros(N)))
+    yield Call("fastest", native.fastest, (*grid, np.ones(N), np.ones(m), 0.0, zeros(N)), any=(1, 2, 3))
+    yield Call("braked", native.braked, (*grid, np.ones(m), 0.5, 0.9, zeros(N)), any=(1, 2))
     nothing = (zeros(0), zeros(0, m), zeros(0, m))
     yield Call("fastest of nothing", native.fastest, (*nothing, zeros(0), np.ones(m), 0.0, zeros(0)), free=((-1, -1),))
     yield Call("braked of nothing", native.braked, (zeros(N), zeros(N, 0), zeros(N, 0), zeros(0), 0.5, 0.9, zeros(N)),
@@ -257,21 +269,137 @@ def spoilt(call: Call) -> Iterator[tuple[str, tuple[object, ...]]]:
                 yield f"argument {k} with {value}", put(k, bad)
 
 
+def takes(call: Call, k: int, value: object) -> bool:
+    """Whether the call is accepted with another argument ``k``."""
+    args = [arg.copy() if isinstance(arg, np.ndarray) else arg for arg in call.args]
+    args[k] = value
+    try:
+        call.function(*args)
+    except REFUSED:
+        return False
+    return True
+
+
+def not_numbers(call: Call) -> Iterator[tuple[str, tuple[object, ...]]]:
+    """The call with what is no number in one of the arrays that are only read."""
+    for k, array in enumerate(call.args):
+        if not isinstance(array, np.ndarray) or array.dtype != float or array.size == 0 or k in call.any:
+            continue
+        locked = array.copy()
+        locked.flags.writeable = False
+        if not takes(call, k, locked):
+            continue
+        for value in (np.nan, np.inf, -np.inf):
+            bad = array.copy()
+            bad.flat[-1] = value
+            yield f"argument {k} with {value}", (*call.args[:k], bad, *call.args[k + 1 :])
+
+
+def never_made(kind: type) -> object:
+    """An object of a class of the kernel without its C++ half."""
+    return kind.__new__(kind)  # pyright: ignore[reportCallIssue]
+
+
+def wrong_objects(call: Call, objects: Sequence[object]) -> Iterator[tuple[str, tuple[object, ...]]]:
+    """The call with an object of another class, with none, and with one that was never made."""
+    for k, arg in enumerate(call.args):
+        kind = type(arg)
+        if kind.__module__ != "elastic_strips._native":
+            continue
+        for other in (None, 3.0, np.zeros(3), *objects):
+            if type(other) is not kind and not (other is None and k in call.optional):
+                yield f"argument {k} as {other}", (*call.args[:k], other, *call.args[k + 1 :])
+        yield f"argument {k} never made", (*call.args[:k], never_made(kind), *call.args[k + 1 :])
+
+
+NUMBERS = (0, 1, -1, 7, 2**31 - 1, -(2**31), 2**62, -(2**62), 2**70, 0.0, -0.0, 1e-300, 1e300, np.nan, np.inf, -np.inf)
+SHAPES = ((), (0,), (1,), (3,), (0, 3), (3, 0), (1, 1), (5, 5), (2, 3, 4), (0, 0, 0), (1, 1, 1, 1), (2, 2, 2, 2, 2))
+KINDS = ("f8", "f8", "f4", "i8", "i8", "i1", "i4", "u4", "?", "c16", "O", "S3")
+
+
+def mutated(rng: np.random.Generator, value: object, objects: Sequence[object]) -> object:
+    """Another value instead of an argument: seldom one that fits."""
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+        kind = int(rng.integers(9))
+        if kind == 0:
+            return np.full(SHAPES[rng.integers(len(SHAPES))], 1).astype(KINDS[rng.integers(len(KINDS))])
+        if kind == 1:
+            return value.real.astype(KINDS[rng.integers(len(KINDS))])
+        if kind == 2 and value.ndim:
+            return np.repeat(value, 2, axis=-1)[..., ::2]
+        if kind == 3 and value.ndim:
+            return value[::-1]
+        if kind == 4 and value.ndim:
+            axis = int(rng.integers(value.ndim))
+            return value.take(rng.integers(0, max(1, value.shape[axis]), rng.integers(4)), axis, mode="clip") if (
+                value.shape[axis]
+            ) else value  # fmt: skip
+        if kind == 5:
+            return value.reshape(-1)
+        if kind == 6 and value.ndim > 1:
+            return value.T
+        other = value.copy()
+        if kind == 7:
+            other.flags.writeable = False
+        elif other.size and other.dtype != bool:
+            some = rng.random(other.shape) < rng.choice([0.05, 1.0])
+            chosen = [x for x in NUMBERS if other.dtype.kind == "f" or (x == x and abs(x) < 2**63)]
+            with np.errstate(all="ignore"):
+                other[some] = np.array(chosen[rng.integers(len(chosen))]).astype(other.dtype)
+        return other
+    if type(value).__module__ == "elastic_strips._native" and rng.random() < 0.5:
+        return never_made(type(value))
+    several = (None, "text", [], [np.nan], [1e300, -1.0], [None], {}, b"bytes", 1j, *NUMBERS, *objects)
+    return several[rng.integers(len(several))]
+
+
+def fuzz(native, count: int, seed: int, verbose: bool) -> None:
+    """So many calls with one to three arguments that are another; whatever is said of them, the process lives."""
+    rng = np.random.default_rng(seed)
+    known = list(calls(native))
+    objects = [arg for call in known for arg in call.args if type(arg).__module__ == "elastic_strips._native"]
+    for number in range(count):
+        call = known[rng.integers(len(known))]
+        args = [arg.copy() if isinstance(arg, np.ndarray) else arg for arg in call.args]
+        for k in rng.integers(0, len(args), rng.integers(1, 4)).tolist():
+            args[k] = mutated(rng, args[k], objects)
+        halvings = args[call.depth] if call.depth is not None else None
+        if call.depth is not None and isinstance(halvings, int):
+            args[call.depth] = min(halvings, 10)
+        if verbose:
+            print(number, call.name, args, file=sys.stderr, flush=True)
+        try:
+            call.function(*args)
+        except (*REFUSED, NumericalError, MemoryError):
+            continue
+        except Exception as error:
+            print(f"{call.name}, call {number} of seed {seed}: {error!r}")
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--fuzz", type=int, default=0, help="and so many calls with arguments at random")
+    parser.add_argument("--seed", type=int, default=0, help="of those")
+    parser.add_argument("--verbose", action="store_true", help="say each call before it is made")
+    given = parser.parse_args()
     native = kernel()
     if native is None:
         print("no kernel", file=sys.stderr)
         raise SystemExit(3)
-    made = 0
-    for call in calls(native):
+    np.set_printoptions(threshold=20)
+    warnings.simplefilter("ignore")  # nanobind's, of objects that were never made
+    made, known = 0, list(calls(native))
+    objects = list({type(arg): arg for call in known for arg in call.args}.values())
+    objects = [value for value in objects if type(value).__module__ == "elastic_strips._native"]
+    for call in known:
         if call.free == ((-1, -1),):  # wrong as it is
             cases = [("", call.args)]
         else:
             call.function(*call.args)
-            cases = list(spoilt(call))
+            cases = [*spoilt(call), *not_numbers(call), *wrong_objects(call, objects)]
         for what, args in cases:
             made += 1
-            if "-v" in sys.argv:
+            if given.verbose:
                 print(call.name, what, file=sys.stderr, flush=True)
             try:
                 call.function(*args)
@@ -281,7 +409,8 @@ def main() -> None:
                 print(f"{call.name}: {what}: {error!r}")
             else:
                 print(f"{call.name}: {what}: accepted")
-    print(made)
+    fuzz(native, given.fuzz, given.seed, given.verbose)
+    print(made + given.fuzz)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ from elastic_strips.planning.ompl_planner import OMPL_LOCK, seed_ompl
 from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.sim.reach_problems import MBM_ROBOTS, load_mbm
+from workshop.reach_problems import MBM_ROBOTS, load_mbm
 
 Array = npt.NDArray[np.float64]
 

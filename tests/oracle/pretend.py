@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from elastic_strips.collision import Certificate
-from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.process.executor_process import ExecutorProcess
 from elastic_strips.planning import straight_line
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, Retimer, Trajectory

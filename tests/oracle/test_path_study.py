@@ -13,7 +13,7 @@ from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def study() -> tuple[Study, Scene, np.ndarray]:
     robot = load_robot("panda")
     scene = Scene([Box((0.6, 0.03, 0.5), at=(0.5, 0.0, 0.35), name="wall")])

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import result_check
+from cases import each
 
 from elastic_strips.cli import main
 
@@ -55,7 +56,7 @@ def _assert_holds(
     return found
 
 
-@pytest.mark.parametrize("name", ["case-3", "case-5", "case-7"])
+@each("name", ["case-3", "case-5", "case-7"])
 def test_the_cases_hold(run: Run, name: str) -> None:
     """Certified, free, drivable, from (−3, −3, 30°) to (6, 6, 45°)."""
     document = run(name)
@@ -161,7 +162,7 @@ _TAMPERED: dict[str, tuple[Callable[[Document], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", _TAMPERED)
+@each("name", _TAMPERED)
 def test_the_checker_finds_what_was_tampered_with(run: Run, name: str) -> None:
     """Each false statement is a fault, named."""
     change, fault = _TAMPERED[name]

@@ -234,7 +234,6 @@ def compare_motions(figures: Figures, robot: RobotModel, rng: np.random.Generato
 def run(seed: int, *, strips: int = 3, ticks: int = 6, motions: int = 5) -> Figures:
     """Compare on one random robot of 3 to 16 degrees of freedom."""
     assert kernel() is not None, "there is no native kernel here"
-    logging.disable(logging.WARNING)
     rng, figures = np.random.default_rng(seed), Figures()
     base, nv = _BASES[seed % 3], 3 + (seed // 3) % 14
     with tempfile.TemporaryDirectory() as folder:
@@ -249,7 +248,8 @@ def run(seed: int, *, strips: int = 3, ticks: int = 6, motions: int = 5) -> Figu
 def run_all(seeds: Sequence[int], ticks: int, processes: int) -> Figures:
     """Compare on robots of these seeds until so many ticks and motions were compared."""
     total = Figures()
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    quiet = {"initializer": logging.disable, "initargs": (logging.WARNING,)}  # in the workers alone
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn"), **quiet) as pool:
         for k, part in enumerate(pool.map(run, seeds, chunksize=4)):
             total.add(part)
             if (k + 1) % 200 == 0:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pytest
 import yaml
+from cases import each
 
 from elastic_strips import __version__
 
@@ -36,7 +36,7 @@ def test_it_can_be_cited() -> None:
 PAGES = ["README.md", "CONTRIBUTING.md", *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))]
 
 
-@pytest.mark.parametrize("page", PAGES)
+@each("page", PAGES)
 def test_paths_that_are_named_are_there(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     folders = "scripts|tests|docs|notebooks|urdf"

@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
+from cases import each
 
 import elastic_strips as es
 
@@ -30,7 +30,7 @@ def test_the_top_has_about_25_names_and_dir_shows_them_alone():
     assert not [name for name in es.__all__ if inspect.ismodule(getattr(es, name))]
 
 
-@pytest.mark.parametrize("name", [name for name in es.__all__ if name != "__version__"])
+@each("name", [name for name in es.__all__ if name != "__version__"])
 def test_every_name_at_the_top_is_explained(name):
     assert len((inspect.getdoc(getattr(es, name)) or "").split()) >= 4
 
@@ -39,7 +39,7 @@ def test_packages_export_at_most_250_names():
     assert sum(len(exported(room)) for room in ROOMS) <= 250
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@each("room", ROOMS)
 def test_what_a_package_exports_is_there_and_is_explained(room):
     package = importlib.import_module(room)
     assert package.__doc__

@@ -19,7 +19,6 @@ from elastic_strips import __version__
 ROOT = Path(__file__).parents[2]
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.skipif(
         any(importlib.util.find_spec(name) is None for name in ("build", "scikit_build_core", "nanobind")),
         reason="build and scikit-build-core are not installed: pip install -e '.[dev]'",

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
+from cases import each
 
 import elastic_strips
 
@@ -72,7 +72,7 @@ def test_no_configurations_are_subtracted():
     assert found == []
 
 
-@pytest.mark.parametrize(
+@each(
     "line, wrong",
     [
         ("v = q_b - q_a", True),

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from cases import each
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, plan_report, straight_line
-from elastic_strips.sim.bench import bench_plan
 from elastic_strips.sim.scenarios.halls import _guide, clutter_scene
 from elastic_strips.strip import Deformer, DeformParams
+from workshop.bench import bench_plan
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each("seed", range(8))
 def test_a_room_is_what_the_generator_promises(seed: int, silvermate: RobotModel) -> None:
     """Obstacles at several heights, both ends free, the straight way blocked, the arm elsewhere at the goal."""
     problem = get_scenario("clutter", seed=seed)

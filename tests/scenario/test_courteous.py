@@ -12,7 +12,13 @@ from elastic_strips.control.params import ObstacleAssumptions
 from elastic_strips.io import read_record, write_record
 from elastic_strips.scene import Keyframes, Obstacle, PedestrianMotion
 from elastic_strips.sim.scenarios import DriveOutcome, drive_scenario, moving_corridor
-from elastic_strips.sim.scenarios.corridors import ACCELERATION, COURTEOUS_SPEEDS, HALF_WIDTH, LENGTH, YIELDING
+from elastic_strips.sim.scenarios.corridors import (
+    CORRIDOR_LENGTH,
+    COURTEOUS_SPEEDS,
+    HALF_WIDTH,
+    MOVER_ACCELERATION,
+    YIELDING_ACCELERATION,
+)
 
 SEED = 3
 """Somebody crosses there, finds the robot in the way, and waits."""
@@ -55,11 +61,14 @@ def test_tracks_are_smooth_and_end_at_rest_outside() -> None:
             track = motion.track
             assert isinstance(track, Keyframes)
             step = float(track.times[1] - track.times[0])
-            assert _acceleration(track.positions, step, 1) <= ACCELERATION + 1e-6
+            assert _acceleration(track.positions, step, 1) <= MOVER_ACCELERATION + 1e-6
             last = np.linalg.norm(track.positions[-1] - track.positions[-2]) / step
-            assert last <= ACCELERATION * step + 1e-9
+            assert last <= MOVER_ACCELERATION * step + 1e-9
             x, y = track.positions[-1, :2]
-            assert max(abs(y) - HALF_WIDTH, -1.5 - x, x - LENGTH - 1.5) > 0.5 * obstacle.parts[0].half_extents[:2].max()
+            assert (
+                max(abs(y) - HALF_WIDTH, -1.5 - x, x - CORRIDOR_LENGTH - 1.5)
+                > 0.5 * obstacle.parts[0].half_extents[:2].max()
+            )
 
 
 def test_each_world_is_a_fresh_one() -> None:
@@ -83,7 +92,7 @@ def test_somebody_waits_and_nobody_is_run_over(outcome: DriveOutcome) -> None:
         assert _acceleration(places, 0.01, 10) <= ObstacleAssumptions().acceleration
         late = max(late, float(time[-1]) - motion.place(float(time[-1])))
     assert late > 1.0
-    assert ObstacleAssumptions().acceleration > YIELDING
+    assert ObstacleAssumptions().acceleration > YIELDING_ACCELERATION
 
 
 def test_equal_seeds_give_equal_runs(outcome: DriveOutcome) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips import get_scenario
 from elastic_strips.errors import ScenarioError
@@ -17,14 +18,14 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Keyframes, Obstacle
 from elastic_strips.sim.scenarios import Scenario, corridor_scene, moving_corridor
 from elastic_strips.sim.scenarios.corridors import (
-    ACCELERATION,
     APPEAR_DISTANCE,
-    DURATION,
-    FRAME,
+    CORRIDOR_LENGTH,
     HALF_WIDTH,
-    LENGTH,
-    REACTION,
-    SPEEDS,
+    KEYFRAME_PERIOD,
+    MOVER_ACCELERATION,
+    MOVER_SPEEDS,
+    MOVERS_GONE_TIME,
+    REACTION_TIME,
     corridor_guide,
 )
 
@@ -66,14 +67,14 @@ def test_speeds_and_accelerations_are_bounded(problems: list[Scenario]) -> None:
     """Between keyframes 0.1 s apart; and the speed class is the bound of all movers, of which one comes near it."""
     for problem in problems:
         assert problem.speed_class is not None
-        assert SPEEDS[0] <= problem.speed_class <= SPEEDS[1]
+        assert MOVER_SPEEDS[0] <= problem.speed_class <= MOVER_SPEEDS[1]
         fastest = 0.0
         for _, motion, appears, vanishes in _movers(problem):
-            np.testing.assert_allclose(np.diff(motion.times), FRAME, atol=1e-9)
-            velocity = np.diff(motion.positions, axis=0) / FRAME
+            np.testing.assert_allclose(np.diff(motion.times), KEYFRAME_PERIOD, atol=1e-9)
+            velocity = np.diff(motion.positions, axis=0) / KEYFRAME_PERIOD
             speed = np.linalg.norm(velocity, axis=1)
-            change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / FRAME
-            assert change.max() <= ACCELERATION + 1e-9
+            change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / KEYFRAME_PERIOD
+            assert change.max() <= MOVER_ACCELERATION + 1e-9
             assert speed.max() <= problem.speed_class + 1e-9
             assert np.ptp(motion.positions[:, 2]) == 0.0
             assert appears == pytest.approx(motion.times[0])  # it never stands still because its keyframes are over
@@ -88,13 +89,13 @@ def test_nothing_appears_near_where_the_robot_can_be(problems: list[Scenario]) -
     for problem in problems:
         for obstacle, motion, appears, _ in _movers(problem):
             x, y = motion.positions[0, :2]
-            speed = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1).max() / FRAME
-            apart = APPEAR_DISTANCE + REACTION * speed + _radius(obstacle)
+            speed = np.linalg.norm(np.diff(motion.positions, axis=0), axis=1).max() / KEYFRAME_PERIOD
+            apart = APPEAR_DISTANCE + REACTION_TIME * speed + _radius(obstacle)
             if appears == 0.0:
                 assert np.hypot(x, y) >= apart - 1e-9
-                assert np.hypot(x - LENGTH, y) >= 1.0 + _radius(obstacle)
+                assert np.hypot(x - CORRIDOR_LENGTH, y) >= 1.0 + _radius(obstacle)
             else:
-                corner = np.clip((x, y), (-1.5, -HALF_WIDTH), (LENGTH + 1.5, HALF_WIDTH))
+                corner = np.clip((x, y), (-1.5, -HALF_WIDTH), (CORRIDOR_LENGTH + 1.5, HALF_WIDTH))
                 assert np.hypot(x - corner[0], y - corner[1]) >= apart - 1e-9
 
 
@@ -105,11 +106,11 @@ def test_every_mover_comes_in_and_goes_out_again(problems: list[Scenario]) -> No
         for obstacle, motion, _, vanishes in _movers(problem):
             places = motion.positions[:, :2]
             inside += bool(((np.abs(places[:, 1]) < HALF_WIDTH) & (places[:, 0] > -1.5) & (places[:, 0] < 9.5)).any())
-            assert vanishes <= DURATION
+            assert vanishes <= MOVERS_GONE_TIME
             x, y = places[-1]
-            assert max(abs(y) - HALF_WIDTH, -1.5 - x, x - LENGTH - 1.5) > _radius(obstacle)
+            assert max(abs(y) - HALF_WIDTH, -1.5 - x, x - CORRIDOR_LENGTH - 1.5) > _radius(obstacle)
         assert inside == len(problem.world.names_moving)
-        assert problem.world.at(DURATION).names == corridor_scene(problem.seed).names
+        assert problem.world.at(MOVERS_GONE_TIME).names == corridor_scene(problem.seed).names
 
 
 def test_a_third_aims_at_where_the_robot_will_be(problems: list[Scenario]) -> None:
@@ -120,7 +121,7 @@ def test_a_third_aims_at_where_the_robot_will_be(problems: list[Scenario]) -> No
         assert len(aimed) == max(1, round(len(names) / 3))
         guide = corridor_guide(problem.seed)
         for name in aimed:
-            times = np.arange(0.0, 0.98 * LENGTH / 0.6, 0.05)
+            times = np.arange(0.0, 0.98 * CORRIDOR_LENGTH / 0.6, 0.05)
             robot = np.column_stack((0.6 * times, np.interp(0.6 * times, guide[:, 0], guide[:, 1])))
             there = [problem.world.exists(name, t) for t in times]
             places = np.array([problem.world.scene.obstacle(name).at(t).pose[:2, 3] for t in times])
@@ -179,7 +180,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("make, message", BAD)
+@each("make, message", BAD)
 def test_wrong_arguments_are_refused(make: Callable[[], Scenario], message: str) -> None:
     with pytest.raises(ScenarioError, match=f"moving-corridor: .*{message}"):
         make()

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pinocchio as pin
 import pytest
 import result_check
+from cases import each
 from coal_distances import coal_distances
 
 from elastic_strips import RobotModel, get_scenario, run_scenario
@@ -164,7 +165,7 @@ def test_the_straight_line_of_case_7_hits_the_shelf_with_the_arm_alone(silvermat
     assert np.delete(d, shelf, axis=1).min() > 0.0
 
 
-@pytest.mark.parametrize("seed", range(21))
+@each("seed", range(21))
 def test_a_corridor_is_what_the_generator_promises(seed: int, silvermate: RobotModel, tiago: RobotModel) -> None:
     """32 obstacles of mixed shapes, three or more in the straight sweep, both ends free; same seed, same scene."""
     problem = get_scenario("corridor", seed=seed)

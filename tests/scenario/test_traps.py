@@ -10,8 +10,8 @@ from coal_distances import coal_distances
 from elastic_strips import RobotModel, Scene, get_scenario
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import straight_line
-from elastic_strips.sim.scenarios.halls import DOOR
-from elastic_strips.sim.study.comparison import Trial, attempt
+from elastic_strips.sim.scenarios.halls import DOOR_WIDTH
+from workshop.study.comparison import Trial, attempt
 
 Array = npt.NDArray[np.float64]
 TRAPS = ("bottleneck", "dead-end")
@@ -39,9 +39,9 @@ def test_both_ends_are_free_and_the_straight_way_is_not(name: str, silvermate: R
 def test_the_door_is_as_wide_as_it_says(silvermate: RobotModel) -> None:
     """0.75 m, its middle 0.3 m beside the line; the robot fits through with its base in that middle."""
     problem = get_scenario("bottleneck")
-    assert f"{DOOR:g} m" in problem.summary
+    assert f"{DOOR_WIDTH:g} m" in problem.summary
     right, left = _box(problem.scene, "wall-right")[1][1], _box(problem.scene, "wall-left")[0][1]
-    assert left - right == pytest.approx(DOOR)
+    assert left - right == pytest.approx(DOOR_WIDTH)
     assert 0.5 * (left + right) == pytest.approx(0.3)
     coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home_q), (61, 1))
     coordinates[:, 0], coordinates[:, 1] = np.linspace(0.0, 6.0, 61), 0.3

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cases import each, refused
 
 from elastic_strips import files
 from elastic_strips.errors import InputError, SceneError
@@ -61,22 +62,22 @@ def test_a_fifo_that_takes_the_files_place_does_not_hang(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("x")
     regular = os.stat(tmp_path / "file")
     monkeypatch.setattr(files.os, "stat", lambda path: regular)
-    with pytest.raises(SceneError, match="is a FIFO"):
+    with refused(SceneError, "FIFO"):
         read(tmp_path / "fifo")
 
 
 def test_the_size_is_bounded_also_where_it_is_not_stated(tmp_path):
     (tmp_path / "a").write_bytes(b"x" * 101)
-    with pytest.raises(SceneError, match="the map has 101 bytes; it may have at most 100"):
+    with refused(SceneError, "101", "100"):
         read(tmp_path / "a")
     if Path("/proc/self/status").is_file():  # says that it has 0 bytes
-        with pytest.raises(SceneError, match="has more than 100 bytes"):
+        with refused(SceneError, "100"):
             read("/proc/self/status")
 
 
 def test_text_that_is_not_utf8_is_refused_with_its_place(tmp_path):
     (tmp_path / "a").write_bytes(b"a: 1\nname: caf\xe9\n")
-    with pytest.raises(SceneError, match=r"a:2: the map is not UTF-8: byte 0xe9 at offset 14"):
+    with refused(SceneError, "map", "0xe9", "14"):
         read_input_text(tmp_path / "a", "map", 100, SceneError)
 
 
@@ -87,7 +88,7 @@ def test_a_file_without_permission(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(files.os, "open", deny)  # root may read everything
-    with pytest.raises(SceneError, match="cannot read the map: Permission denied"):
+    with refused(SceneError, "Permission denied"):
         read(tmp_path / "a")
 
 
@@ -108,8 +109,8 @@ def test_a_file_keeps_its_mode(tmp_path: Path) -> None:
     assert target.read_bytes() == b"two"
 
 
-@pytest.mark.parametrize("place", [(os, "replace"), (os, "fsync"), (tempfile, "mkstemp")])
-@pytest.mark.parametrize(
+@each("place", [(os, "replace"), (os, "fsync"), (tempfile, "mkstemp")])
+@each(
     "error, raised, message",
     [
         (OSError(28, "No space left on device"), InputError, "cannot write: No space left"),
@@ -193,7 +194,7 @@ def test_files_that_others_read_by_name_count(tmp_path):
             check_writable(target)
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
+@each("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
 def test_a_scratch_folder_without_room_is_the_files_error(tmp_path, number):
     kept = []
 
@@ -203,7 +204,7 @@ def test_a_scratch_folder_without_room_is_the_files_error(tmp_path, number):
             (folder / "half").write_bytes(b"0")
             raise OSError(number, os.strerror(number))
 
-    with pytest.raises(InputError, match=r"film\.mp4"):
+    with refused(InputError, "film.mp4"):
         write()
     assert not kept[0].exists()
     assert list(tmp_path.iterdir()) == []

@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 import subprocess
 import sys
+from pathlib import Path
 from types import ModuleType
 
 import coal
 import pytest
 
-from elastic_strips import native
+from elastic_strips import constants, native
 from elastic_strips.robot import Kinematics, RobotModel
 
 _ASK = "from elastic_strips.native import kernel; print(kernel() is None)"
@@ -45,6 +46,33 @@ def test_one_that_was_compiled_for_another_coal_is_not_used(
         assert native._load()[0] is None
     assert "2.9.9" in caplog.text
     assert coal.__version__ in caplog.text
+
+
+def test_one_that_was_compiled_with_other_constants_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    other = ModuleType("elastic_strips._native")
+    other.coal_version = coal.__version__  # type: ignore[attr-defined]
+    other.constants = {"GJK_EXCESS": 2.0 * constants.GJK_EXCESS}  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "elastic_strips._native", other)
+    monkeypatch.setattr("elastic_strips._native", other, raising=False)
+    module, why = native._load()
+    assert module is None
+    assert "GJK_EXCESS" in why
+    other.constants = {"GJK_EXCESS": constants.GJK_EXCESS}  # type: ignore[attr-defined]
+    assert native._load()[0] is other
+
+
+def test_both_have_the_same_constants() -> None:
+    if native.kernel() is None:
+        pytest.skip("there is no kernel")
+    from elastic_strips import _native
+
+    assert {name for name in vars(constants) if name.isupper()} == set(_native.constants)
+
+
+def test_a_file_that_is_no_kernel_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("missing.so", "text.txt"):
+        monkeypatch.setenv("ELASTIC_STRIPS_NATIVE", str(tmp_path / name))
+        assert native._load()[0] is None
 
 
 def test_what_is_made_inside_twin_computes_in_numpy(silvermate: RobotModel) -> None:

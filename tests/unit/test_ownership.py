@@ -34,6 +34,7 @@ from elastic_strips.native import twin
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.planning import straight_line
 from elastic_strips.planning.homotopy.strip_set import StripSet
+from elastic_strips.planning.keeper import StripKeeper
 from elastic_strips.planning.validity import SatisfyingChecker, ValidityChecker
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseSolver
@@ -143,6 +144,7 @@ def _workspaces(robot: RobotModel) -> list[OneThread]:
     own = SelfProximity(bodies, robot.self_pairs, bounds, influence=0.1)
     level = ConstraintForce(robot, OrientationConstraint.from_configuration(robot, robot.home(), "hand_frame"))
     rng = np.random.default_rng(0)
+    strip = Strip(robot, np.array([robot.home(), robot.home(x=1.0)]))
     return [
         Deformer(robot), PaperDeformer(robot), Kinematics(robot.tree), Narrowphase(bodies), obstacles, own,
         Certifier(bodies, bounds, obstacles, own), MotionCertifier(bodies, bounds, robot.self_pairs),
@@ -151,7 +153,8 @@ def _workspaces(robot: RobotModel) -> list[OneThread]:
         SatisfyingChecker(ValidityChecker(robot, Scene(), margin=0.0), level), Displacement(robot),
         PlanarFootprint(robot), PoseSolver(robot, "hand_frame"),
         PoseSearch(robot, "hand_frame", (0.5, 0.0, 1.0), None, near=None, within=np.zeros(3), rng=rng),
-        EvasivePlanner(robot, MotionLimits.for_robot(robot), EvasionParams(), dt=0.1, hold=0.1, clearance=0.0),
+        EvasivePlanner(robot, MotionLimits.for_robot(robot), EvasionParams(), dt=0.1, hold=0.1),
+        StripKeeper(robot, Scene(), strip, params=None, period=0.05),
     ]  # fmt: skip
 
 
@@ -188,7 +191,10 @@ def test_every_workspace_turns_a_second_thread_away(silvermate: RobotModel) -> N
                     method()
 
 
-_PARTS = {"MovingParts", "PairSolver", "Bisection", "_Tools", "_Postures", "_Work", "AlternativesSearch"}
+_PARTS = {
+    *("MovingParts", "PairSolver", "Bisection", "_Tools", "SampledPostures", "_Work", "AlternativesSearch", "Settler"),
+    *("NativeNarrowphase", "NativeSelfPairs"),
+}
 """They live in a guarded workspace, or within one call."""
 
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args, get_type_hints
 
 import numpy as np
 import pytest
+from cases import each, refused
 from refusals import taken
 
 import elastic_strips
@@ -54,7 +55,7 @@ class Sample(Inner):
     free: tuple[float, float] = (0.0, -1.0)
 
 
-@pytest.mark.parametrize(
+@each(
     "name, wrong, message",
     [
         ("size", 0.0, r"Sample\.size=0\.0 must be a finite number > 0"),
@@ -104,14 +105,14 @@ def test_what_is_taken():
 
 def test_a_number_without_a_bound_is_an_error_of_the_class():
     Unsaid = dataclasses.make_dataclass("Unsaid", [("size", float)])
-    with pytest.raises(TypeError, match="Bound"):
+    with refused(TypeError, "Bound"):
         check_fields(Unsaid(1.0))
 
 
 def test_the_name_in_messages():
     wrong = Inner()
     object.__setattr__(wrong, "size", -1.0)
-    with pytest.raises(ParameterError, match=r"^Inner\('a'\)\.size=-1\.0 must"):
+    with refused(ParameterError, "Inner", "('a')", "size=-1.0"):
         check_fields(wrong, "Inner('a')")
 
 
@@ -153,11 +154,12 @@ def numbers(kind: type) -> list[tuple[str, Bound]]:
 
 
 def test_all_of_them_are_found():
-    assert len(CLASSES) == 34
-    assert sum(len(numbers(kind)) for kind in CLASSES) > 200
+    assert {"DeformParams", "DriveParams", "MotionLimits", "PlantParams"} <= {kind.__name__ for kind in CLASSES}
+    assert len(CLASSES) > 20
+    assert sum(len(numbers(kind)) for kind in CLASSES) > 100
 
 
-@pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__name__)
+@each("kind", CLASSES, ids=lambda kind: kind.__name__)
 def test_what_is_no_number_is_refused(kind):
     needed, fields = NEEDED.get(kind, {}), numbers(kind)
     values = (math.nan, -math.inf, "1", None, True, [1.0], 1j)
@@ -166,7 +168,7 @@ def test_what_is_no_number_is_refused(kind):
     assert taken(kind, given) == []
 
 
-@pytest.mark.parametrize("kind", CLASSES, ids=lambda kind: kind.__name__)
+@each("kind", CLASSES, ids=lambda kind: kind.__name__)
 def test_they_are_copied_and_pickled(kind):
     made = kind(**NEEDED.get(kind, {}))
     for copy in (dataclasses.replace(made), pickle.loads(pickle.dumps(made))):

@@ -7,6 +7,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
@@ -38,7 +39,7 @@ def drive(robot) -> Work:
     return counted() - before
 
 
-@pytest.mark.parametrize("name", asdict(Work()))
+@each("name", asdict(Work()))
 def test_every_quantity_is_counted_by_itself_and_takes_its_time(name):
     before = counted()
     count_work(**{name: 3})

@@ -1,10 +1,11 @@
-"""Command line: ``elastic-strips run | drag | drive | view | certify | robot | bench | sweep | study | list | …``."""
+"""Command line: ``elastic-strips run | drag | drive | view | certify | robot | sweep | list | doctor``."""
 
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
@@ -18,10 +19,14 @@ def main(arguments: list[str] | None = None) -> None:
     Args:
         arguments: without the program's name; None takes those of the process.
     """
+    run_program("elastic_strips.cli.group", arguments)
+
+
+def run_program(module: str, arguments: list[str] | None) -> None:
+    """Import a module and call its ``run_cli``, which ends the process; Ctrl-C is an exit code all the while."""
     try:
         with interruptible_imports():
-            from .group import run_cli
-
+            run_cli = import_module(module).run_cli
         with unlost_interrupts():
             run_cli(arguments)
     except KeyboardInterrupt:
@@ -67,7 +72,8 @@ def _leave(number: int, frame: FrameType | None) -> None:
 
 
 def _raise_later(number: int, frame: FrameType | None) -> None:
-    while frame is not None and frame.f_code is not main.__code__:  # who imports a module that calls main may go on
+    # Who imports a module that calls main may go on.
+    while frame is not None and frame.f_code is not run_program.__code__:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             signal.signal(signal.SIGALRM, _raise_later)  # ask again soon
             signal.setitimer(signal.ITIMER_REAL, 0.02)
@@ -76,4 +82,4 @@ def _raise_later(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-__all__ = ["main"]
+__all__ = ["main", "run_program"]

@@ -1,6 +1,6 @@
 """``elastic-strips doctor``: what is installed here, whether it works, and what to do where it does not.
 
-It imports nothing that may be broken: a process of its own does, and where that dies the next one goes on.
+It imports nothing that may be broken: a process of its own does, and if that dies the next one goes on.
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ from pathlib import Path
 import click
 
 from elastic_strips._version import __version__
+from elastic_strips.catalogue import own_robots, robot_names
+from elastic_strips.errors import RobotError
 
 from . import options, output
 
 OK, NOTE, PROBLEM = "ok", "note", "problem"
-"""Works; may be of interest, or of need for some uses; the core does not work so."""
+""""ok": works; "note": only some uses need it; "problem": the core does not work."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _COLOURS = {OK: output.GOOD, NOTE: output.NOTE, PROBLEM: output.BAD}
 _DISTRIBUTION = "elastic-strips"
 _UNTRIED = ("dev", "docs", "notebooks")  # their packages are programs, or slow to import
 _IMPORTED = tuple(all_suffixes())
-_SLOW = 300.0  # [s] after which a process is taken for hung
+_CHECK_TIMEOUT = 300.0  # [s] after which a process is taken for hung
 
 _PROBE = """
 import importlib, json, sys
@@ -75,10 +77,10 @@ for each in said:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One line of the doctor's.
+    """One line of the doctor.
 
     Attributes:
-        name: what was looked at.
+        name: what was checked.
         status: ``"ok"``, ``"note"`` or ``"problem"``.
         text: what was found, and what to do about it.
     """
@@ -89,10 +91,10 @@ class Check:
 
 
 @click.command()
-@options.robot_option(help="Look at a robot as well: what of it is not looked at, and what is read in two ways.")
+@options.robot_option(help="Check a robot as well: what is not proven about it, and what two readers read differently.")
 @options.json_option("Write the findings.")
 def doctor(robot: str | None, json_file: str | None) -> int:
-    """Look at this installation: versions, the native kernel, extras, robots, browser, folders and the machine.
+    """Check this installation: versions, the native kernel, extras, robots, browser, folders and the machine.
 
     Each line is ok, a note (something that only some uses need), or a problem (the core does not work so).
 
@@ -112,8 +114,11 @@ def doctor(robot: str | None, json_file: str | None) -> int:
     count = "no problems" if not problems else f"{problems} problem{'s' if problems > 1 else ''}"
     output.say(output.verdict(count, not problems))
     document = {
-        "format": "elastic-strips-doctor", "version": 1, "problems": problems, "checks": [asdict(c) for c in checks],
-    }  # fmt: skip
+        "format": "elastic-strips-doctor",
+        "version": 1,
+        "problems": problems,
+        "checks": [asdict(c) for c in checks],
+    }
     output.write_document("answer", json_file, document)
     return options.EXIT_DONE if not problems else options.EXIT_NOT_DONE
 
@@ -135,7 +140,7 @@ def examine(robot: str | None = None) -> Iterator[Check]:
         check = _package(name, wanted[name], said.get(_module(name)))
         broken |= check.status == PROBLEM
         yield check
-    yield Check("native kernel", NOTE, "not looked at: it needs what is broken") if broken else _kernel()
+    yield Check("native kernel", NOTE, "not checked: it needs something that is broken") if broken else _kernel()
     for extra, names in extras.items():
         yield _extra(extra, names, said)
     if robot is not None:
@@ -163,7 +168,7 @@ def compare_kernel() -> tuple[str, str]:
     with native.twin():
         two = Deformer(robot).step(strip, scene)
     if len(one.strip) != len(two.strip) or one.certified != two.certified:
-        return PROBLEM, "loaded, and contradicts NumPy: set ELASTIC_STRIPS_NATIVE=0, and install elastic-strips anew"
+        return PROBLEM, "loaded, and contradicts NumPy: set ELASTIC_STRIPS_NATIVE=0, and reinstall elastic-strips"
     moved = float(np.abs(one.strip.coordinates - two.strip.coordinates).max())
     apart = abs(one.clearance - two.clearance)
     if not (moved < 1e-4 and apart < 1e-6):  # as far as Coal's iterations may end elsewhere
@@ -224,14 +229,18 @@ def _version(distribution: str) -> str | None:
 
 
 def _run(program: str, names: Sequence[str] = ()) -> tuple[list[tuple[str, str | None]], str]:
-    """What a program in a process of its own has printed, and how it ended where that was not well."""
+    """The output of a program in a process of its own, and how it ended if it did not end well."""
     given = json.dumps({"path": sys.path, "names": list(names)})
     try:
         done = subprocess.run(
-            [sys.executable, "-c", program, given], capture_output=True, text=True, timeout=_SLOW, errors="replace"
+            [sys.executable, "-c", program, given],
+            capture_output=True,
+            text=True,
+            timeout=_CHECK_TIMEOUT,
+            errors="replace",
         )
     except subprocess.TimeoutExpired:
-        return [], f"hangs: nothing for {_SLOW:.0f} s"
+        return [], f"hangs: nothing for {_CHECK_TIMEOUT:.0f} s"
     except OSError as error:
         return [], str(error)
     found = [json.loads(line[7:]) for line in done.stdout.splitlines() if line.startswith("PROBED ")]
@@ -258,7 +267,7 @@ def _package(name: str, wanted: str, said: str | None) -> Check:
     if version and not _within(version, wanted):
         return Check(name, PROBLEM, f"{version}, and {wanted} is needed: pip install '{name}{wanted}'")
     if said is None and (version is not None or _module(name)):
-        return Check(name, OK, version or "there, without a version")
+        return Check(name, OK, version or "installed, without a version")
     install = f"pip install --force-reinstall {name}" if version else f"pip install {name}"
     if name == "example-robot-data":  # only its robots need it
         return Check(name, NOTE, f"not installed: {install}")
@@ -266,7 +275,7 @@ def _package(name: str, wanted: str, said: str | None) -> Check:
 
 
 def _within(version: str, wanted: str) -> bool:
-    """Whether a version is in a range, where somebody is there who knows: nothing in the core needs ``packaging``."""
+    """Whether a version is in a range, if ``packaging`` is installed, which the core does not need."""
     try:
         from packaging.specifiers import SpecifierSet
 
@@ -284,7 +293,7 @@ def _kernel() -> Check:
 
 
 def _one_robot(name: str) -> list[Check]:
-    """What its card has to say of a robot."""
+    """What a robot's card reports."""
     found, ended = _run(_ROBOT, [name])
     if not found:
         return [Check(f"robot {name}", PROBLEM, ended)]
@@ -303,9 +312,6 @@ def _extra(extra: str, names: Sequence[str], said: dict[str, str | None]) -> Che
 
 
 def _robots() -> Check:
-    from elastic_strips.catalogue import own_robots, robot_names
-    from elastic_strips.errors import RobotError
-
     try:
         count, own = len(robot_names()), own_robots()
     except RobotError as error:
@@ -321,9 +327,10 @@ def _chromium() -> Check:
         if name and (place := shutil.which(name)):
             return Check("chromium", OK, place)
     return Check(
-        "chromium", NOTE,
+        "chromium",
+        NOTE,
         "not found: pages open in any browser, but there are no pictures of them (Debian: apt-get install chromium)",
-    )  # fmt: skip
+    )
 
 
 def _writes(folder: str) -> str:
@@ -356,7 +363,7 @@ def _port() -> Check:
         with socket.create_server(("127.0.0.1", 0)) as server:
             return Check("loopback port", OK, f"free, such as {server.getsockname()[1]}")
     except OSError as error:
-        return Check("loopback port", NOTE, f"none is to be had, so no live viewer; --html writes pages: {error}")
+        return Check("loopback port", NOTE, f"none is available, so there is no live viewer; --html works: {error}")
 
 
 def _processors() -> Check:

@@ -16,20 +16,27 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("scenario", metavar="[NAME|FILE.yaml]", default="case-7", type=options.SCENARIO)
-@options.robot_option(help="Another robot than the scenario's: a name, or your own URDF file.")
+@options.robot_option(help="A robot other than the scenario's: a name, or your own URDF file.")
 @robot_options
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option("--rate", type=options.Finite(1, 1000), default=50.0, show_default=True, help="Ticks a second.")
 @click.option(
-    "--speed", type=options.Finite(0.01, 100), default=2.0, show_default=True, help="Of what is dragged, at most [m/s]."
+    "--speed", type=options.Finite(0.01, 100), default=2.0, show_default=True, help="Largest speed of dragging [m/s]."
 )
-@click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after so many seconds.")
+@click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after this many seconds.")
 @options.browser_option
 def drag(
-    scenario: str, robot: str | None, described: LoadOptions, base: str | None, seed: int | None,
-    rate: float, speed: float, seconds: float | None, no_browser: bool,
-) -> int:  # fmt: skip
+    scenario: str,
+    robot: str | None,
+    described: LoadOptions,
+    base: str | None,
+    seed: int | None,
+    rate: float,
+    speed: float,
+    seconds: float | None,
+    no_browser: bool,
+) -> int:
     """Plan a strip and keep it alive in the browser: drag an obstacle with the mouse, or the ring at the goal. Without
     a name it is case-7.
 

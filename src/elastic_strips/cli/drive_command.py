@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -16,65 +16,88 @@ from . import EXIT_INTERRUPTED, options, output
 from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
-    from elastic_strips.control import Controller
+    from elastic_strips.control import Controller, DriveResult
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
-    from elastic_strips.sim.baselines import BaseController
-    from elastic_strips.sim.scenarios import DriveOutcome
+    from elastic_strips.sim.scenarios import DriveOutcome, Scenario
     from elastic_strips.strip import Strip
     from elastic_strips.strip.report import DeformReport
 
-    _AnySimulation = Simulation[Controller] | Simulation[BaseController]
 
-
+_STOPS_TOLD = 5
 _COMPUTING = {
-    "free": "computing free", "work": "computing charged by work counted", "realtime": "against the wall clock",
-}  # fmt: skip
+    "free": "computing free",
+    "work": "computing charged by work counted",
+    "realtime": "against the wall clock",
+}
+
+
+def _base_method(_context: click.Context, _option: click.Parameter, method: str | None) -> None:
+    """Say where the option of earlier versions is."""
+    if method is not None:
+        raise click.UsageError(
+            "base methods are not part of the package: in a checkout of its sources, "
+            f"python -m workshop base SCENARIO --method {method}"
+        )
 
 
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
-@options.robot_option(help="Another robot than the scenario's.")
+@click.option("--method", hidden=True, expose_value=False, callback=_base_method)
+@options.robot_option(help="A robot other than the scenario's.")
 @robot_options
 @options.base_option()
 @options.limit_options
 @click.option("--seed", type=options.SEED, help="Seed of plan, plant, noise and generated scenes.")
 @click.option(
-    "--plant", type=options.PLANT, default="kinematic", show_default=True,
+    "--plant",
+    type=options.PLANT,
+    default="kinematic",
+    show_default=True,
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
-)  # fmt: skip
-@click.option(
-    "--method", type=options.METHOD, default="strip", show_default=True,
-    help="What steers: the elastic strip, or a method for a base alone, on its sensors: artificial potential field, "
-    "virtual force field, vector field histogram, elastic band.",
-)  # fmt: skip
+)
 @options.sensors_option
 @click.option("--time-limit", type=options.Finite(0.1, 36000), help="Longest run [s of simulated time].")
 @options.evade_option
 @click.option(
-    "--alternatives", type=click.IntRange(1, 8), default=1, show_default=True,
+    "--alternatives",
+    type=click.IntRange(1, 8),
+    default=1,
+    show_default=True,
     help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
-)  # fmt: skip
+)
 @options.level_option
 @options.compute_option
 @click.option(
-    "--realtime", is_flag=True,
+    "--realtime",
+    is_flag=True,
     help="Against the wall clock: machine, control loop and planning run in processes of their own.",
-)  # fmt: skip
+)
 @click.option(
-    "--log", metavar="FILE.jsonl", type=click.Path(dir_okay=False, writable=True),
+    "--log",
+    metavar="FILE.jsonl",
+    type=click.Path(dir_okay=False, writable=True),
     help="With --realtime: what the control loop writes to disk while it drives, a line each period.",
-)  # fmt: skip
+)
 @click.option(
-    "--disturb", "--fault", "faults", multiple=True, type=options.FAULT, metavar="KIND[=SIZE]@START[+DURATION]",
-    help="Put in a fault, say slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
-    + ", ".join(kind.replace("_", "-") for kind in FAULTS) + ".",
-)  # fmt: skip
+    "--disturb",
+    "--fault",
+    "faults",
+    multiple=True,
+    type=options.FAULT,
+    metavar="KIND[=SIZE]@START[+DURATION]",
+    help="Inject a fault, such as slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
+    + ", ".join(kind.replace("_", "-") for kind in FAULTS)
+    + ".",
+)
 @options.json_option("Write the result.")
 @click.option(
-    "--record", "record_file", metavar="FILE.npz|FILE.csv", type=click.Path(),
+    "--record",
+    "record_file",
+    metavar="FILE.npz|FILE.csv",
+    type=click.Path(),
     help="Write everything that happened; view replays it.",
-)  # fmt: skip
+)
 @options.html_option("Write a standalone 3D page of the drive.")
 @options.picture_options
 @click.option("--view", is_flag=True, help="Show it while it drives, in the browser on this machine only.")
@@ -87,7 +110,6 @@ def drive(
     limits: options.GivenLimits,
     seed: int | None,
     plant: str,
-    method: str,
     sensors: str | None,
     time_limit: float | None,
     evade: bool | None,
@@ -105,111 +127,141 @@ def drive(
     view: bool,
     no_browser: bool,
 ) -> int:
-    """Plan a strip and drive it in a closed loop: at every tick the strip gives way to what is sensed, the motion ahead
-    is certified to its stop, and the robot follows it. Moving obstacles move meanwhile. Another --method steers the
-    base alone, promises nothing, and stops at a contact.
+    """Plan a strip and drive it in a closed loop: at every tick the strip gives way to sensed obstacles, the motion
+    ahead is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
 
-    Ctrl-C brings the robot to rest, and what was recorded is written; a second one ends at once, without.
+    Ctrl-C brings the robot to rest, and the record is written; a second one ends at once and writes nothing.
 
     Exit code 0: reached. 2: wrong input. 3: not reached, or a collision; the reason is printed. 130: interrupted.
     """
-    from elastic_strips.io.record_file import check_record_file, write_record
+    from elastic_strips.io.record_file import check_record_file
     from elastic_strips.sim import Fault
-    from elastic_strips.sim.scenarios import drive_document, get_scenario, make_base_simulation, make_simulation
-    from elastic_strips.sim.scenarios.drive import STRIP, conclude, make_realtime
+    from elastic_strips.sim.scenarios import get_scenario, make_simulation
+    from elastic_strips.sim.scenarios.drive import DriveSetup, make_realtime
 
     options.check_outputs(scenario, json_file, record_file, html_file, png_file, film_file, log)
     if record_file is not None:
         check_record_file(record_file)
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, "default", base)
-    number, allowed = problem.seed if seed is None else seed, limits.of(model)
-    wrong, config = [Fault.parse(text) for text in faults], options.sensors_of(sensors, model.name)
-    if method != STRIP and (wrong or evade is not None or alternatives > 1 or level or compute or log):
-        raise click.UsageError(
-            "--disturb, --evade, --alternatives, --level, --compute and --log are of the strip; "
-            f"--method {method} has none"
-        )
-    evades, apart = evade is not False, realtime and method == STRIP
-    if apart and (compute or plant != "kinematic"):
+    setup = DriveSetup(
+        robot=model,
+        seed=problem.seed if seed is None else seed,
+        plant=plant,
+        evade=evade is not False,
+        limits=limits.of(model),
+        faults=[Fault.parse(text) for text in faults],
+        sensors=options.sensors_of(sensors, model.name),
+        alternatives=alternatives,
+        level=level,
+        compute="free" if realtime else compute or "1",
+    )
+    if realtime and (compute or plant != "kinematic"):
         raise click.UsageError(
             "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
         )
     if log and not realtime:
-        raise click.UsageError("--log is of --realtime; --record has everything of other drives")
-    viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
-    with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
+        raise click.UsageError("--log is for --realtime; --record has everything about other drives")
+    if realtime:
+        make = partial(make_realtime, problem, setup, log=log)
+    else:
+        make = partial(make_simulation, problem, setup, realtime=view)
+    outputs = Outputs(json_file, record_file, html_file, png_file, film_file, log)
+    return drive_and_report(problem, make, outputs, time_limit=time_limit, view=view, no_browser=no_browser)
 
-        def watch(driven: _AnySimulation) -> None:
-            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
-            if viewer is not None:
-                viewer.update(
-                    _shown(driven),
-                    driven.world.at(driven.time),
-                    q=model.space.from_coordinates(driven.plant.coordinates),
-                )
 
-        driven: _AnySimulation
-        if apart:
-            driven = make_realtime(
-                problem, robot=model, seed=number, sensors=config, evade=evades, alternatives=alternatives,
-                level=level, faults=wrong, limits=allowed, watch=watch, log=log,
-            )  # fmt: skip
-        else:
-            if method == STRIP:
-                make = partial(
-                    make_simulation, problem, evade=evades, alternatives=alternatives, level=level, faults=wrong,
-                    compute=compute or "1",
-                )  # fmt: skip
-            else:
-                make = partial(make_base_simulation, problem, method)
-            driven = make(
-                robot=model, seed=number, plant=plant, sensors=config, limits=allowed, watch=watch,
-                realtime=realtime or view,
-            )  # fmt: skip
-        if viewer is not None:
-            viewer.show(model, problem.world.at(0.0), _shown(driven))
-            output.say(f"viewer  {viewer.url}")
-        try:
-            with _stopping(driven) as interrupted:
-                result = driven.run(time_limit=time_limit)
-        finally:
-            driven.plant.close()
-    if record_file is not None:  # before the evaluation, which may take a while: what was driven is not to be lost
-        write_record(result.record, record_file)
-    outcome = conclude(problem, driven, result, plant=plant, seed=number)
+class Outputs(NamedTuple):
+    """Files that a drive writes; None for those that it does not write."""
+
+    json_file: str | None = None
+    record_file: str | None = None
+    html_file: str | None = None
+    png_file: str | None = None
+    film_file: str | None = None
+    log: str | None = None
+
+
+def drive_and_report(
+    problem: Scenario,
+    make: Callable[..., Simulation[Controller]],
+    outputs: Outputs,
+    *,
+    time_limit: float | None,
+    view: bool = False,
+    no_browser: bool = False,
+) -> int:
+    """Make a simulation, run and watch it, write and print its result; returns the exit code."""
+    from elastic_strips.io.record_file import write_record
+    from elastic_strips.sim.scenarios import drive_document
+    from elastic_strips.sim.scenarios.drive import conclude
+
+    driven, result, interrupted = _driven(problem, make, time_limit=time_limit, view=view, no_browser=no_browser)
+    if outputs.record_file is not None:  # before the evaluation, which may take a while: the drive is not to be lost
+        write_record(result.record, outputs.record_file)
+    outcome = conclude(problem, driven, result)
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
     _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
+    log = outputs.log
     unwritten = next((event.reason for event in result.events if log and event.reason.startswith(f"{log}: ")), None)
     if unwritten is not None:  # a log with a hole is not to be taken for whole
         output.say(("note:", output.NOTE), f" {unwritten}", err=True)
-    if json_file is not None:
-        output.write_document("result", json_file, drive_document(outcome))
-    if record_file is not None:
-        output.say(f"record  {record_file}")
+    if outputs.json_file is not None:
+        output.write_document("result", outputs.json_file, drive_document(outcome))
+    if outputs.record_file is not None:
+        output.say(f"record  {outputs.record_file}")
     options.write_pictures(
-        lambda page: page.replay(model, result.record), html_file, png_file, film_file, title=problem.name
+        lambda page: page.replay(driven.robot, result.record),
+        outputs.html_file,
+        outputs.png_file,
+        outputs.film_file,
+        title=problem.name,
     )
     if interrupted:
         return EXIT_INTERRUPTED
     return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE
 
 
-def _shown(driven: _AnySimulation) -> Strip | DeformReport:
-    """What the viewer shows ahead of the robot: the strip, or where a method without one is and wants to go."""
-    import numpy as np
+def _driven(
+    problem: Scenario,
+    make: Callable[..., Simulation[Controller]],
+    *,
+    time_limit: float | None,
+    view: bool,
+    no_browser: bool,
+) -> tuple[Simulation[Controller], DriveResult, bool]:
+    """Make a simulation, run and watch it; it, its result, and whether it was interrupted."""
+    viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
+    with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
-    from elastic_strips.control import Controller
-    from elastic_strips.strip import Strip
+        def watch(driven: Simulation[Controller]) -> None:
+            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
+            if viewer is not None:
+                viewer.update(
+                    _shown(driven),
+                    driven.world.at(driven.time),
+                    q=driven.robot.space.from_coordinates(driven.plant.coordinates),
+                )
 
+        driven = make(watch=watch)
+        if viewer is not None:
+            viewer.show(driven.robot, problem.world.at(0.0), _shown(driven))
+            output.say(f"viewer  {viewer.url}")
+        try:
+            with _stopping(driven) as interrupted:
+                result = driven.run(time_limit=time_limit)
+        finally:
+            driven.plant.close()
+    return driven, result, bool(interrupted)
+
+
+def _shown(driven: Simulation[Controller]) -> Strip | DeformReport:
+    """What the viewer shows ahead of the robot."""
     controller = driven.controller
-    if not isinstance(controller, Controller):
-        return Strip.from_coordinates(driven.robot, np.stack((driven.plant.coordinates, controller.goal)))
     return controller.result.report if controller.result else controller.strip
 
 
 @contextmanager
-def _stopping(driven: _AnySimulation) -> Iterator[list[int]]:
+def _stopping(driven: Simulation[Controller]) -> Iterator[list[int]]:
     """The first Ctrl-C brings the robot to rest; a second one ends the program."""
     interrupted: list[int] = []
 
@@ -231,19 +283,19 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     import numpy as np
 
     from elastic_strips.control import RunState
-    from elastic_strips.robot.geometry import link_labels
 
     result, evaluation = outcome.result, outcome.evaluation
     if outcome.reached:
         end, why = "reached", ""
     elif result.state is RunState.REACHED:
-        end, why = "not reached", ": the robot believes to be at the goal, but is not"
+        end, why = "not reached", ": the robot believes that it is at the goal, but it is not"
     else:
         end, why = "not reached", f": {result.state.label}, {reason}"
     output.say(
         f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: ",
-        output.verdict(end, outcome.reached), why,
-    )  # fmt: skip
+        output.verdict(end, outcome.reached),
+        why,
+    )
     ticks = result.statistics.percentiles()
     clearance = "none" if evaluation.closest is None else f"{evaluation.min_clearance_m:.3f} m"
     output.say(
@@ -263,7 +315,21 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         output.say(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
         output.say(f"  {name} was in no laser's view in the second before it was touched")
-    pieces = outcome.robot.geometries
+    _say_contacts(outcome)
+    for event in result.events:
+        if event.kind == "replanned" and event.reason.startswith("switched"):
+            output.say(f"  at {event.time:.2f} s {event.reason}")
+    for time, reason in result.stops[:_STOPS_TOLD]:
+        output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
+    if len(result.stops) > _STOPS_TOLD:
+        output.say(f"  … and {len(result.stops) - _STOPS_TOLD} more stops")
+
+
+def _say_contacts(outcome: DriveOutcome) -> None:
+    """Say what touched the robot, at rest and while it drove."""
+    from elastic_strips.robot.geometry import link_labels
+
+    evaluation, pieces = outcome.evaluation, outcome.robot.geometries
     called = dict(zip((piece.name for piece in pieces), link_labels(pieces), strict=True))
     for contact in evaluation.rest_contacts:
         link = called.get(contact.link, contact.link)
@@ -271,10 +337,3 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     for contact in evaluation.collisions:
         link = called.get(contact.link, contact.link)
         output.say((f"  COLLISION of {link} with {contact.obstacle} at {contact.speed:.2f} m/s", output.BAD))
-    for event in result.events:
-        if event.kind == "replanned" and event.reason.startswith("switched"):
-            output.say(f"  at {event.time:.2f} s {event.reason}")
-    for time, reason in result.stops[:5]:
-        output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
-    if len(result.stops) > 5:
-        output.say(f"  … and {len(result.stops) - 5} more stops")

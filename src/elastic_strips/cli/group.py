@@ -34,7 +34,7 @@ Start with:
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
   elastic-strips certify path.csv --robot panda --scene scene.yaml
-  elastic-strips robot my.urdf            what is known of a robot, and what is not looked at
+  elastic-strips robot my.urdf            what is known about a robot, and what is not checked
   elastic-strips doctor                   what is installed, and what is broken
 
 --json - writes a command's document to standard output. NO_COLOR=1 turns colours off.
@@ -45,19 +45,19 @@ doctor: 0 no problem, 3 a problem.
 
 
 _COMMANDS = {
-    "bench": ("bench_command", "bench", "Measure planning, replanning, the tick and the closed loop."),
     "certify": ("certify_command", "certify", "Prove that anybody's path is free of collisions, or show where not."),
-    "doctor": ("doctor_command", "doctor", "Look at this installation: what is there, and what is broken."),
+    "doctor": ("doctor_command", "doctor", "Check this installation: what is there, and what is broken."),
     "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
-    "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not looked at."),
+    "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not checked."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
-    "study": ("study_command", "study", "Run the paper's simulations again, and write the report."),
     "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
+_IN_A_CHECKOUT = {"bench": "python -m workshop plan | tick | …", "study": "python -m workshop study"}
+"""Commands that a user may look for here, and how they are called."""
 _REPORTED_BY_COMMANDS = ("elastic_strips.planning.homotopy.alternatives", "elastic_strips.planning.search")
 """Loggers whose warnings are the reasons of reports, which the commands show."""
 
@@ -71,6 +71,8 @@ class LateGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] in _IN_A_CHECKOUT:
+            ctx.fail(f"{args[0]} is not part of the package: in a checkout of its sources, {_IN_A_CHECKOUT[args[0]]}")
         if args and args[0] not in _COMMANDS and not args[0].startswith("-") and not ctx.resilient_parsing:
             ctx.fail(f"No such command {args[0]!r}{nearest_name(args[0], _COMMANDS)}")
         return super().resolve_command(ctx, args)
@@ -94,6 +96,11 @@ class LateGroup(click.Group):
 @click.option("-v", "--verbose", is_flag=True, help="Log what the library does to standard error.")
 @click.pass_context
 def cli(context: click.Context, verbose: bool) -> None:
+    begin(context, verbose)
+
+
+def begin(context: click.Context, verbose: bool) -> None:
+    """Begin a command: its files are remembered, and warnings go to standard error."""
     context.with_resource(command_files())
     if verbose:
         logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
@@ -109,13 +116,13 @@ def cli(context: click.Context, verbose: bool) -> None:
     logging.basicConfig(level=logging.WARNING, format=f"{warning} %(message)s", handlers=[handler])
 
 
-def run_cli(arguments: list[str] | None) -> None:
-    """Run the command line; ends the process with the exit codes of the help text."""
+def run_cli(arguments: list[str] | None, command: click.Command = cli, program: str = "elastic-strips") -> None:
+    """Run a command line; ends the process with the exit codes of the help text."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by whoever started the process
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
     try:
-        code = cli.main(args=arguments, prog_name="elastic-strips", standalone_mode=False)
+        code = command.main(args=arguments, prog_name=program, standalone_mode=False)
         sys.stdout.flush()
         sys.exit(code if isinstance(code, int) else 0)
     except click.exceptions.Abort:  # click's word for Ctrl-C
@@ -149,12 +156,12 @@ def _working_folder_is_gone() -> bool:
 
 
 def _leave_stdout() -> None:
-    """What is still to be written goes nowhere: Python would try it once more at its end, and complain."""
+    """Discard pending output: Python would try to write it once more at its end, and complain."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno() if sys.__stdout__ is not None else 1)
 
 
 def _show(error: click.ClickException) -> None:
-    """As click does, with colour."""
+    """Show an error as click does, with colour."""
     text = io.StringIO()
     error.show(text)
     usage, word, message = text.getvalue().rstrip("\n").rpartition("Error:")  # there is none where help is shown

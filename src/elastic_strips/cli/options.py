@@ -1,4 +1,4 @@
-"""What several commands have in common: options, the progress bar, and the viewer that they open."""
+"""The common parts of several commands: options, the progress bar, and the viewer that they open."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from elastic_strips.catalogue import FAULTS, METHODS, PLANTS, PRESETS, SCENARIOS
+from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS, find_robot, robot_names
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
+from elastic_strips.progress import PROGRESS_PERIOD
 
 from . import output
 
@@ -39,8 +40,7 @@ EXIT_DONE, EXIT_NOT_DONE = 0, 3
 SEED = click.IntRange(0, 2**31 - 1)
 TITLE = "elastic strip"
 """Headline of a picture."""
-_PATIENCE = 2.0  # [s]
-_SAY_EVERY = 10.0  # [s]
+_REPORT_PERIOD = 10.0  # [s] between lines of progress where standard error is no terminal
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
@@ -53,7 +53,7 @@ class OutputFile(click.Path):
 
 
 class PictureFile(OutputFile):
-    """A file that can be written, whose ending is one of those given: said before anything is planned."""
+    """A file that can be written and whose ending is one of those given; checked before anything is planned."""
 
     def __init__(self, *endings: str) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class PictureFile(OutputFile):
 
 
 class JsonFile(OutputFile):
-    """A file that can be written, or ``-``: standard output, from which everything else goes away then."""
+    """A file that can be written, or ``-`` for standard output, which then carries nothing else."""
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value != output.STDOUT:
@@ -93,7 +93,7 @@ class JointValue(_ValueType):
     """``NAME=VALUE``: a joint and a number.
 
     Args:
-        number: the type of that.
+        number: type of the number.
     """
 
     name = "text"
@@ -116,8 +116,8 @@ class LateChoice(_TextType):
     """One of the names that a module has; it is imported when they are asked for.
 
     Args:
-        module: where they are, below ``elastic_strips``.
-        name: of a tuple, a mapping or an enumeration of them.
+        module: module of the names.
+        name: name in a tuple, a mapping or an enumeration of names.
     """
 
     name = "choice"
@@ -128,7 +128,7 @@ class LateChoice(_TextType):
     @property
     def choice(self) -> click.Choice[str]:
         """The same with its names."""
-        names = getattr(import_module(f"elastic_strips.{self._module}"), self._name)
+        names = getattr(import_module(self._module), self._name)
         return click.Choice([getattr(name, "value", name) for name in names])
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
@@ -161,8 +161,6 @@ class KnownName(_TextType):
 
 
 def _robot_names() -> dict[str, str]:
-    from elastic_strips.catalogue import find_robot, robot_names
-
     return {name: find_robot(name).summary for name in robot_names()}
 
 
@@ -177,7 +175,7 @@ ROBOT_FILES = "NAME|FILE.urdf|FILE.xacro"
 FILE = KnownName(dict)
 FAULT = KnownName(lambda: {f"{kind}@": what for kind, what in _fault_kinds().items()}, files=False)
 FAULT_KIND = KnownName(_fault_kinds, files=False)
-PLANT, METHOD, PRESET = click.Choice(list(PLANTS)), click.Choice(list(METHODS)), click.Choice(list(PRESETS))
+PLANT, PRESET = click.Choice(list(PLANTS)), click.Choice(list(PRESETS))
 BASE = click.Choice(["diff_drive", "omni", "fixed"])
 
 
@@ -193,7 +191,7 @@ def base_option(help: str = "How the base moves; the robot's own by default.") -
 
 @dataclass(frozen=True, slots=True)
 class GivenLimits:
-    """What a command line says of a robot's limits: as of ``MotionLimits.for_robot``."""
+    """Limits of a robot from the command line, as for ``MotionLimits.for_robot``."""
 
     joint_speed: Mapping[str, float]
     wheel_speed: float | None
@@ -213,13 +211,16 @@ class GivenLimits:
 
         if robot.base_kind.value != "diff_drive" and any((self.wheel_speed, self.track, self.wheel_radius)):
             raise click.UsageError(
-                f"--wheel-speed, --track and --wheel-radius are of a diff_drive base; that of {robot.name!r} is "
+                f"--wheel-speed, --track and --wheel-radius are for a diff_drive base; that of {robot.name!r} is "
                 f"{robot.base_kind.value}"
             )
         return MotionLimits.for_robot(
-            robot, joint_speed=self.joint_speed, wheel_speed=self.wheel_speed, track=self.track,
+            robot,
+            joint_speed=self.joint_speed,
+            wheel_speed=self.wheel_speed,
+            track=self.track,
             wheel_radius=self.wheel_radius,
-        )  # fmt: skip
+        )
 
 
 def limit_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -227,9 +228,13 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
 
     @wraps(command)
     def with_limits(
-        *, joint_speed: tuple[tuple[str, float], ...], wheel_speed: float | None, track: float | None,
-        wheel_radius: float | None, **others: object,
-    ) -> int:  # fmt: skip
+        *,
+        joint_speed: tuple[tuple[str, float], ...],
+        wheel_speed: float | None,
+        track: float | None,
+        wheel_radius: float | None,
+        **others: object,
+    ) -> int:
         return command(limits=GivenLimits(dict(joint_speed), wheel_speed, track, wheel_radius), **others)
 
     for name, help in (
@@ -239,9 +244,12 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
     ):
         with_limits = click.option(name, type=_POSITIVE, metavar="VALUE", help=help)(with_limits)
     return click.option(
-        "--joint-speed", multiple=True, type=JointValue(_POSITIVE), metavar="NAME=VALUE",
+        "--joint-speed",
+        multiple=True,
+        type=JointValue(_POSITIVE),
+        metavar="NAME=VALUE",
         help="Largest speed of a joint [rad/s or m/s]; the URDF's by default. May be given again.",
-    )(with_limits)  # fmt: skip
+    )(with_limits)
 
 
 def json_option(help: str) -> Callable[[_F], _F]:
@@ -261,9 +269,12 @@ def picture_options(command: _F) -> _F:
         "--png", "png_file", metavar="FILE.png", type=PictureFile(".png"), help="Write a picture (with Chromium)."
     )
     film = click.option(
-        "--film", "film_file", metavar="FILE.gif|.mp4|.webm", type=PictureFile(".gif", ".mp4", ".webm"),
+        "--film",
+        "film_file",
+        metavar="FILE.gif|.mp4|.webm",
+        type=PictureFile(".gif", ".mp4", ".webm"),
         help="Write a film (with Chromium, and the extra 'film').",
-    )  # fmt: skip
+    )
     return png(film(command))
 
 
@@ -271,25 +282,29 @@ processes_option = click.option(
     "--processes", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
 compute_option = click.option(
-    "--compute", metavar="FACTOR|work|free",
-    help="What computing costs in simulated time: so many times the processor time that it takes here [default: 1]; "
-    "work: the time that is modelled for the work that was counted, alike everywhere; free: nothing.",
-)  # fmt: skip
+    "--compute",
+    metavar="FACTOR|work|free",
+    help="What computing costs in simulated time: this many times the processor time that it takes here [default: 1]; "
+    "work: the time that is modelled for the counted work, the same everywhere; free: nothing.",
+)
 evade_option = click.option(
     "--evade/--no-evade",
     default=None,
     help="Leave the strip where something moving comes [default], or only brake and wait.",
 )
 sensors_option = click.option(
-    "--sensors", metavar="NAMES|FILE.yaml",
+    "--sensors",
+    metavar="NAMES|FILE.yaml",
     help="Drive by what the robot's simulated sensors see, not by the scene: all, or some by name (laser,sonar), of "
     "the Silvermate's, or TIAGo's laser; or those of a file, as elastic_strips.sim.sensors reads it.",
-)  # fmt: skip
+)
 
 level_option = click.option(
-    "--level", metavar="FRAME", default="",
+    "--level",
+    metavar="FRAME",
+    default="",
     help="A frame of the robot that stays as level as it is at the start: a tray, or a hand with a cup.",
-)  # fmt: skip
+)
 
 browser_option = click.option(
     "--no-browser", is_flag=True, help="Print the address of the picture; do not open the default browser."
@@ -300,7 +315,7 @@ def sensors_of(text: str | None, robot: str) -> SensorConfig | None:
     """The sensors that the option names, of a robot that is named; None where it was not given.
 
     Raises:
-        ParameterError: no such sensor, or a file that is none of sensors.
+        ParameterError: no such sensor, or a file that does not describe sensors.
     """
     if text is None:
         return None
@@ -358,7 +373,7 @@ class LateProgress:
     Args:
         label: what is being done.
         total: number of steps, or None where it is not known.
-        lines: whether the same is said elsewhere than on a terminal, as a line every ten seconds.
+        lines: whether the same is said without a terminal, as a line every ten seconds.
     """
 
     def __init__(self, label: str, total: int | None = None, *, lines: bool = False) -> None:
@@ -378,12 +393,12 @@ class LateProgress:
         if self._total is not None:
             left = (now - self._begin) / self._count * max(0, self._total - self._count)
             note = ", ".join(filter(None, (f"about {duration(left)} left", note)))
-        if not self._looked and now - self._begin > _PATIENCE:
+        if not self._looked and now - self._begin > PROGRESS_PERIOD:
             self._looked = True
             self._draw(note)
         if self._progress is not None:
             self._progress.update(self._task, completed=self._count, note=note)
-        elif self._lines and now - self._said > _SAY_EVERY and self._count != self._total:
+        elif self._lines and now - self._said > _REPORT_PERIOD and self._count != self._total:
             self._said = now
             click.echo(f"{self._label}: {self._count} of {self._total or '?'}, {note}", err=True)
 
@@ -395,8 +410,13 @@ class LateProgress:
             return
         console = Console(stderr=True)
         if console.is_terminal and not console.is_dumb_terminal:
-            columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(),
-                       TimeElapsedColumn(), TextColumn("{task.fields[note]}", markup=False))  # fmt: skip
+            columns = (
+                TextColumn("{task.description}", markup=False),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[note]}", markup=False),
+            )
             self._progress = Progress(*columns, console=console, transient=True)
             self._task = self._progress.add_task(self._label, total=self._total, note=note)
             self._progress.start()
@@ -407,7 +427,7 @@ class LateProgress:
 
 
 def duration(seconds: float) -> str:
-    """Such as 40 s, 3 min 20 s or 2 h 5 min."""
+    """A duration, such as 40 s, 3 min 20 s or 2 h 5 min."""
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s"
@@ -417,7 +437,7 @@ def duration(seconds: float) -> str:
 
 
 class ViewerFailure(ElasticStripsError):
-    """There is no picture, through no fault of the input."""
+    """There is no picture, and the input is not the cause."""
 
 
 def open_viewer(*, no_browser: bool, title: str = TITLE) -> Viewer:
@@ -436,15 +456,19 @@ def open_viewer(*, no_browser: bool, title: str = TITLE) -> Viewer:
 
 
 def write_pictures(
-    draw: Callable[[Viewer], object], html_file: str | None, png_file: str | None, film_file: str | None,
-    *, title: str = TITLE,
-) -> None:  # fmt: skip
+    draw: Callable[[Viewer], object],
+    html_file: str | None,
+    png_file: str | None,
+    film_file: str | None,
+    *,
+    title: str = TITLE,
+) -> None:
     """Write what ``draw`` shows as a standalone page, a picture and a film, as far as they are wanted.
 
     Raises:
         ViewerFailure: it cannot be drawn.
         BrowserError: there is no Chromium for picture and film.
-        MissingExtraError: what writes films is not installed.
+        MissingExtraError: the packages that write films are not installed.
         InputError: a file cannot be written.
     """
     if html_file is None and png_file is None and film_file is None:
@@ -465,7 +489,7 @@ def write_pictures(
 
 
 def serve(draw: Callable[[Viewer], object], *, no_browser: bool, title: str = TITLE) -> None:
-    """Serve what ``draw`` shows on this machine until Ctrl-C.
+    """Serve the picture of ``draw`` on this machine until Ctrl-C.
 
     Raises:
         ViewerFailure: the server does not start.

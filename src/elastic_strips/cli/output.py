@@ -1,4 +1,4 @@
-"""What commands say: plain text; where a terminal takes it, in colour and in tables; and JSON, with ``--json -`` alone
+"""Output of commands: plain text; on a capable terminal, colour and tables; and JSON, which with ``--json -`` is alone
 on standard output."""
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 # rich is imported where it is used: elsewhere than on a terminal nobody needs it, and the doctor works without.
 Part: TypeAlias = "str | tuple[str, str]"
 """Text, or text and rich's name of its style."""
-GOOD, BAD, NOTE, NAME, QUIET = "green", "bold red", "yellow", "cyan", "dim"
+GOOD, BAD, NOTE, NAME = "green", "bold red", "yellow", "cyan"
 STDOUT = "-"
 """The name of a ``--json`` file that means standard output."""
 _TAKEN = f"{__name__}.taken"
 
 
 def leave_stdout_to_json(ctx: click.Context) -> None:
-    """From here on, what is said goes to standard error."""
+    """From here on, text goes to standard error."""
     ctx.meta[_TAKEN] = True
 
 
@@ -51,7 +51,7 @@ def row(label: str, text: str, good: bool | None = None) -> None:
 
 
 def show(make: Callable[[], RenderableType], plain: str, after: str = "") -> None:
-    """On a terminal what ``make`` makes of rich's, and a line after it; elsewhere plain text, which has that line."""
+    """On a terminal the rich object that ``make`` returns, and a line after it; elsewhere plain text with that line."""
     stream = _stream(False)
     if (console := _console(stream)) is None:
         click.echo(plain, file=stream)
@@ -96,7 +96,7 @@ def write_document(label: str, file: str | None, document: object) -> None:
 
 
 def in_colour(stream: TextIO) -> bool:
-    """Whether a stream is a terminal that may be written to in colour: no NO_COLOR, and none that is dumb."""
+    """Whether a stream is a terminal that takes colour: NO_COLOR is not set, and it is not dumb."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") in ("dumb", "unknown"):
         return False
     return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()

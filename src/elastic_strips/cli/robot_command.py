@@ -28,13 +28,18 @@ if TYPE_CHECKING:
 )
 @options.json_option("Write the card.")
 def robot(
-    name: str, base: str | None, described: LoadOptions, limits: options.GivenLimits, html_file: str | None,
-    png_file: str | None, json_file: str | None,
-) -> int:  # fmt: skip
+    name: str,
+    base: str | None,
+    described: LoadOptions,
+    limits: options.GivenLimits,
+    html_file: str | None,
+    png_file: str | None,
+    json_file: str | None,
+) -> int:
     """What is known of a robot, what is assumed and what is not looked at: joints, limits, shapes, pairs, meshes and
     frames.
 
-    Its URDF is read a second time, by yourdfpy; what that finds otherwise is said.
+    Its URDF is read a second time, by yourdfpy; differences are reported.
 
     Exit code 0: there is a card, whatever it says. 2: wrong input.
     """
@@ -51,8 +56,9 @@ def robot(
         title, rows, more = section.headline, section.shown, section.more
         output.show(
             lambda title=title, rows=rows, columns=section.columns: output.table(columns, rows, title=title),
-            section.text(), more,
-        )  # fmt: skip
+            section.text(),
+            more,
+        )
     if html_file is not None or png_file is not None:
         _draw(model, card, html_file, png_file)
     output.write_document("card", json_file, card.document())
@@ -76,7 +82,7 @@ def _draw(model: RobotModel, card: RobotCard, html_file: str | None, png_file: s
 
 
 def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
-    """How fast it may move: by whom that is said."""
+    """How fast the robot may move, and where that is stated."""
     from elastic_strips.robot.card import CardSection
     from elastic_strips.trajectory import MotionLimits
     from elastic_strips.trajectory.limits import sliding_joints
@@ -87,16 +93,20 @@ def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
     unstated = {n: 1.0 for n, v in zip(model.joint_names, stated, strict=True) if not 0.0 < float(v) < 1e6}
     try:
         found = MotionLimits.for_robot(
-            model, joint_speed={**unstated, **given.joint_speed}, wheel_speed=given.wheel_speed, track=given.track,
+            model,
+            joint_speed={**unstated, **given.joint_speed},
+            wheel_speed=given.wheel_speed,
+            track=given.track,
             wheel_radius=given.wheel_radius,
-        )  # fmt: skip
+        )
     except ParameterError as error:
         return CardSection(title, columns, (("wheels", "not known", str(error)),))
     if model.base_kind.value == "diff_drive":
         for what, value, unit, option in (
-            ("track", found.track, "m", given.track), ("wheel radius", found.wheel_radius, "m", given.wheel_radius),
+            ("track", found.track, "m", given.track),
+            ("wheel radius", found.wheel_radius, "m", given.wheel_radius),
             ("speed of a rim", float(found.drive_speed[0]), "m/s", given.wheel_speed),
-        ):  # fmt: skip
+        ):
             rows.append((what, f"{value:.4g} {unit}", "URDF" if option is None else "option"))
         rows.append(("acceleration of a rim", f"{found.drive_acceleration[0]:g} m/s²", "assumed"))
     elif model.base_kind.value == "omni":

@@ -1,4 +1,4 @@
-"""What a command line says of the user's own robot: which joints are planned, which held still, and where files are."""
+"""Options of the user's own robot: which joints are planned, which are held still, and where files are."""
 
 from __future__ import annotations
 
@@ -17,7 +17,35 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions, RobotModel
     from elastic_strips.sim.scenarios import Scenario
 
-_NAMED = 12
+_ROBOTS_NAMED = 12  # in a message
+
+
+_OPTIONS = (
+    click.option("--joints", metavar="NAMES", help="The joints to plan, separated by commas, and no others."),
+    click.option(
+        "--lock",
+        multiple=True,
+        metavar="NAME=VALUE",
+        type=JointValue(Finite()),
+        help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
+        "given again.",
+    ),
+    click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups."),
+    click.option(
+        "--package-dir",
+        multiple=True,
+        metavar="DIR",
+        type=click.Path(file_okay=False, exists=True),
+        help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
+    ),
+    click.option(
+        "--visual-as-collision",
+        multiple=True,
+        metavar="LINK|missing",
+        help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
+        "again.",
+    ),
+)
 
 
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -26,9 +54,14 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
 
     @wraps(command)
     def with_options(
-        *, joints: str | None, lock: tuple[tuple[str, float], ...], srdf: str | None, package_dir: tuple[str, ...],
-        visual_as_collision: tuple[str, ...], **others: object,
-    ) -> int:  # fmt: skip
+        *,
+        joints: str | None,
+        lock: tuple[tuple[str, float], ...],
+        srdf: str | None,
+        package_dir: tuple[str, ...],
+        visual_as_collision: tuple[str, ...],
+        **others: object,
+    ) -> int:
         described: LoadOptions = {}
         if joints is not None:
             described["joints"] = [name.strip() for name in joints.split(",") if name.strip()]
@@ -45,29 +78,15 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
             described["visual_as_collision"] = "missing" if missing else visual_as_collision
         return command(described=described, **others)
 
-    folder = click.option(
-        "--package-dir", multiple=True, metavar="DIR", type=click.Path(file_okay=False, exists=True),
-        help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
-    )  # fmt: skip
-    shapes = click.option(
-        "--visual-as-collision", multiple=True, metavar="LINK|missing",
-        help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
-        "again.",
-    )  # fmt: skip
-    pairs = click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups.")
-    still = click.option(
-        "--lock", multiple=True, metavar="NAME=VALUE", type=JointValue(Finite()),
-        help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
-        "given again.",
-    )  # fmt: skip
-    planned = click.option("--joints", metavar="NAMES", help="The joints to plan, with commas; no others then.")
-    return planned(still(pairs(folder(shapes(with_options)))))
+    for option in reversed(_OPTIONS):
+        with_options = option(with_options)
+    return with_options
 
 
 def load_robot(
     problem: Scenario, robot: str | None, described: LoadOptions, preset: str | None = None, base: str | None = None
 ) -> RobotModel:
-    """The scenario's robot, or another one; of one from a file it is said what is planned, and what is not.
+    """The scenario's robot, or another one; for a robot from a file it prints what is planned, and what is not.
 
     Raises:
         RobotError: unknown robot, or an error in its files.
@@ -85,5 +104,5 @@ def load_robot(
 
 
 def _list(names: tuple[str, ...]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return (", ".join(names[:_NAMED]) or "none") + more
+    more = f" and {len(names) - _ROBOTS_NAMED} more" if len(names) > _ROBOTS_NAMED else ""
+    return (", ".join(names[:_ROBOTS_NAMED]) or "none") + more

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
 @click.option("--preset", type=options.PRESET, help="Parameters and solver; the scenario's by default.")
-@options.robot_option(help="Another robot than the scenario's.")
+@options.robot_option(help="A robot other than the scenario's.")
 @robot_options
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
@@ -28,15 +28,21 @@ if TYPE_CHECKING:
     "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
 )
 @click.option(
-    "--start-depth", type=options.Finite(0.0, 0.05), default=0.0, metavar="M",
-    help="A start that touches by at most so much [m] is left along growing distance, and certified from where it is "
+    "--start-depth",
+    type=options.Finite(0.0, 0.05),
+    default=0.0,
+    metavar="M",
+    help="A start that touches by at most this much [m] is left along growing distance, and certified from where it is "
     "free: the result has both parts, and is not certified as a whole.",
-)  # fmt: skip
+)
 @options.json_option("Write the result.")
 @click.option(
-    "--trajectory", "trajectory_file", metavar="FILE", type=options.OutputFile(),
+    "--trajectory",
+    "trajectory_file",
+    metavar="FILE",
+    type=options.OutputFile(),
     help="Write the certified strip, timed within the robot's limits: .csv, .npz, .json or .mcap.",
-)  # fmt: skip
+)
 @options.limit_options
 @options.html_option("Write a standalone 3D page of the result.")
 @options.picture_options
@@ -76,7 +82,7 @@ def run(
     .ot, or a Nav2 map's .yaml.
 
     Exit code 0: certified. 2: wrong input. 3: blocked or broken, certified only from where a start that touches is
-    free, or no trajectory was found; it is printed why.
+    free, or no trajectory was found; the reason is printed.
     """
     from elastic_strips.io.trajectory_file import check_trajectory_file
     from elastic_strips.sim.scenarios import get_scenario, result_document, run_scenario
@@ -85,7 +91,7 @@ def run(
     if trajectory_file is not None:
         check_trajectory_file(trajectory_file)
     elif limits:
-        raise click.UsageError("--joint-speed, --wheel-speed, --track and --wheel-radius are of --trajectory")
+        raise click.UsageError("--joint-speed, --wheel-speed, --track and --wheel-radius are for --trajectory")
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, preset, base)
     allowed = None if trajectory_file is None else limits.of(model)

@@ -1,4 +1,4 @@
-"""What a command line says of how the files of a scene are read: poses, heights, and what is not known."""
+"""Options of how the files of a scene are read: poses, heights, and unknown space."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING
 import click
 
 from . import options
-
-if TYPE_CHECKING:
-    from elastic_strips.io.scene_source import SceneOptions
 
 SCENE_FILES = (
     "The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene, or a "
@@ -44,59 +41,51 @@ class Pose(_PoseType):
         return found
 
 
+_OPTIONS = (
+    click.option(
+        "--at",
+        metavar="POSE",
+        type=Pose(),
+        help="Where the scene file's frame is in the world: x,y,z or x,y,z,yaw or x,y,z,qx,qy,qz,qw [m, rad].",
+    ),
+    click.option(
+        "--low",
+        metavar="Z",
+        type=_HEIGHT,
+        help="Where a map's walls begin [m]; what is below, such as the floor, is left out of octrees and clouds.",
+    ),
+    click.option(
+        "--high",
+        metavar="Z",
+        type=_HEIGHT,
+        help="How high a map's walls are [m], by default as high as the robot reaches; what is above is left out "
+        "of octrees and clouds.",
+    ),
+    click.option("--unknown", type=click.Choice(["free", "occupied"]), help="A map's unknown cells.  [default: free]"),
+    click.option(
+        "--outside", type=click.Choice(["blocked", "free"]), help="What is outside a map.  [default: blocked]"
+    ),
+    click.option("--voxel", metavar="M", type=_LENGTH, help="Edge of the cells that a cloud's points fill [m]."),
+    click.option(
+        "--own-points",
+        metavar="M",
+        type=options.Finite(0.0, 10.0),
+        help="Points of a cloud within so far [m] of the robot, where PATH begins, are its own and left out.",
+    ),
+    click.option("--planes", type=click.Choice(["blocked", "free"]), help="MoveIt's planes.  [default: blocked]"),
+)
+_READING = ("at", "low", "high", "unknown", "outside", "voxel", "own_points", "planes")
+"""What they are called in `SceneOptions`, too."""
+
+
 def scene_options(command: Callable[..., int]) -> Callable[..., int]:
     """``--at``, ``--low``, ``--high`` and others, as one argument ``reading`` for ``read_scene_file``."""
 
     @wraps(command)
-    def with_options(
-        *, at: tuple[float, ...] | None, low: float | None, high: float | None, unknown: str | None,
-        outside: str | None, voxel: float | None, own_points: float | None, planes: str | None, **others: object,
-    ) -> int:  # fmt: skip
-        reading: SceneOptions = {}
-        if at is not None:
-            reading["at"] = at
-        if low is not None:
-            reading["low"] = low
-        if high is not None:
-            reading["high"] = high
-        if unknown is not None:
-            reading["unknown"] = unknown
-        if outside is not None:
-            reading["outside"] = outside
-        if voxel is not None:
-            reading["voxel"] = voxel
-        if own_points is not None:
-            reading["own_points"] = own_points
-        if planes is not None:
-            reading["planes"] = planes
-        return command(reading=reading, **others)
+    def with_options(**given: object) -> int:
+        reading = {name: value for name in _READING if (value := given.pop(name)) is not None}
+        return command(reading=reading, **given)
 
-    for option in (
-        click.option("--planes", type=click.Choice(["blocked", "free"]), help="MoveIt's planes.  [default: blocked]"),
-        click.option(
-            "--own-points", metavar="M", type=options.Finite(0.0, 10.0),
-            help="Points of a cloud within so far [m] of the robot, where PATH begins, are its own and left out.",
-        ),
-        click.option("--voxel", metavar="M", type=_LENGTH, help="Edge of the cells that a cloud's points fill [m]."),
-        click.option(
-            "--outside", type=click.Choice(["blocked", "free"]), help="What is outside of a map.  [default: blocked]"
-        ),
-        click.option(
-            "--unknown", type=click.Choice(["free", "occupied"]), help="A map's unknown cells.  [default: free]"
-        ),
-        click.option(
-            "--high", metavar="Z", type=_HEIGHT,
-            help="How high a map's walls are [m], by default as high as the robot reaches; what is above is left out "
-            "of octrees and clouds.",
-        ),
-        click.option(
-            "--low", metavar="Z", type=_HEIGHT,
-            help="Where a map's walls begin [m]; what is below, such as the floor, is left out of octrees and clouds.",
-        ),
-        click.option(
-            "--at", metavar="POSE", type=Pose(),
-            help="Where the scene file's frame is in the world: x,y,z or x,y,z,yaw or x,y,z,qx,qy,qz,qw [m, rad].",
-        ),
-    ):  # fmt: skip
+    for option in reversed(_OPTIONS):
         with_options = option(with_options)
     return with_options

@@ -15,28 +15,34 @@ from elastic_strips.sim.sweep.plot import check_plot, plot_columns
 
 from . import EXIT_INTERRUPTED, options, output
 
-_TOLD = 5
+_FAILURES_TOLD = 5  # runs
 
 
 @click.command()
 @click.argument("file", metavar="FILE.yaml", type=options.FILE)
 @click.option(
-    "--out", metavar="FILE.csv|.parquet|.jsonl", type=click.Path(),
+    "--out",
+    metavar="FILE.csv|.parquet|.jsonl",
+    type=click.Path(),
     help="The table; beside it FILE.journal, from which the sweep is resumed.  [default: the sweep's name, .csv]",
-)  # fmt: skip
+)
 @click.option(
     "--processes", "--jobs", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
 )
 @click.option(
-    "--scheduler", metavar="tcp://HOST:PORT",
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
     help="Run on the workers of this Dask cluster instead (pip install 'elastic-strips[sweep]').",
-)  # fmt: skip
+)
 @click.option("--retry-failed", is_flag=True, help="Run again what ended in an error.")
 @click.option("--dry-run", is_flag=True, help="List the runs, and run none.")
 @click.option(
-    "--plot", "plot_file", metavar="FILE.png", type=options.OutputFile(),
+    "--plot",
+    "plot_file",
+    metavar="FILE.png",
+    type=options.OutputFile(),
     help="Draw the table (pip install 'elastic-strips[study]').",
-)  # fmt: skip
+)
 @click.option("--x", metavar="COLUMN", help="Of the plot; what varies first by default.")
 @click.option("--y", metavar="COLUMN", help="Of the plot; clearance_m of plans, time_s of drives by default.")
 @click.option("--hue", metavar="COLUMN", help="Of the plot: a colour for each value; what varies next by default.")
@@ -68,15 +74,15 @@ def sweep(
     their dotted names (evasion.horizon); of plans also timeout and base; of drives plant, method, sensors, evade,
     alternatives, level, compute, time_limit, base. A wrong name is answered with the right ones.
 
-    Each run is a row of the table, one that fails too. The same command again goes on where it was interrupted, by
+    Each run is a row of the table, even if it fails. The same command again goes on where it was interrupted, by
     Ctrl-C, kill -9 or the end of the machine, and runs nothing twice.
 
     Exit code 0: every run has a result. 2: wrong input. 3: some ended in an error. 130: interrupted.
     """
     if scheduler and processes:
-        raise click.UsageError("--processes is of this machine; the cluster of --scheduler has its own workers")
+        raise click.UsageError("--processes is for this machine; the cluster of --scheduler has its own workers")
     if not plot_file and (x or y or hue):
-        raise click.UsageError("--x, --y and --hue are of the picture: --plot FILE.png")
+        raise click.UsageError("--x, --y and --hue are for the picture: give --plot FILE.png")
     found = read_sweep(file)
     plot = Plot(x, y, hue)
     if plot_file:
@@ -85,56 +91,91 @@ def sweep(
     table = f"{found.path.stem}.csv" if out is None else out
     options.check_outputs(file, table, f"{table}.journal", plot_file, json_file)
     if dry_run:
-        output.say(f"{found.path.stem}: {_runs(len(found))}")
-        for run in found.runs():
-            output.say(f"  {run.index:>6}  {run}")
+        _say_runs(found)
         output.write_document("answer", json_file, _document(found, None))
         return options.EXIT_DONE
     if scheduler:
         _quieten_dask()
     with SweepStore(found, table) as store:
-        todo = len(store.todo(retry_failed=retry_failed))
-        done = len(found) - todo
-        output.say(f"{found.path.stem}: {_runs(len(found))}" + (f", {done} done before, {todo} to go" * (done > 0)))
-        wrong = 0
         try:
-            rows = run_sweep(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)
-            with closing(rows), options.LateProgress(found.path.stem, todo, lines=True) as bar:
-                for row in rows:
-                    wrong += row["error_type"] is not None
-                    bar.step(f"{wrong} with an error" if wrong else "")
+            _run_rest(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)
         except (KeyboardInterrupt, SchedulerLost) as reason:
-            lost = isinstance(reason, SchedulerLost)
-            given = {"--out": out, "--processes": processes, "--scheduler": scheduler, "--plot": plot_file, "--x": x,
-                     "--y": y, "--hue": hue, "--json": json_file}  # fmt: skip
+            given = {
+                "--out": out,
+                "--processes": processes,
+                "--scheduler": scheduler,
+                "--plot": plot_file,
+                "--x": x,
+                "--y": y,
+                "--hue": hue,
+                "--json": json_file,
+            }
             words = [str(word) for option, value in given.items() if value is not None for word in (option, value)]
             again = shlex.join(["elastic-strips", "sweep", file, *words, *(["--retry-failed"] * retry_failed)])
-            output.say(
-                ("error:", output.BAD) if lost else "interrupted", f" {reason}" if lost else "",
-                f"; {len(store.rows)} of {_runs(len(found))} are kept. Go on with:\n  {again}", err=True,
-            )  # fmt: skip
-            return options.EXIT_NOT_DONE if lost else EXIT_INTERRUPTED
+            return _left_off(reason, store, again)
         except InputError as error:
-            error.args = (f"{error} ({len(store.rows)} of {_runs(len(found))} are kept)",) if store.rows else error.args
+            error.args = (f"{error} ({_kept(store)})",) if store.rows else error.args
             raise
-    failed = store.failed
-    count = output.verdict(f"{len(failed)} with an error", not failed)
-    output.say(f"table   {store.path}  ({len(store.rows)} rows, ", count, ")")
-    for row in failed[:_TOLD]:
-        output.say(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
-    if len(failed) > _TOLD:
-        output.say(f"  … and {len(failed) - _TOLD} more")
+    _say_table(store)
     if plot_file:
         drawn = plot_sweep(found, list(store.rows.values()), plot_file, plot=plot)
         output.say(
             f"plot    {plot_file}  ({drawn.y} over {drawn.x}" + (f", {drawn.hue} in colours)" if drawn.hue else ")")
         )
     output.write_document("answer", json_file, _document(found, store))
-    return options.EXIT_NOT_DONE if failed else options.EXIT_DONE
+    return options.EXIT_NOT_DONE if store.failed else options.EXIT_DONE
+
+
+def _say_runs(found: Sweep) -> None:
+    """List the runs of a sweep."""
+    output.say(f"{found.path.stem}: {_runs(len(found))}")
+    for run in found.runs():
+        output.say(f"  {run.index:>6}  {run}")
+
+
+def _run_rest(store: SweepStore, *, processes: int | None, scheduler: str | None, retry_failed: bool) -> None:
+    """Run what the table does not have yet, with a bar that shows it."""
+    title, count = store.sweep.path.stem, len(store.sweep)
+    todo = len(store.todo(retry_failed=retry_failed))
+    done = count - todo
+    output.say(f"{title}: {_runs(count)}" + (f", {done} done before, {todo} to go" * (done > 0)))
+    wrong = 0
+    rows = run_sweep(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)
+    with closing(rows), options.LateProgress(title, todo, lines=True) as bar:
+        for row in rows:
+            wrong += row["error_type"] is not None
+            bar.step(f"{wrong} with an error" if wrong else "")
+
+
+def _left_off(reason: BaseException, store: SweepStore, again: str) -> int:
+    """Say that a sweep was interrupted, or lost its cluster, and with which command it goes on; the exit code."""
+    lost = isinstance(reason, SchedulerLost)
+    output.say(
+        ("error:", output.BAD) if lost else "interrupted",
+        f" {reason}" if lost else "",
+        f"; {_kept(store)}. Go on with:\n  {again}",
+        err=True,
+    )
+    return options.EXIT_NOT_DONE if lost else EXIT_INTERRUPTED
+
+
+def _say_table(store: SweepStore) -> None:
+    """Say what the table has, and the first of the runs that ended in an error."""
+    failed = store.failed
+    count = output.verdict(f"{len(failed)} with an error", not failed)
+    output.say(f"table   {store.path}  ({len(store.rows)} rows, ", count, ")")
+    for row in failed[:_FAILURES_TOLD]:
+        output.say(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
+    if len(failed) > _FAILURES_TOLD:
+        output.say(f"  … and {len(failed) - _FAILURES_TOLD} more")
+
+
+def _kept(store: SweepStore) -> str:
+    return f"{len(store.rows)} of {_runs(len(store.sweep))} are kept"
 
 
 def _quieten_dask() -> None:
-    """Where a worker or the scheduler ends, Dask logs tracebacks of its own; what came of it is said here in a line."""
+    """Where a worker or the scheduler ends, Dask logs tracebacks of its own; here one line says what happened."""
     with suppress(ImportError):
         import distributed  # noqa: F401 -- which sets the levels of its loggers
 
@@ -144,10 +185,13 @@ def _quieten_dask() -> None:
 
 
 def _document(found: Sweep, store: SweepStore | None) -> dict[str, object]:
-    """What ``--json`` writes; without a store of a sweep that is not run."""
+    """The document of ``--json``; without a store it is that of a sweep that is not run."""
     document: dict[str, object] = {
-        "format": "elastic-strips-sweep-answer", "version": 1, "sweep": found.document(), "runs": len(found),
-    }  # fmt: skip
+        "format": "elastic-strips-sweep-answer",
+        "version": 1,
+        "sweep": found.document(),
+        "runs": len(found),
+    }
     if store is None:
         return document | {"listed": [run.identity for run in found.runs()]}
     names = ("run", "scenario", "robot", "seed", *found.grid, "error_type", "error")

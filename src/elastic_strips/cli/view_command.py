@@ -26,14 +26,14 @@ _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 @click.command()
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz", type=options.SCENARIO)
-@options.robot_option(help="Another robot than the scenario's. Of a result or a record: where its robot is now.")
-@options.base_option("Of a scenario: how the base moves; the robot's own by default.")
-@click.option("--seed", type=options.SEED, help="Of a scenario: seed of generated scenes.  [default: 0]")
+@options.robot_option(help="A robot other than the scenario's. For a result or a record: where its robot is now.")
+@options.base_option("For a scenario: how the base moves; the robot's own by default.")
+@click.option("--seed", type=options.SEED, help="For a scenario: seed of generated scenes.  [default: 0]")
 @click.option(
-    "--speed", type=options.Finite(1e-3, 1e3), help="Of a record: how many times as fast as it was.  [default: 1]"
+    "--speed", type=options.Finite(1e-3, 1e3), help="For a record: how many times as fast as it was.  [default: 1]"
 )
-@click.option("--begin", type=options.Finite(0.0), help="Of a record: time to begin with [s].")
-@click.option("--end", type=options.Finite(0.0), help="Of a record: time to end with [s].")
+@click.option("--begin", type=options.Finite(0.0), help="For a record: time to begin with [s].")
+@click.option("--end", type=options.Finite(0.0), help="For a record: time to end with [s].")
 @options.html_option("Write a standalone page instead of serving one.")
 @options.picture_options
 @options.browser_option
@@ -115,7 +115,7 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
     if isinstance(document, dict) and document.get("format") == DRIVE_FORMAT:
         raise InputError(f"{path}: holds figures of a drive and no motion; 'elastic-strips drive --record' writes that")
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise InputError(f"{path}: is no result of 'elastic-strips run --json' (format {FORMAT!r})")
+        raise InputError(f"{path}: is not a result of 'elastic-strips run --json' (format {FORMAT!r})")
     if document.get("version") != FORMAT_VERSION:
         raise InputError(f"{path}: format version {document.get('version')!r}; this program reads {FORMAT_VERSION}")
     try:

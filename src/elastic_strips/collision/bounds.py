@@ -1,9 +1,9 @@
 """Bounds: bodies of a robot as capsules, and how far any of their points moves between two configurations.
 
 The radius of (degree of freedom, body) bounds the speed of any point of the body per unit speed of that degree of
-freedom: 1 for sliding, the distance from the axis for turning; of one that joints follow, the sum of what its joints
-do, each times its multiplier. Static radii hold for all postures within the joint limits; tight ones for one posture
-and the motion to the next.
+freedom: 1 for sliding, the distance from the axis for turning. Of one that joints follow it is the sum of what its
+joints do, each times its multiplier. Static radii hold for all postures within the joint limits; tight ones for one
+posture and the motion to the next.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from weakref import WeakKeyDictionary
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices, by_rows
-from elastic_strips.native import kernel
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.constants import SLIDING_TURN
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
-from elastic_strips.robot.coal_shapes import native_solid
 from elastic_strips.robot.geometry import link_labels
 from elastic_strips.robot.kinematics import KinematicTree
+
+from .native_side import native_bodies
 
 if TYPE_CHECKING:
     from elastic_strips.native import _native
@@ -35,13 +36,13 @@ class BodySet:
 
     Attributes:
         names: (G,) names.
-        labels: (G,) what messages call them.
+        labels: (G,) their names in messages.
         geometries: Coal shapes.
         joint: (G,) Pinocchio joint index.
         rotation: (G, 3, 3), translation: (G, 3) pose of the shape in the aligned joint frame.
         ends: (G, 2, 3) end points of a capsule that contains the body, in the aligned joint frame [m].
         radius: (G,) radius of that capsule [m].
-        skin: distance [m] to add to what Coal says (control points are tiny spheres).
+        skin: distance [m] to add to Coal's distances (control points are tiny spheres).
     """
 
     tree: KinematicTree
@@ -62,7 +63,7 @@ class BodySet:
 
     @staticmethod
     def links(robot: RobotModel) -> BodySet:
-        """The robot's convex links; made once for each robot."""
+        """The robot's convex pieces; made once for each robot."""
         known = _LINKS.get(robot)
         if known is not None:
             return known
@@ -105,25 +106,22 @@ class BodySet:
 
     def native(self) -> _native.Bodies | None:
         """The bodies as the native kernel takes them, or None where there is none; made once."""
-        module, tree = kernel(), self.tree.native()
-        if module is None or tree is None:
-            return None
-        if not self._kept:
-            solids = [native_solid(geometry) for geometry in self.geometries]
-            bodies = module.Bodies(
-                tree, solids, np.ascontiguousarray(self.joint, dtype=np.intp),
-                *by_rows(self.rotation, self.translation, self.ends, self.radius), self.skin,
-            )  # fmt: skip
-            self._kept.append(bodies)
-        return self._kept[0]
+        return native_bodies(self, self._kept)
 
     def only(self, index: int) -> BodySet:
         """One of the bodies alone."""
         k = slice(index, index + 1)
         return replace(
-            self, names=self.names[k], labels=self.labels[k], geometries=self.geometries[k], joint=self.joint[k],
-            rotation=self.rotation[k], translation=self.translation[k], ends=self.ends[k], radius=self.radius[k],
-        )  # fmt: skip
+            self,
+            names=self.names[k],
+            labels=self.labels[k],
+            geometries=self.geometries[k],
+            joint=self.joint[k],
+            rotation=self.rotation[k],
+            translation=self.translation[k],
+            ends=self.ends[k],
+            radius=self.radius[k],
+        )
 
     def capsule_ends(self, kin: Kinematics) -> Array:
         """World capsule ends (N, G, 2, 3) [m] at the nodes of ``kin``."""
@@ -151,12 +149,12 @@ class MotionBounds:
     """Bounds on how far bodies move between configurations; see Schwarzer, Saha and Latombe.
 
     Args:
-        bodies: whose motion is bounded, for all postures within the joint limits.
+        bodies: the bodies whose motion is bounded, for all postures within the joint limits.
 
     Attributes:
         radius: (nv, G) static radii; zero where the degree of freedom does not move the body.
             Rows 0 and 1 of a planar root are 0: its translation counts once, as ‖(v_x, v_y)‖.
-        of_motion: (M, G) the same of each motion, for a unit of its coordinate; ``radius`` where no joint follows.
+        of_motion: (M, G) the same for each motion, per unit of its coordinate; ``radius`` where no joint follows.
     """
 
     def __init__(self, bodies: BodySet) -> None:
@@ -212,7 +210,7 @@ class MotionBounds:
 
         Args:
             kin: kinematics of the nodes, with Jacobians.
-            node, body: (K,) where each motion starts, and whose it is.
+            node, body: (K,) the node where each motion starts, and the body that moves.
             v: (K, nv) tangent vectors of the motions.
         """
         bodies, tree = self.bodies, self.bodies.tree
@@ -222,7 +220,7 @@ class MotionBounds:
         linear, angular = columns[..., :3], columns[..., 3:]
         cross = np.cross(angular[:, None], ends[:, :, None, :]) + linear[:, None]
         reach = np.sqrt((cross**2).sum(axis=-1)).max(axis=1)  # speed of the capsule's ends per unit rate
-        turning = np.abs(angular).max(axis=2) > 1e-9 * rate
+        turning = np.abs(angular).max(axis=2) > SLIDING_TURN * rate
         reach = np.where(turning, reach + rate * bodies.radius[body][:, None], rate)
         speed = np.abs(v)[:, tree.coordinate]
         static = self.of_motion[:, body].T * speed  # (K, M)
@@ -237,7 +235,7 @@ class MotionBounds:
         return (tight * speed).sum(axis=1)
 
     def pair_radius(self, pairs: Indices) -> Array:
-        """Radii (nv, S) for the distance between two bodies: the joints that move one of them and not the other."""
+        """Radii (nv, S) for the distance of two bodies: only joints that move one of them and not the other count."""
         support = self.bodies.tree.support[self.bodies.joint]
         one, two = support[pairs[:, 0]], support[pairs[:, 1]]
         only_one, only_two = one & ~two, two & ~one

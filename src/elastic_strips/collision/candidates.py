@@ -1,8 +1,8 @@
-"""Candidate parts: the few obstacle parts that can come near a strip, and where those that move will be.
+"""Candidate parts: the few obstacle parts that can come near a strip, and where moving ones will be.
 
 Coal's broadphase returns to Python only the nearest object of a query (the pairs that its collecting callback
-gathers have no Python converter), and the repulsive field needs all within the influence distance; so parts are
-first culled by boxes here, in numpy, and what remains goes to Coal.
+gathers have no Python converter), and the repulsive field needs all parts within the influence distance; so parts are
+first culled by boxes here, in numpy, and Coal is asked about the others.
 
 A node that is reached at time t meets an obstacle that has moved by then. Seen from the obstacle, the robot is moved
 the other way: so the distance at the node is measured with the robot shifted by minus the obstacle's displacement,
@@ -12,23 +12,18 @@ and lessened by how far the obstacle can be from where it is expected.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import ParameterError
-from elastic_strips.native import kernel
 from elastic_strips.scene import Scene
 from elastic_strips.scene.parts import Part
 from elastic_strips.scene.scene import PartTable
 from elastic_strips.work import count_work
 
-if TYPE_CHECKING:
-    from elastic_strips.native import _native
-
-_LONGEST = 1e6  # [s]
+_LONGEST_MOTION = 1e6  # [s] that an obstacle is followed
 
 
 @dataclass(slots=True)
@@ -38,7 +33,7 @@ class CandidateParts:
     Attributes:
         scene: the snapshot that it was made from.
         rows: (P,) rows of ``scene.table``, ascending.
-        cover_low, cover_high: (N, 3) boxes about the nodes, grown; a node inside one needs no others.
+        cover_low, cover_high: (N, 3) grown boxes about the nodes; a node inside one needs no other candidates.
         parts: the P parts.
         rotation: (P, 3, 3), translation: (P, 3) world poses.
         box_center: (P, 3) centre of each part's box in the part's frame; box_half: (P, 3) its half sizes.
@@ -55,14 +50,13 @@ class CandidateParts:
     box_center: Array
     box_half: Array
     obstacle: Indices
-    _poses: _native.Poses | None = None
     _transforms: list[coal.Transform3s] | None = None
 
     @staticmethod
     def build(scene: Scene, low: Array, high: Array, slack: float, *, always: Indices | None = None) -> CandidateParts:
         """Collect the parts near the boxes ``low``, ``high`` (N, 3) of the nodes, each grown by ``slack`` [m].
 
-        The parts of the obstacles ``always`` are in it wherever they are.
+        The parts of the obstacles ``always`` are included wherever they are.
         """
         low, high = low - slack, high + slack
         table = scene.table
@@ -73,22 +67,20 @@ class CandidateParts:
             rows = np.union1d(rows, np.flatnonzero(np.isin(table.obstacle_index, always)))
         parts = [table.parts[r] for r in rows]
         return CandidateParts(
-            scene, rows, low, high, parts, table.rotation[rows], table.translation[rows],
-            table.local_center[rows] - table.local_translation[rows], table.local_half[rows],
+            scene,
+            rows,
+            low,
+            high,
+            parts,
+            table.rotation[rows],
+            table.translation[rows],
+            table.local_center[rows] - table.local_translation[rows],
+            table.local_half[rows],
             table.obstacle_index[rows],
-        )  # fmt: skip
+        )
 
     def __len__(self) -> int:
         return len(self.rows)
-
-    def native(self) -> _native.Poses:
-        """The poses as the native kernel takes them; it sees where the parts go."""
-        if self._poses is None:
-            module = kernel()
-            assert module is not None
-            self._poses = module.Poses(self.rotation, self.translation, self.box_center, self.box_half)
-        assert self._poses is not None
-        return self._poses
 
     @property
     def transforms(self) -> list[coal.Transform3s]:
@@ -113,8 +105,8 @@ class CandidateParts:
         """Move to another snapshot of the same obstacles.
 
         Returns:
-            Those of its columns whose pose changed, or None where they must be collected anew: other obstacles, or
-            one that came in from outside.
+            The columns whose pose changed, or None where candidates must be collected anew: there are other obstacles,
+            or one that came in from outside.
         """
         changed = scene.rows_changed_since(self.scene)
         if changed is None:
@@ -189,7 +181,7 @@ class NodePrediction:
         obstacles: (M,) indices in the scene.
         shift: (N, M, 3) displacement [m] of each obstacle since the snapshot.
         uncertainty: (N, M) how far [m] it can be from there.
-        ignored: (N,) nodes that are reached too late to say anything; moving obstacles do not count there.
+        ignored: (N,) nodes that are reached too late for a forecast; moving obstacles do not count there.
     """
 
     obstacles: Indices
@@ -220,11 +212,11 @@ class Forecast:
     a motion may have begun when the scene was still older.
 
     Attributes:
-        obstacles: (M,) indices in the scene that it belongs to.
+        obstacles: (M,) indices in the scene of the forecast.
         velocity: (M, 3) expected velocity [m/s], world frame.
-        offset: (M,) error of the pose [m]; speed: (M,) of the velocity [m/s], or the bound of an unknown motion;
+        offset: (M,) error of the pose [m]; speed: (M,) error of the velocity [m/s], or the bound of an unknown motion;
             acceleration: (M,) largest acceleration [m/s²].
-        horizon: longest time [s] after the snapshot that it is for; moving obstacles are ignored beyond.
+        horizon: longest time [s] after the snapshot for which it holds; beyond it moving obstacles are ignored.
     """
 
     obstacles: Indices
@@ -250,7 +242,7 @@ class Forecast:
 
     def predict(self, times: Array) -> NodePrediction:
         """The forecast at node times (N,) [s] after the snapshot; negative ones are before it."""
-        t = np.clip(times, -_LONGEST, min(self.horizon, _LONGEST))[:, None]
+        t = np.clip(times, -_LONGEST_MOTION, min(self.horizon, _LONGEST_MOTION))[:, None]
         uncertainty = self.offset + self.speed * np.abs(t) + 0.5 * self.acceleration * t * t
         return NodePrediction(self.obstacles, self.velocity[None] * t[:, :, None], uncertainty, times > self.horizon)
 
@@ -262,16 +254,16 @@ class MovingParts:
         prediction: the forecast at the nodes, or None.
         always: obstacle indices that the candidates hold wherever they are.
         columns: (P,) whether a column moves.
+        mover: (P,) which of the forecast's obstacles a column belongs to; −1 for what stands.
     """
 
     def __init__(self) -> None:
         self.prediction: NodePrediction | None = None
         self.always: Indices = np.zeros(0, dtype=np.intp)
         self.columns: Mask = np.zeros(0, dtype=bool)
-        self._mover: Indices = np.zeros(0, dtype=np.intp)
+        self.mover: Indices = np.zeros(0, dtype=np.intp)
         self._rotation: Array = np.zeros((0, 3, 3))
         self._translation: Array = np.zeros((0, 3))
-        self.native: _native.Moving | None = None
 
     def known(self, prediction: NodePrediction) -> bool:
         """Whether the candidates hold all the forecast's obstacles; if not, the next ones will."""
@@ -281,27 +273,20 @@ class MovingParts:
         return False
 
     def remap(self, source: Indices | slice) -> None:
-        """Carry the last forecast over to nodes that were these of it."""
+        """Carry the last forecast over to nodes that were nodes ``source`` of it."""
         a = self.prediction
         if a is not None:
             self.prediction = NodePrediction(a.obstacles, a.shift[source], a.uncertainty[source], a.ignored[source])
 
     def begin(self, prediction: NodePrediction | None, candidates: CandidateParts) -> None:
-        """Take a forecast for candidates of which nothing is known yet."""
+        """Take a forecast for candidates about which nothing is known yet."""
         self.prediction = prediction if prediction is not None and len(prediction.obstacles) else None
         lookup = np.full(len(candidates.scene), -1, dtype=np.intp)
         if self.prediction is not None:
             lookup[self.prediction.obstacles] = np.arange(len(self.prediction.obstacles))
-        self._mover = lookup[candidates.obstacle]
-        self.columns = self._mover >= 0
+        self.mover = lookup[candidates.obstacle]
+        self.columns = self.mover >= 0
         self._rotation, self._translation = candidates.rotation.copy(), candidates.translation.copy()
-        module = kernel()
-        self.native = None
-        if module is not None and self.prediction is not None:
-            a = self.prediction
-            self.native = module.Moving(
-                np.ascontiguousarray(a.shift, dtype=float), np.ascontiguousarray(a.uncertainty), self._mover
-            )
 
     def advance(
         self, prediction: NodePrediction | None, candidates: CandidateParts, changed: Indices
@@ -311,26 +296,27 @@ class MovingParts:
         Args:
             prediction: the forecast, or None where nothing moves.
             candidates: with the new snapshot.
-            changed: its columns whose pose is another than in the last.
+            changed: the columns whose pose differs from that in the last snapshot.
 
         Returns:
             Columns (C,), how far (N, C) [m] any point of each has moved as seen from a node, and by how much (N, C)
             its uncertainty has risen; None where nothing moved.
         """
-        before, former, mover = self.prediction, self.columns, self._mover
+        before, former, mover = self.prediction, self.columns, self.mover
         rotation, translation = self._rotation, self._translation
         if before is None and (prediction is None or not len(prediction.obstacles)):
             columns, shift, risen = changed, np.zeros((1, 1, 3)), np.zeros((1, 1))
             rotation, translation = rotation[columns], translation[columns]
             self._rotation[columns], self._translation[columns] = (
-                candidates.rotation[columns], candidates.translation[columns],
-            )  # fmt: skip
+                candidates.rotation[columns],
+                candidates.translation[columns],
+            )
         else:
             self.begin(prediction, candidates)
             moved = former | self.columns
             moved[changed] = True
             columns = np.flatnonzero(moved)
-            shift, uncertainty = _of_columns(self.prediction, self._mover[columns])
+            shift, uncertainty = _of_columns(self.prediction, self.mover[columns])
             shift_before, uncertainty_before = _of_columns(before, mover[columns])
             shift, risen = shift - shift_before, uncertainty - uncertainty_before
             rotation, translation = rotation[columns], translation[columns]
@@ -349,20 +335,20 @@ class MovingParts:
         if self.prediction is None:
             return None
         # by rows, as the kernel reads it
-        return np.ascontiguousarray(np.where(self.columns, self.prediction.travel()[:, self._mover], 0.0))
+        return np.ascontiguousarray(np.where(self.columns, self.prediction.travel()[:, self.mover], 0.0))
 
     def displaced(self, node: Indices, part: Indices) -> tuple[Array, Array] | None:
         """Shift (K, 3) and uncertainty (K,) of parts at nodes; None where nothing moves."""
         if self.prediction is None:
             return None
-        mover = self._mover[part]
+        mover = self.mover[part]
         return _with_still(mover, self.prediction.shift[node, mover], self.prediction.uncertainty[node, mover])
 
     def between(self, place: Array, part: Indices) -> tuple[Array, Array] | None:
-        """The same at places, which are node numbers with fractions."""
+        """Shift (K, 3) and uncertainty (K,) of parts at places, which are node numbers with fractions."""
         if self.prediction is None:
             return None
-        mover = self._mover[part]
+        mover = self.mover[part]
         return _with_still(mover, *self.prediction.between(place, mover))
 
 
@@ -374,7 +360,7 @@ def _of_columns(prediction: NodePrediction | None, mover: Indices) -> tuple[Arra
 
 
 def _with_still(mover: Indices, shift: Array, uncertainty: Array) -> tuple[Array, Array]:
-    """Shift (…, K, 3) and uncertainty (…, K), set to zero where ``mover`` (K,) is −1: what does not move."""
+    """Shift (…, K, 3) and uncertainty (…, K), set to zero where ``mover`` (K,) is −1, as for parts that stand."""
     still = mover < 0
     shift[..., still, :], uncertainty[..., still] = 0.0, 0.0
     return shift, uncertainty

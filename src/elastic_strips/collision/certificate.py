@@ -6,7 +6,7 @@ Latombe). Where that fails for a pair of body and obstacle part, or of two bodie
 and the halves are tested again. At the depth floor the answer is *unknown*, never *safe*.
 
 A proof gives three things to the :class:`Bisection`: the pairs and how they are measured (:class:`Pairs`), the
-intervals that are open at first, with what is known of them, and what the distances are for (:class:`Search`).
+intervals that are open at first, with what is known about them, and the purpose of the distances (:class:`Search`).
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.constants import CAPSULE_LOOSE, EXACT_WITHIN, GJK_EXCESS
 from elastic_strips.robot import Kinematics
 from elastic_strips.summary import Summary
 
 from .bounds import BodySet
 from .candidates import CandidateParts, MovingParts
-from .narrowphase import GJK_EXCESS, Narrowphase
+from .narrowphase import Narrowphase
 from .self_distance import SelfProximity
 
 _HALF_TURN = "half turn"
 
 
 class SegmentState(int, Enum):
-    """What is known of a segment."""
+    """What is known about a segment."""
 
     CERTIFIED = 0
     UNKNOWN = 1
@@ -47,10 +48,10 @@ class BrokenSegment:
         segment: index j of the segment between nodes j and j + 1.
         link: name of the robot's collision piece.
         obstacle: name of the obstacle, or of the other link for self-collision.
-        clearance: smallest distance measured there [m]; below the required one, or too small to decide.
+        clearance: smallest distance measured there [m]; it is below the required one, or too small to decide.
         kind: ``"obstacle"``, ``"self"``, or ``"half turn"`` where the segment's path is not defined.
         certain: True where a configuration below the required clearance was found, False where the depth floor was met.
-        labels: what messages call link and obstacle; a link that is one piece has the URDF's name there.
+        labels: names of link and obstacle in messages; a link that is one piece has the URDF's name there.
     """
 
     segment: int
@@ -100,11 +101,6 @@ class Certificate(Summary):
         return bool(self.segments.all())
 
 
-_LOOSE = 0.15
-"""A lower bound may lie below the distance by the capsule's length and about this [m]; decides only what to measure."""
-_MARGIN = 1e-4
-"""What a lower bound decides by less than this [m] is measured exactly all the same."""
-
 _Measure = Callable[[Kinematics, Indices, Array, Indices], Array]
 
 
@@ -119,7 +115,7 @@ class Pairs(Protocol):
         ...
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
-        """Distances, less what Coal may say too much."""
+        """Distances, less the most by which Coal's may be too large."""
         ...
 
     def loose(self, pair: Indices) -> Array:
@@ -127,7 +123,7 @@ class Pairs(Protocol):
         ...
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
-        """Name a pair that is too near, or that could not be decided."""
+        """The report of a pair that is too near, or that could not be decided."""
         ...
 
 
@@ -159,7 +155,7 @@ class ObstaclePairs:
     def loose(self, pair: Indices) -> Array:
         ends = self.bodies.ends
         length = np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
-        return length[pair // len(self.candidates)] + _LOOSE
+        return length[pair // len(self.candidates)] + CAPSULE_LOOSE
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
         body, part = divmod(pair, len(self.candidates))
@@ -181,7 +177,7 @@ class SelfPairs:
         return self.proximity.distances(kin, node, pair) - GJK_EXCESS
 
     def loose(self, pair: Indices) -> Array:
-        return np.full(len(pair), _LOOSE)
+        return np.full(len(pair), CAPSULE_LOOSE)
 
     def broken(self, segment: int, pair: int, distance: float, certain: bool) -> BrokenSegment:
         bodies, (one, two) = self.proximity.bodies, self.proximity.pairs[pair]
@@ -198,8 +194,8 @@ class OpenIntervals:
         low, high: (K,) places on the path: node numbers with fractions. An interval lies within one segment or goes
             from a node to a node.
         d_low, d_high: (K,) lower bounds of the distances there [m].
-        exact_low, exact_high: (K,) whether these were measured exactly.
-        travel: (K,) Λ, how far the two of a pair can come nearer to each other on it [m].
+        exact_low, exact_high: (K,) whether ``d_low`` and ``d_high`` were measured exactly.
+        travel: (K,) Λ, how far the two of a pair can come nearer to each other on the interval [m].
     """
 
     pair: Indices
@@ -223,7 +219,7 @@ class OpenIntervals:
         return self.low.astype(np.intp)
 
     def take(self, which: Mask | Indices) -> OpenIntervals:
-        """Some of the intervals."""
+        """The intervals of a selection."""
         return OpenIntervals(*(getattr(self, name)[which] for name in self.__slots__))
 
     def joined(self, other: OpenIntervals) -> OpenIntervals:
@@ -231,7 +227,7 @@ class OpenIntervals:
         return OpenIntervals(*(np.concatenate((getattr(self, x), getattr(other, x))) for x in self.__slots__))
 
     def open(self, clearance: float) -> Mask:
-        """Which of them the lemma does not prove; what is not a number proves nothing."""
+        """Which intervals the lemma does not prove; a value that is not a number proves nothing."""
         return ~(self.d_low + self.d_high > self.travel + 2.0 * clearance)
 
     def __len__(self) -> int:
@@ -239,7 +235,7 @@ class OpenIntervals:
 
 
 class Search(Protocol):
-    """What distances are wanted for."""
+    """The purpose of a search, which says which distances are wanted."""
 
     @property
     def clearance(self) -> float:
@@ -248,12 +244,12 @@ class Search(Protocol):
 
     @property
     def exact_below(self) -> float:
-        """What may be below this [m] is measured exactly, even where a lower bound closes the interval."""
+        """Distances that may be below this [m] are measured exactly, even where a lower bound closes the interval."""
         ...
 
     @property
     def decided(self) -> Mask | None:
-        """(N−1,) segments of which nothing more is wanted, or None where all are wanted to the end."""
+        """(N−1,) segments about which nothing more is wanted, or None where all are wanted to the end."""
         ...
 
     def found(self, place: Array, pair: Indices, d: Array) -> bool:
@@ -262,32 +258,31 @@ class Search(Protocol):
 
 
 class Bisection:
-    """Workspace: halves open intervals along one path until none is left.
+    """Workspace that halves open intervals along one path until none is left.
+
+    Args:
+        kin: kinematics of the path's nodes (N).
+        v: (N−1, nv) tangents from each to the next.
+        between: workspace for configurations between them.
 
     Attributes:
         checks: number of configurations measured between nodes of the path.
     """
 
-    def __init__(self, bodies: BodySet) -> None:
+    def __init__(self, kin: Kinematics, v: Array, between: Kinematics) -> None:
         self.checks: int = 0
-        self._space = bodies.tree.space
-        self._kin = self._between = Kinematics(bodies.tree, 64)
-        self._v = np.zeros((0, self._space.nv))
-
-    def begin(self, kin: Kinematics, v: Array) -> None:
-        """Begin another path: its nodes (N), and the tangents (N−1, nv) from each to the next."""
-        self._kin, self._v, self.checks = kin, v, 0
+        self._kin, self._v, self._between = kin, v, between
 
     def run(
         self, pairs: Pairs, todo: OpenIntervals, search: Search, depth: int, total: Array | None = None
     ) -> OpenIntervals:
-        """Halve what is open, level by level; returns what still is open after ``depth`` levels.
+        """Halve the open intervals, level by level; returns those that are still open after ``depth`` levels.
 
         Args:
             pairs: how the intervals' pairs are measured.
-            todo: the intervals; one of more than a segment is halved at nodes first.
-            search: what takes the distances.
-            depth: most levels.
+            todo: the intervals; one that spans several segments is halved at nodes first.
+            search: the search that takes the distances.
+            depth: largest number of levels.
             total: (N, pairs) how far the two of each pair can have come nearer to each other since the first node [m];
                 None where all intervals lie in one segment.
         """
@@ -314,7 +309,7 @@ class Bisection:
             d = self._measure(pairs.lower_bounds, where, middle, todo.pair)
             c = search.clearance
             one, two = first - todo.d_low + 2.0 * c, second - todo.d_high + 2.0 * c  # from here on, a half is proven
-            need = d < np.maximum(np.maximum(one, two), search.exact_below) + _MARGIN
+            need = d < np.maximum(np.maximum(one, two), search.exact_below) + EXACT_WITHIN
             if total is not None:  # of a long interval, only what can close a half; it is halved anyway
                 need &= single | (d + pairs.loose(todo.pair) >= np.minimum(one, two)) | (d <= c)
             ask = np.flatnonzero(need)
@@ -349,7 +344,7 @@ class Bisection:
         return search.found(place[ask], todo.pair[ask], d[ask])
 
     def _locate(self, place: Array) -> tuple[Indices, Mask | None]:
-        """Where places are: numbers of nodes, or of configurations between nodes where the mask says so or is None."""
+        """Locate places: numbers of nodes, or of configurations between nodes where the mask says so or is None."""
         node = place.astype(np.intp)
         between = place != node
         if between.all():
@@ -362,7 +357,7 @@ class Bisection:
         """Bring the configurations between nodes up to date; returns their numbers (K,)."""
         unique, inverse = np.unique(place, return_inverse=True)
         s = unique.astype(np.intp)
-        q = self._space.integrate(self._kin.coordinates[s], (unique - s)[:, None] * self._v[s])
+        q = self._kin.tree.space.integrate(self._kin.coordinates[s], (unique - s)[:, None] * self._v[s])
         self._between.update(q, jacobians=False)
         self.checks += len(unique)
         return inverse

@@ -16,31 +16,36 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.native import kernel
+from elastic_strips.coal_shapes import for_penetration, sphere_as_capsule, supporter
+from elastic_strips.constants import (
+    COARSE_EPA_TOLERANCES,
+    DEPTH_AGREEMENT,
+    EPA_TOLERANCE,
+    GJK_EXCESS,
+    GJK_TOLERANCE,
+    NO_DEPTH,
+    NORMAL_EXCESS,
+    UNIT_EXCESS,
+)
+from elastic_strips.errors import NumericalError
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import for_penetration, native_block, native_solid, sphere_as_capsule, supporter
 from elastic_strips.scene.parts import Part
 from elastic_strips.work import count_work
 
 from .bounds import BodySet
 from .candidates import CandidateParts
+from .native_side import NativeNarrowphase
 
-if TYPE_CHECKING:
-    from elastic_strips.native import _native
+__all__ = ["GJK_EXCESS", "Contacts", "Narrowphase", "PairSolver", "ShapePair"]
 
-_TOLERANCE, _FINE = 1e-10, 1e-12  # of GJK and EPA
-_EXCESS = 5e-6  # [m] that a distance may be above what its normal proves
-_AGREEMENT = 1e-4
-_PREPARING = 4  # queries take as long as the functors of a pair
-_FAILED = -1e100
-"""Coal says −1.8e308 where its solver for penetration does not converge."""
+_QUERIES_PER_FUNCTORS = 4  # queries take as long as to make the functors of a pair
 
 
 def _distance_request(*, gjk: float | None = None, epa: float | None = None) -> coal.DistanceRequest:
@@ -70,7 +75,7 @@ class ShapePair(NamedTuple):
     @staticmethod
     def of(one: coal.CollisionGeometry, two: coal.CollisionGeometry) -> ShapePair:
         """The functors of two shapes."""
-        count_work(queries=_PREPARING)
+        count_work(queries=_QUERIES_PER_FUNCTORS)
         shapes = for_penetration(one, two)
         deep, fine = (coal.ComputeDistance(*shapes) for _ in range(2))
         return ShapePair(
@@ -83,15 +88,15 @@ class PairSolver:
 
     def __init__(self) -> None:
         self.result: coal.DistanceResult = coal.DistanceResult()
-        self._apart = _distance_request(gjk=_TOLERANCE)
+        self._apart = _distance_request(gjk=GJK_TOLERANCE)
         self._deep = _distance_request()
-        self._fine = _distance_request(gjk=_TOLERANCE, epa=_FINE)
-        self._coarse = [_distance_request(epa=tolerance) for tolerance in (1e-4, 1e-3, 1e-2, 0.1)]
+        self._fine = _distance_request(gjk=GJK_TOLERANCE, epa=EPA_TOLERANCE)
+        self._coarse = [_distance_request(epa=tolerance) for tolerance in COARSE_EPA_TOLERANCES]
 
     def ask(self, pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s) -> float:
         """Signed distance [m] of two shapes at poses; ``result`` then holds the normal and the witness points.
 
-        It is at most 5e-6 m more than the shapes are apart, whatever Coal says.
+        It exceeds the true distance by at most 5e-6 m, whatever Coal says.
         """
         result = self.result
         result.clear()
@@ -101,7 +106,7 @@ class PairSolver:
             if d <= 0.0:
                 return d
         apart = _gap(pair, one, two, result.normal)
-        if d <= apart + _EXCESS:
+        if d <= apart + NORMAL_EXCESS:
             return d
         result.clear()
         pair.deep(one, two, self._deep, result)
@@ -113,23 +118,23 @@ class PairSolver:
         deep = pair.deep(one, two, self._deep, result)
         result.clear()
         fine = pair.fine(one, two, self._fine, result)
-        if fine > _FAILED and abs(fine - deep) < _AGREEMENT:
+        if fine > NO_DEPTH and abs(fine - deep) < DEPTH_AGREEMENT:
             return fine
         for request in (self._deep, *self._coarse):  # even Coal's own tolerance is not always reached
             result.clear()
             deep = pair.deep(one, two, request, result)
-            if deep > _FAILED:
+            if deep > NO_DEPTH:
                 return deep
-        raise FloatingPointError("Coal finds no penetration depth of two shapes at any tolerance")
+        raise NumericalError("Coal finds no penetration depth of two shapes at any tolerance")
 
 
 def _gap(pair: ShapePair, one: coal.Transform3s, two: coal.Transform3s, normal: Array) -> float:
-    """How far two shapes are apart [m] along a unit vector from one to the other; −inf where it is none.
+    """How far two shapes are apart [m] along a unit vector from one to the other; −inf where it is not a unit vector.
 
-    It is no more than their distance, wherever the vector comes from.
+    This is at most their distance, wherever the vector comes from.
     """
     x, y, z = normal.tolist()
-    if not x * x + y * y + z * z < 1.0 + 1e-9:
+    if not x * x + y * y + z * z < 1.0 + UNIT_EXCESS:
         return -inf
     a, b, c = (normal @ one.getRotation()).tolist()
     d, e, f = (normal @ two.getRotation()).tolist()
@@ -159,10 +164,6 @@ class Contacts:
         return len(self.node)
 
 
-GJK_EXCESS = 1e-5
-"""Every bound subtracts this much [m]: twice what a distance may be above its proof, and what rounding adds."""
-
-
 class Narrowphase(OneThread):
     """Workspace: exact distances between bodies and obstacle parts; keeps Coal's functors of each pair."""
 
@@ -176,12 +177,7 @@ class Narrowphase(OneThread):
         self._blocks: dict[int, _Block] = {}
         self._probes: dict[int, coal.CollisionObject] = {}
         self._transform = coal.Transform3s()
-        module, native_bodies = kernel(), bodies.native()
-        self.native: _native.Narrowphase | None = None
-        if module is not None and native_bodies is not None:
-            self.native = module.Narrowphase(native_bodies)
-        self._solids: dict[int, _native.Solid] = {}
-        self._shown: Sequence[Part] | None = None  # what the native half has the shapes of
+        self.native: NativeNarrowphase | None = NativeNarrowphase.of(bodies)
 
     @exclusive
     def retain(self, parts: Sequence[Part]) -> None:
@@ -189,17 +185,6 @@ class Narrowphase(OneThread):
         self._parts = {id(part): part for part in parts}
         self._functors = {key: f for key, f in self._functors.items() if key[1] in self._parts}
         self._blocks = {key: b for key, b in self._blocks.items() if key in self._parts}
-        if self.native is not None:
-            known = self._solids
-            self._solids = {key: known.get(key) or native_part(part) for key, part in self._parts.items()}
-            self.native.set_parts([self._solids[id(part)] for part in parts])
-            self._shown = parts
-
-    def poses(self, candidates: CandidateParts) -> _native.Poses:
-        """Where the candidates are, as the native half takes it; it has the shapes of these very candidates then."""
-        if candidates.parts is not self._shown:
-            self.retain(candidates.parts)
-        return candidates.native()
 
     @exclusive
     def query(
@@ -219,7 +204,7 @@ class Narrowphase(OneThread):
             node, body, part: (K,) index arrays, best sorted by node and body.
             candidates: the parts that ``part`` indexes.
             reach: witness and direction are read only where the distance is below this [m].
-            shift: (K, 3) displacement of the part at the node [m]; none of them moves where None.
+            shift: (K, 3) displacement of the part at the node [m]; None where no part moves.
 
         Returns:
             distance (K,), direction (K, 3), witness (K, 3) in the world frame; the last two are zero beyond ``reach``.
@@ -230,8 +215,8 @@ class Narrowphase(OneThread):
         distance = np.empty(count)
         direction, witness = np.zeros((count, 3)), np.zeros((count, 3))
         if self.native is not None:
-            poses = self.poses(candidates)
-            self.native.query(kin.T, node, body, part, poses, shift, distance, direction, witness)
+            parts = self.native.parts(candidates)
+            self.native.calls.query(kin.T, node, body, part, parts, shift, distance, direction, witness)
             return distance, direction, witness
         rotation, translation = self.bodies.placements(kin, node, body)
         if shift is not None:
@@ -240,11 +225,11 @@ class Narrowphase(OneThread):
         ask, normal, transform = self._solver.ask, self._normal, self._transform
         nearest = self._solver.result.getNearestPoint1
         previous = (-1, -1)
-        parts, transforms = candidates.parts, candidates.transforms
+        shapes, transforms = candidates.parts, candidates.transforms
         nodes, body_list, part_list = node.tolist(), body.tolist(), part.tolist()
-        for k in range(count):
+        for k in range(count):  # the hot loop of the twin in Python: a call for each pair would cost as much as Coal
             g, p = body_list[k], part_list[k]
-            shape = parts[p]
+            shape = shapes[p]
             if shape.geometry is None:
                 distance[k], direction[k], witness[k] = self._cluster(
                     g, shape, rotation[k], translation[k], candidates.rotation[p], candidates.translation[p]
@@ -286,11 +271,6 @@ class Narrowphase(OneThread):
         return distance, -(part_rotation @ direction), part_rotation @ witness + part_translation
 
 
-def native_part(part: Part) -> _native.Solid:
-    """An obstacle's part as the native kernel takes it."""
-    return native_block(part.boxes) if part.geometry is None else native_solid(part.geometry)
-
-
 class _Block:
     """The boxes of one part in a Coal tree, in the part's frame."""
 
@@ -306,7 +286,7 @@ class _Block:
         probe.setTransform(pose)
         probe.computeAABB()
         callback = coal.DistanceCallBackDefault()
-        callback.data.request = _distance_request(gjk=_TOLERANCE)
+        callback.data.request = _distance_request(gjk=GJK_TOLERANCE)
         self.manager.distance(probe, callback)
         result = callback.data.result
         if result.min_distance > 0.0:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.native import kernel
+from elastic_strips.constants import FAR, GJK_EXCESS
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero, rows_from
@@ -22,21 +22,20 @@ from elastic_strips.work import count_work
 
 from .bounds import BodySet
 from .candidates import CandidateParts, MovingParts, NodePrediction
-from .narrowphase import GJK_EXCESS, Contacts, Narrowphase
+from .narrowphase import Contacts, Narrowphase
 
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-_FAR = 1e9
 _MOVING_TOLERANCE = 2e-3
-"""What is predicted is never as exact as that [m]: distances to moving parts are measured again only beyond."""
+"""Predictions are never as exact as this [m]: distances to moving parts are measured again only beyond it."""
 
 
 class ObstacleProximity(OneThread):
     """Workspace: distances of a strip's bodies to a scene's parts, kept from tick to tick.
 
     Args:
-        bodies: what of the robot is measured.
+        bodies: the bodies of the robot that are measured.
         influence: distances below this [m] are computed exactly.
         tolerance: an exact distance is measured again once its body or part has moved by more than this [m].
         slack: how far [m] the strip may drift before the candidates are collected anew.
@@ -44,8 +43,8 @@ class ObstacleProximity(OneThread):
     Attributes:
         bound: (N, G, P) lower bounds [m].
         exact: (N, G, P) distances [m] where they were measured, else ∞.
-        direction, witness: (N, G, P, 3) away from the obstacle, and nearest point on the robot.
-        margin: (N,) every part that is no candidate is at least this far [m] from the node's bodies.
+        direction, witness: (N, G, P, 3) direction away from the obstacle, and nearest point on the robot.
+        margin: (N,) every part that is not a candidate is at least this far [m] from the node's bodies.
     """
 
     bound: Array
@@ -64,17 +63,18 @@ class ObstacleProximity(OneThread):
         self.moving: MovingParts = MovingParts()
         self._cover = np.zeros(0, dtype=np.intp)
         self._coordinates = np.zeros((0, 0))
+        self._arrays: _native.Distances | None = None
+        self._arrays_of: tuple[object, ...] = ()
         self._allocate(0, 0)
 
     def _allocate(self, n: int, p: int) -> None:
-        """Arrays for n nodes and p parts of which nothing is known."""
+        """Arrays for n nodes and p parts about which nothing is known."""
         g = len(self.bodies)
-        self.bound, self._since = np.full((n, g, p), -_FAR), np.full((n, g, p), _FAR)
+        self.bound, self._since = np.full((n, g, p), -FAR), np.full((n, g, p), FAR)
         self.exact = np.full((n, g, p), np.inf)
         self.direction, self.witness = np.zeros((n, g, p, 3)), np.zeros((n, g, p, 3))
         self._ends, self._frames = np.zeros((n, g, 2, 3)), np.zeros((n, g, 3, 3))
         self._limit = np.full(p, self.tolerance)
-        self._share()
 
     @exclusive
     def reset(self) -> None:
@@ -104,10 +104,9 @@ class ObstacleProximity(OneThread):
             self.direction, self.witness = self.direction[take], self.witness[take]
         else:
             self._take_contacts(take, None)
-        self.bound[new] = -_FAR
-        self._since[new] = _FAR
+        self.bound[new] = -FAR
+        self._since[new] = FAR
         self._coordinates[new] = np.nan
-        self._share()
 
     @exclusive
     def update(self, kin: Kinematics, scene: Scene, prediction: NodePrediction | None = None) -> None:
@@ -116,7 +115,7 @@ class ObstacleProximity(OneThread):
         Args:
             kin: kinematics of the nodes (N).
             scene: the snapshot.
-            prediction: where some of its obstacles will be when each node is reached; all of them stay where None.
+            prediction: where some of its obstacles will be when each node is reached; None where all of them stay.
         """
         columns = None if self.candidates is None else self.candidates.follow(scene)
         same = self.candidates is not None and self._coordinates.shape == kin.coordinates[: kin.n].shape
@@ -131,9 +130,9 @@ class ObstacleProximity(OneThread):
     def _follow(self, kin: Kinematics) -> bool:
         """Lower the bounds of nodes that moved; False where the candidates may not hold all that is near them."""
         coordinates = kin.coordinates[: kin.n]
-        candidates, native, arrays = self.candidates, self.narrow.native, self.arrays
+        candidates, native = self.candidates, self.narrow.native
         assert candidates is not None
-        if native is None or arrays is None:
+        if native is None:
             moved = np.flatnonzero((coordinates != self._coordinates).any(axis=1))
             if len(moved) == 0:
                 return True
@@ -141,10 +140,19 @@ class ObstacleProximity(OneThread):
             self._drift(kin, ends, moved)
             self._remember(kin, ends, moved)
             return self._keep_margin(ends, moved)
-        lost = native.follow(
-            kin.T, coordinates, self.influence, self._coordinates, self._ends, self._frames, candidates.cover_low,
-            candidates.cover_high, self._cover, self.margin, arrays,
-        )  # fmt: skip
+        lost = native.calls.follow(
+            kin.T,
+            coordinates,
+            self.influence,
+            self._coordinates,
+            self._ends,
+            self._frames,
+            candidates.cover_low,
+            candidates.cover_high,
+            self._cover,
+            self.margin,
+            self.arrays,
+        )
         return not lost or self._cover_anew(*self._boxes(self._ends[lost]), np.array(lost))
 
     def _predict(self, prediction: NodePrediction | None, columns: Indices | None) -> None:
@@ -155,7 +163,7 @@ class ObstacleProximity(OneThread):
             return
         if columns is None:
             moving.begin(prediction, candidates)
-            self._mark(moving.columns, -_FAR, _FAR)
+            self._mark(moving.columns, -FAR, FAR)
         else:
             before, former = moving.prediction, moving.columns
             moved = moving.advance(prediction, candidates, columns)
@@ -166,19 +174,32 @@ class ObstacleProximity(OneThread):
                 self.bound -= nearer
                 self._since += since
             if before is not None and before.ignored.any():  # nothing is known of these
-                self._mark(before.ignored[:, None, None] & former, -_FAR, _FAR)
+                self._mark(before.ignored[:, None, None] & former, -FAR, FAR)
         self._limit[:] = np.where(moving.columns, max(self.tolerance, _MOVING_TOLERANCE), self.tolerance)
         if moving.prediction is not None and moving.prediction.ignored.any():
-            self._mark(moving.prediction.ignored[:, None, None] & moving.columns, _FAR, 0.0)
+            self._mark(moving.prediction.ignored[:, None, None] & moving.columns, FAR, 0.0)
 
-    def _share(self) -> None:
-        """Show the native kernel the arrays."""
-        module = kernel()
-        self.arrays: _native.Distances | None = None
-        if self.narrow.native is not None and module is not None:
-            self.arrays = module.Distances(
-                self.bound, self._since, self.exact, self.direction, self.witness, self._limit
-            )
+    @property
+    def arrays(self) -> _native.Distances:
+        """What is known, as the native half takes it."""
+        of, kept, candidates = self._arrays_of, self._arrays, self.candidates
+        if (
+            kept is not None
+            and of[0] is candidates
+            and of[1] is self.bound
+            and of[2] is self._since
+            and of[3] is self.exact
+            and of[4] is self.direction
+            and of[5] is self.witness
+            and of[6] is self._limit
+        ):
+            return kept
+        assert candidates is not None
+        assert self.narrow.native is not None
+        known = self.bound, self._since, self.exact, self.direction, self.witness, self._limit
+        self._arrays_of = candidates, *known
+        self._arrays = kept = self.narrow.native.distances(candidates, known)
+        return kept
 
     def _mark(self, where: Mask, bound: float, since: float) -> None:
         """Set what is known of pairs of a mask that broadcasts to (N, G, P)."""
@@ -217,7 +238,7 @@ class ObstacleProximity(OneThread):
 
     @exclusive
     def look_between(self, kin: Kinematics, between: Kinematics, reach: Array) -> bool:
-        """See that the candidates hold all that is within ``reach`` (M,) [m] of configurations between the nodes.
+        """Make sure that the candidates hold all parts within ``reach`` (M,) [m] of configurations between the nodes.
 
         Args:
             kin: kinematics of the nodes, as last given to :meth:`update`.
@@ -225,7 +246,7 @@ class ObstacleProximity(OneThread):
             reach: (M,) [m].
 
         Returns:
-            Whether they had to be collected anew; then all bounds have been measured again.
+            Whether the candidates had to be collected anew; then all bounds have been measured again.
         """
         candidates = self.candidates
         assert candidates is not None
@@ -243,9 +264,9 @@ class ObstacleProximity(OneThread):
         """Collect the candidates about the nodes, and about ``more`` boxes: two arrays (M, 3), low and high.
 
         Args:
-            kin, scene, more: as said.
+            kin, scene, more: as described above.
             changed: the candidates' columns whose pose has changed already; None where the scene has other obstacles.
-            carry: whether what is known is of these nodes; it stays then for parts that are where they were.
+            carry: whether the known distances belong to these nodes; they stay then for parts that are where they were.
         """
         before = self.candidates
         ends = self._ends if carry else self.bodies.capsule_ends(kin)
@@ -283,9 +304,8 @@ class ObstacleProximity(OneThread):
             )
             self._take_contacts(None, source)
         new = np.flatnonzero(~known)
-        self.bound[:, :, new], self._since[:, :, new], self.exact[:, :, new] = -_FAR, _FAR, np.inf
+        self.bound[:, :, new], self._since[:, :, new], self.exact[:, :, new] = -FAR, FAR, np.inf
         self._limit = np.full(len(candidates), self.tolerance)
-        self._share()
 
     def _take_contacts(self, nodes: Indices | None, parts: Indices | None) -> None:
         """Directions and witness points of nodes, or parts, that were these: only where a distance is known."""
@@ -300,7 +320,7 @@ class ObstacleProximity(OneThread):
         shift = np.sqrt(((ends[moved] - self._ends[moved]) ** 2).sum(axis=3)).max(axis=2)
         turn = self._rotations(kin, moved) - self._frames[moved]
         shift += self.bodies.radius * np.sqrt(0.5 * np.einsum("ngij,ngij->ng", turn, turn))
-        shift[np.isnan(shift)] = _FAR
+        shift[np.isnan(shift)] = FAR
         if len(moved) == len(self.bound):
             self.bound -= shift[:, :, None]
             self._since += shift[:, :, None]
@@ -324,11 +344,11 @@ class ObstacleProximity(OneThread):
     @exclusive
     def refine(self, kin: Kinematics) -> None:
         """Make every pair exact whose bound is below the influence distance and that moved since it was measured."""
-        candidates, native, arrays = self.candidates, self.narrow.native, self.arrays
+        candidates, narrow = self.candidates, self.narrow
         assert candidates is not None
-        if native is not None and arrays is not None:
-            poses = self.narrow.poses(candidates)
-            self.account(*native.refine(kin.T, poses, self.moving.native, self.influence, arrays))
+        if narrow.native is not None:
+            scene = narrow.native.scene(candidates, self.moving)
+            self.account(*narrow.native.calls.refine(kin.T, *scene, self.influence, self.arrays))
             return
         need = (self.bound < self.influence) & (self._since > self._limit)
         node, body, part = nonzero(need)
@@ -355,7 +375,7 @@ class ObstacleProximity(OneThread):
         far = cheap >= reach
         self.bound[node[far], body[far], part[far]] = cheap[far]
         self.exact[node[far], body[far], part[far]] = np.inf
-        self._since[node[far], body[far], part[far]] = _FAR
+        self._since[node[far], body[far], part[far]] = FAR
         near = ~far
         node, body, part = node[near], body[near], part[near]
         if len(node) == 0:

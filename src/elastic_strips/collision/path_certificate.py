@@ -1,7 +1,7 @@
 """The certificate of a path from anywhere: proven clear all along, refuted with a configuration that shows it, or open.
 
-What lies between two configurations of a path is part of it. A planner that looks at configurations some way apart can
-miss what lies between them; a certificate cannot (:mod:`elastic_strips.collision.certificate`).
+The way between two configurations is part of a path. A planner that looks at configurations some way apart can
+miss something between them; a certificate cannot (:mod:`elastic_strips.collision.certificate`).
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from .path_rows import INTERPOLATIONS, Arcs, PathLike, as_arcs, path_rows
 from .self_distance import SelfProximity
 from .strip_certificate import Certifier, coordinate_clearance
 
-_REACH = 0.05  # [m] distances are exact below this, or twice the clearance
-_DEPTH = 20  # most halvings of a segment
-_CHUNK = 256  # segments at once
-_SAMPLES = 129  # configurations of a broken segment that are looked at for the deepest
-_SLIP = 0.1  # sideways travel of a base on wheels, of the travel ahead, that files and their rounding may have
-_SLIPS = 0.05  # [m] of such travel in all that is not worth a word
-_LOOKED = 8  # most broken segments that are looked at for one that refutes
+_EXACT_DISTANCE = 0.05  # [m] distances are exact below this, or twice the clearance
+_MOST_HALVINGS = 20  # of a segment
+_SEGMENTS_AT_ONCE = 256
+_BROKEN_SAMPLES = 129  # configurations of a broken segment that are looked at for the deepest
+_SLIP_SHARE = 0.1  # sideways travel of a base on wheels, of the travel ahead, that files and their rounding may have
+_SLIP_UNSAID = 0.05  # [m] of such travel in all that is not worth a word
+_MOST_BROKEN_SEEN = 8  # broken segments that are looked at for one that refutes
 _LEAST_MOTION = 1e-4  # [m] of an obstacle, below which a piece of time is not divided further
-_LEAST_TIME = 1e-6  # [s]
-_TOLERANCE = 1e-4  # [m] of the clearance that is measured
+_LEAST_TIME = 1e-6  # [s] of such a piece
+_LEAST_TOLERANCE = 1e-4  # [m] of the least distance that is measured
 
 
 class Verdict(str, Enum):
-    """What is known of a path."""
+    """What is known about a path."""
 
     CERTIFIED = "certified"
     REFUTED = "refuted"
@@ -51,21 +51,22 @@ class Verdict(str, Enum):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathCertificate(Summary):
-    """What :func:`certify` found.
+    """The result of :func:`certify`.
 
     Attributes:
-        verdict: certified; refuted, where a configuration was found that does not keep the clearance; or unknown.
-        clearance: distance [m] that was to be proven; self_clearance: of the robot's own links.
-        least: smallest distance [m] from obstacles along the whole path, at most 0.1 mm above what is said here; None
-            where it was not asked for, or where obstacles move.
+        verdict: certified; refuted, if a configuration was found that does not keep the clearance; or unknown.
+        clearance: distance [m] from obstacles that was to be proven.
+        self_clearance: distance [m] between the robot's own links that was to be proven.
+        least: smallest distance [m] from obstacles along the whole path; the true one is at most 0.1 mm larger. None
+            where it was not requested, or where obstacles move.
         segments: numbers of the segments that are not certified.
-        broken: the worst of them, with the pair of link and obstacle; None where there is none.
-        q: (nq,) a configuration on it that does not keep the clearance; None where none was found.
-        place: where on the segment that is, from 0 to 1; time: when [s], where the path is timed.
-        distance: of that pair at ``q`` [m]; below 0 by how deep it is.
-        reason: all of it for people, and what would decide what is unknown.
-        notes: what was taken to be so: which way the path turns, at which time what moves was taken.
-        seconds: that it took.
+        broken: the worst of these segments, with the pair of link and obstacle; None where there is none.
+        q: (nq,) a configuration on that segment that does not keep the clearance; None where none was found.
+        place: where ``q`` is on the segment, from 0 to 1; time: when it is reached [s], if the path has times.
+        distance: distance [m] of that pair at ``q``; negative by the depth of penetration.
+        reason: all of this in words, and what would decide an unknown answer.
+        notes: what was assumed: which way the path turns, at which time moving obstacles were taken.
+        seconds: duration [s].
     """
 
     verdict: Verdict
@@ -106,27 +107,27 @@ def certify(
 
     Args:
         robot: the robot.
-        scene: the obstacles. With ``times`` they move, and a world's appear and vanish. Without, a scene is taken as it
-            stands, and the answer says so where something in it moves; a world that changes is refused.
-        path: configurations (N, nq), coordinate rows (N, nv), a strip, or what `load_path` returns, whose doubts count.
-            Configurations have (cos, sin) of a yaw and of joints without limits, rows their values. Between two of
+        scene: the obstacles. With ``times`` they move, and those of a world appear and vanish. Without, a scene is
+            taken as it stands, and the answer says so if something in it moves; a world that changes is refused.
+        path: configurations (N, nq), coordinate rows (N, nv), a strip, or a path of `load_path`, whose doubts count.
+            Configurations have (cos, sin) of a yaw and of joints without limits; rows have their values. Between two of
             them joints go linearly.
         clearance: distance to obstacles [m] to prove; 0 proves that nothing touches.
-        self_clearance: distance of the robot's own links [m] to prove.
+        self_clearance: distance between the robot's own links [m] to prove.
         interpolation: ``"arc"``: the base goes along the tangent of SE(2), on an arc, as wheels do and as strips have
-            it; ``"line"``: x, y and yaw go linearly, as OMPL's SE(2) and most files have it. With both, angles go the
+            them; ``"line"``: x, y and yaw go linearly, as in OMPL's SE(2) and most files. With both, angles go the
             shorter way, and values that change by more than half a turn are *unknown*. ``"values"``: all go linearly,
-            angles by their values, whole turns too; *unknown* for configurations, which have none. ``"shortest"``: all
-            go linearly, angles the shorter way, whatever their values. Half a turn is *unknown* where the values do
+            angles by their values, whole turns too; *unknown* for configurations, which have no values. ``"shortest"``:
+            all go linearly, angles the shorter way, whatever their values. Half a turn is *unknown* where the values do
             not say which.
         times: (N,) when each configuration is reached [s], not decreasing.
         measure: whether to measure the least distance along a certified path.
 
     Raises:
-        RobotError, SceneError: not a robot, or no scene or world.
+        RobotError, SceneError: not a robot, or neither a scene nor a world.
         ConfigurationError: a path of another shape, or less than two configurations, or outside the joints' limits.
-        ParameterError: a clearance below 0, an unknown interpolation, times that do not fit, or none where the world
-            changes with the time.
+        ParameterError: a clearance below 0, an unknown interpolation, times that do not fit, or no times where the
+            world changes with the time.
     """
     began = perf_counter()
     check_type("robot", robot, RobotModel, RobotError)
@@ -145,10 +146,10 @@ def certify(
         work.changing(when[0] + np.interp(arcs.whole, np.arange(len(when)), when - when[0]), *changing)
     least = None
     if measure and changing is None and not arcs.unknown:
-        least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_TOLERANCE)
+        least = coordinate_clearance(robot, arcs.rows, standing, tolerance=_LEAST_TOLERANCE)
     varies = changes(scene if isinstance(scene, World) else World(scene))
     if when is not None and varies:
-        notes = (*notes, f"from {when[0]:g} s to {when[-1]:g} s, and of no time before or after")
+        notes = (*notes, f"from {when[0]:g} s to {when[-1]:g} s, and for no time before or after")
     if getattr(path, "rates", False):
         notes = (*notes, "straight from configuration to configuration; splines by the file's velocities leave that")
     said = (*((arcs.way,) if arcs.way else ()), *notes, *_sideways(robot, given.rows))
@@ -162,22 +163,22 @@ def certify(
 
 
 def _sideways(robot: RobotModel, rows: Array) -> tuple[str, ...]:
-    """What to say of a path that wheels cannot follow, whether or not it is free: nothing where they can.
+    """A note about a path that wheels cannot follow, whether or not it is free; empty where they can.
 
-    Looked at is the arc from each configuration to the next: the one way between them that wheels may have.
+    It compares the arc from each configuration to the next: the only way between them that wheels may have.
     """
     if robot.base_kind is not BaseKind.DIFF_DRIVE:
         return ()
     v = robot.space.difference(rows[:-1], rows[1:])
-    aside = np.where(np.abs(v[:, 1]) > _SLIP * np.abs(v[:, 0]), np.abs(v[:, 1]), 0.0)
-    if aside.sum() <= _SLIPS:
+    aside = np.where(np.abs(v[:, 1]) > _SLIP_SHARE * np.abs(v[:, 0]), np.abs(v[:, 1]), 0.0)
+    if aside.sum() <= _SLIP_UNSAID:
         return ()
     most = f"{_mm(float(aside.sum()))} in all, most in segment {int(aside.argmax())}"
     return (f"the base goes sideways, {most}: the wheels of a differential drive cannot follow (base omni?)",)
 
 
 def _doubted(found: PathCertificate, doubts: list[str]) -> PathCertificate:
-    """What is certified of a path that may not be what the robot does is unknown of the robot."""
+    """The answer of a path with doubts: what is certified of it is unknown of the robot, which may not follow it."""
     if not doubts or not found.certified:
         return found
     reason = f"{'; '.join(doubts)}. Of what was looked at, {found.reason}"
@@ -192,14 +193,14 @@ def _checked_times(times: npt.ArrayLike, count: int) -> Array:
 
 
 def changes(world: World) -> tuple[str, ...]:
-    """Names of what is not the same at all times: what moves, appears or vanishes."""
+    """Names of obstacles that change with time: those that move, appear or vanish."""
     return tuple(dict.fromkeys((*world.names_moving, *world.appears, *world.vanishes)))
 
 
 def _apart(
     scene: Scene | World, when: Array | None
 ) -> tuple[Scene, tuple[World, tuple[Obstacle, ...]] | None, tuple[str, ...]]:
-    """What stands still all along; the world and what of it does not; what to say of it."""
+    """The obstacles that stand still all along; the world and the names of its other obstacles; a note about them."""
     if isinstance(scene, Scene):
         moving = [o.name or "" for o in scene if o.motion is not None]
         if when is None:
@@ -230,7 +231,7 @@ def _apart(
 
 @dataclass(frozen=True, slots=True)
 class _Broken:
-    """The segment of the refined path, the place on it, what is not proven there, and among what."""
+    """A segment of the refined path, the place on it, what is not proven there, and among which obstacles."""
 
     j: int
     place: float
@@ -240,7 +241,7 @@ class _Broken:
 
     @property
     def order(self) -> tuple[bool, float]:
-        """What is certain comes first, then what is nearest."""
+        """Certain ones come first, then the nearest."""
         return not self.segment.certain, self.segment.clearance
 
 
@@ -255,7 +256,7 @@ class _Tools:
 
 
 class _Work:
-    """Workspace of one call: what was broken so far."""
+    """Workspace of one call: what has been found broken so far."""
 
     def __init__(self, robot: RobotModel, clearance: float, self_clearance: float, arcs: Arcs) -> None:
         self.robot, self.clearance, self.self_clearance = robot, clearance, self_clearance
@@ -269,22 +270,24 @@ class _Work:
 
     def _with(self, reach: float, *, itself: bool) -> _Tools:
         """Workspaces in which distances are exact below ``reach`` [m], with or without the robot's own pairs."""
-        reach = _REACH if 2.0 * reach <= _REACH else float(2.0 ** np.ceil(np.log2(2.0 * reach)))
+        reach = _EXACT_DISTANCE if 2.0 * reach <= _EXACT_DISTANCE else float(2.0 ** np.ceil(np.log2(2.0 * reach)))
         key = (reach, itself)
         if key not in self._tools:
             obstacles = ObstacleProximity(self.bodies, influence=reach)
             pairs = self.robot.pairs_within(self.self_clearance) if itself else self.robot.self_pairs[:0]
-            own = SelfProximity(self.bodies, pairs, self.bounds, influence=max(_REACH, 2.0 * self.self_clearance))
-            certifier = Certifier(self.bodies, self.bounds, obstacles, own, max_depth=_DEPTH)
-            self._tools[key] = _Tools(obstacles, own, certifier, Kinematics(self.robot.tree, _CHUNK + 1))
+            own = SelfProximity(
+                self.bodies, pairs, self.bounds, influence=max(_EXACT_DISTANCE, 2.0 * self.self_clearance)
+            )
+            certifier = Certifier(self.bodies, self.bounds, obstacles, own, max_depth=_MOST_HALVINGS)
+            self._tools[key] = _Tools(obstacles, own, certifier, Kinematics(self.robot.tree, _SEGMENTS_AT_ONCE + 1))
         return self._tools[key]
 
     def standing(self, scene: Scene) -> None:
         """Certify all segments among obstacles that stand still."""
         tools = self._with(self.needed, itself=True)
-        for first in range(0, len(self.rows) - 1, _CHUNK):
-            chunk = slice(first, first + _CHUNK)
-            part = self.rows[first : first + _CHUNK + 1]
+        for first in range(0, len(self.rows) - 1, _SEGMENTS_AT_ONCE):
+            chunk = slice(first, first + _SEGMENTS_AT_ONCE)
+            part = self.rows[first : first + _SEGMENTS_AT_ONCE + 1]
             states, broken = self._certified(tools, part, self.arcs.known[chunk], scene, self.needed)
             self.bad.update((first + np.flatnonzero(states)).tolist())
             if broken is not None:
@@ -293,19 +296,17 @@ class _Work:
     def _certified(
         self, tools: _Tools, rows: Array, known: npt.NDArray[np.bool_], scene: Scene, clearance: float
     ) -> tuple[npt.NDArray[np.int8], BrokenSegment | None]:
-        """States of the segments between rows, and the worst broken one; of what is not known, only the ends count."""
+        """States of the segments between rows, and the worst broken one; without a known way only the ends count."""
         kin, v = tools.kin, self.robot.space.difference(rows[:-1], rows[1:])
         v[~known] = 0.0
         kin.update(rows)
         tools.obstacles.update(kin, scene)
         tools.itself.update(kin)
-        found = tools.certifier.certify(
-            kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene
-        )  # fmt: skip
+        found = tools.certifier.certify(kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene)
         return found.states, found.broken
 
     def changing(self, when: Array, world: World, obstacles: tuple[Obstacle, ...]) -> None:
-        """Certify all segments among what moves, appears or vanishes: in pieces of time in which nothing moves far.
+        """Certify all segments among obstacles that change with time, in pieces of time in which nothing moves far.
 
         Time is divided where something appears or vanishes, so that all through a piece the same obstacles are there.
         """
@@ -323,9 +324,7 @@ class _Work:
             while todo:
                 one, two, there = todo.pop()
                 (t0, low), (t1, high) = one, two
-                ends = self.robot.space.interpolate(
-                    self.rows[j][None], self.rows[j + 1][None], np.array([low, high])
-                )  # fmt: skip
+                ends = self.robot.space.interpolate(self.rows[j][None], self.rows[j + 1][None], np.array([low, high]))
                 open_, broken = self._open(ends, there, world, t0, t1)
                 middle = 0.5 * (t0 + t1), 0.5 * (low + high)
                 if broken is not None:
@@ -340,41 +339,47 @@ class _Work:
         self, ends: Array, there: tuple[Obstacle, ...], world: World, t0: float, t1: float
     ) -> tuple[tuple[Obstacle, ...], BrokenSegment | None]:
         """Obstacles that may be too near in a piece of time, or what is broken where it is too short to be divided."""
-        half, middle = 0.5 * (t1 - t0), 0.5 * (t0 + t1)
         known = tuple(o for o in there if not isinstance(o.motion, UnknownMotion))
-        shift = max((world.speed_bound(o.name, start=t0, end=t1) for o in known), default=0.0) * half if half else 0.0
-        floor = t1 - t0 < _LEAST_TIME
-        open_: list[Obstacle] = []
-        if not np.isfinite(shift):  # a loop jumps: it is on one side of the jump or on the other
-            if not floor:
-                open_ += known
-            else:
-                far = MAX_SPEED * (1.0 + max(o.reach for o in known)) * (t1 - t0)
-                for t in (t0, t1):
-                    broken = self._broken_among(ends, known, t, far)
-                    if broken is not None:
-                        return (), broken
-        elif shift >= _REACH and not floor:
-            open_ += known
-        elif known:
-            broken = self._broken_among(ends, known, middle, shift)
-            if broken is not None and (shift < _LEAST_MOTION or floor):
-                return (), broken
-            open_ += known if broken is not None else ()
+        open_, broken = self._open_known(ends, known, world, t0, t1)
+        if broken is not None:
+            return (), broken
         for obstacle in there:
             if isinstance(obstacle.motion, UnknownMotion):
                 margin = away(obstacle, world.scene.time, t0, t1)
-                broken = self._broken_among(ends, (obstacle,), middle, margin)
-                if broken is not None:
-                    if obstacle.motion.max_speed * (t1 - t0) < _LEAST_MOTION or floor:
-                        return (), broken if margin == 0.0 else replace(broken, certain=False)
-                    open_.append(obstacle)
-        return tuple(open_), None
+                broken = self._broken_among(ends, (obstacle,), 0.5 * (t0 + t1), margin)
+                if broken is None:
+                    continue
+                if obstacle.motion.max_speed * (t1 - t0) < _LEAST_MOTION or t1 - t0 < _LEAST_TIME:
+                    return (), broken if margin == 0.0 else replace(broken, certain=False)
+                open_ = (*open_, obstacle)
+        return open_, None
+
+    def _open_known(
+        self, ends: Array, known: tuple[Obstacle, ...], world: World, t0: float, t1: float
+    ) -> tuple[tuple[Obstacle, ...], BrokenSegment | None]:
+        """The same among obstacles whose motion is known."""
+        if not known:
+            return (), None
+        half = 0.5 * (t1 - t0)
+        shift = max(world.speed_bound(o.name, start=t0, end=t1) for o in known) * half if half else 0.0
+        shortest = t1 - t0 < _LEAST_TIME
+        if not np.isfinite(shift):  # a loop jumps: it is on one side of the jump or on the other
+            if not shortest:
+                return known, None
+            far = MAX_SPEED * (1.0 + max(o.reach for o in known)) * (t1 - t0)
+            sides = (self._broken_among(ends, known, t, far) for t in (t0, t1))
+            return (), next((broken for broken in sides if broken is not None), None)
+        if shift >= _EXACT_DISTANCE and not shortest:
+            return known, None
+        broken = self._broken_among(ends, known, 0.5 * (t0 + t1), shift)
+        if broken is not None and (shift < _LEAST_MOTION or shortest):
+            return (), broken
+        return (known if broken is not None else ()), None
 
     def _broken_among(
         self, ends: Array, obstacles: tuple[Obstacle, ...], t: float, margin: float
     ) -> BrokenSegment | None:
-        """What is broken where these obstacles are within ``margin`` [m] of where they are at ``t``."""
+        """The broken place where these obstacles are within ``margin`` [m] of where they are at ``t``."""
         needed = self.needed + margin
         known = np.ones(1, dtype=bool)
         tools = self._with(needed, itself=False)
@@ -382,9 +387,7 @@ class _Work:
         assert broken is not None or not states.any()
         return broken
 
-    def result(
-        self, when: Array | None, least: float | None, notes: tuple[str, ...], began: float
-    ) -> PathCertificate:  # fmt: skip
+    def result(self, when: Array | None, least: float | None, notes: tuple[str, ...], began: float) -> PathCertificate:
         """The verdict; where something is broken, the configuration that shows it best."""
         whole, unknown = self.arcs.whole, self.arcs.unknown
         segments = tuple(sorted({int(whole[j]) for j in self.bad} | set(unknown)))
@@ -396,25 +399,26 @@ class _Work:
             shown = found if verdict is Verdict.REFUTED else None
             time = None if when is None or shown is None else float(np.interp(place, np.arange(len(when)), when))
             return PathCertificate(
-                verdict, self.clearance, self.self_clearance, least, segments, broken,
+                verdict,
+                self.clearance,
+                self.self_clearance,
+                least,
+                segments,
+                broken,
                 q=None if shown is None else self.robot.space.from_coordinates(shown.row),
-                place=None if shown is None or broken is None else place - broken.segment, time=time,
-                distance=None if shown is None else shown.distance, reason=reason + assumed, notes=notes,
+                place=None if shown is None or broken is None else place - broken.segment,
+                time=time,
+                distance=None if shown is None else shown.distance,
+                reason=reason + assumed,
+                notes=notes,
                 seconds=perf_counter() - began,
-            )  # fmt: skip
+            )
 
         if not segments:
             said = "" if least is None else f", {_mm(least)} at the nearest" if np.isfinite(least) else ", nothing near"
             return answer(Verdict.CERTIFIED, f"all {int(whole[-1])} segments are proven{said}", None, None)
         others = f"; {len(segments) - 1} more segments are not certified" if len(segments) > 1 else ""
-        self.broken.sort(key=lambda entry: entry.order)
-        worst, found = None, None
-        for entry in self.broken[:_LOOKED]:
-            deepest = self._deepest(entry, when)
-            if found is None or deepest.order < found.order:
-                worst, found = entry, deepest
-            if deepest.certain:
-                break
+        worst, found = self._worst(when)
         if unknown and (found is None or not found.certain):
             j, why = next(iter(unknown.items()))
             return answer(Verdict.UNKNOWN, f"segment {j}: {why}{others}", half_turn(self.bodies, j), None)
@@ -426,31 +430,32 @@ class _Work:
         broken = BrokenSegment(
             segment, found.link, found.other, found.distance, found.kind, found.certain, found.labels
         )
-        one, two = found.labels
         if not found.certain:
-            why = (
-                f"segment {segment}: {one} and {two} come as near as {_mm(found.distance)}, too near "
-                "to the clearance to decide: prove a smaller clearance, or look at the path in smaller pieces"
-            )
-            if found.margin > 0.0:
-                why = (
-                    f"segment {segment}: {one} comes as near as {_mm(found.distance)} to where {two} was at "
-                    f"{self._seen(worst.scene):g} s, which may have moved by {_mm(found.margin)} since"
-                )
-            return answer(Verdict.UNKNOWN, why + others, broken, found)
+            why = _undecided(found, worst.scene)
+            return answer(Verdict.UNKNOWN, f"segment {segment}: {why}{others}", broken, found)
+        one, two = found.labels
         deep = f"{_mm(-found.distance)} deep in" if found.distance < 0.0 else f"{_mm(found.distance)} from"
         reason = f"segment {segment}, at {place - segment:.3f} of it: {one} is {deep} {two}{others}"
         return answer(Verdict.REFUTED, reason, broken, found, place)
 
-    @staticmethod
-    def _seen(scene: Scene | World) -> float:
-        return scene.time if isinstance(scene, Scene) else scene.scene.time
+    def _worst(self, when: Array | None) -> tuple[_Broken | None, _Found | None]:
+        """What is broken worst, and the worst configuration there; None where nothing is broken."""
+        self.broken.sort(key=lambda entry: entry.order)
+        worst, found = None, None
+        for entry in self.broken[:_MOST_BROKEN_SEEN]:
+            deepest = self._deepest(entry, when)
+            if found is None or deepest.order < found.order:
+                worst, found = entry, deepest
+            if deepest.certain:
+                break
+        return worst, found
 
     def _deepest(self, broken: _Broken, when: Array | None) -> _Found:
         """The worst configuration of a segment of the refined path, among many."""
         j, scene = broken.j, broken.scene
         moments = None if when is None else np.interp(self.arcs.whole[j : j + 2], np.arange(len(when)), when)
-        part = np.sort(np.append(np.linspace(0.0, 1.0, _SAMPLES), broken.place))  # what is there for a moment only
+        even = np.linspace(0.0, 1.0, _BROKEN_SAMPLES)
+        part = np.sort(np.append(even, broken.place))  # where something may be for a moment only
         best: _Found | None = None
         for _ in range(3):  # ever closer about the worst so far
             if not self.arcs.known[j]:
@@ -475,9 +480,9 @@ class _Work:
                 found = self._worst_of(samples[k], part[k], obstacles, margins)
                 if best is None or found.order < best.order:
                     best = found
-            step = (part[-1] - part[0]) / (_SAMPLES - 1)
+            step = (part[-1] - part[0]) / (_BROKEN_SAMPLES - 1)
             assert best is not None
-            part = np.linspace(max(best.place - step, 0.0), min(best.place + step, 1.0), _SAMPLES)
+            part = np.linspace(max(best.place - step, 0.0), min(best.place + step, 1.0), _BROKEN_SAMPLES)
         assert best is not None
         return best
 
@@ -527,7 +532,7 @@ class _Work:
 def away(obstacle: Obstacle, seen: float, t0: float, t1: float) -> float:
     """How far [m] an obstacle of unknown motion may be, between ``t0`` and ``t1`` [s], from where it was ``seen`` [s].
 
-    It was where it is at the scene's time; and, where a sensor or a caller placed it at another time, then.
+    It was where it is at the scene's time, or at the time for which a sensor or a caller placed it.
     """
     assert isinstance(obstacle.motion, UnknownMotion)
     since = max(abs(t - at) for t in (t0, t1) for at in {seen, obstacle.anchor_time or seen})
@@ -538,7 +543,7 @@ def away(obstacle: Obstacle, seen: float, t0: float, t1: float) -> float:
 class _Found:
     """The worst of some configurations: its place, row, pair and distance, and whether that is too near for sure.
 
-    What moves as nobody knows may be ``margin`` [m] away from where it was measured.
+    Obstacles of unknown motion may be ``margin`` [m] away from where they were measured.
     """
 
     place: float
@@ -554,8 +559,23 @@ class _Found:
 
     @property
     def order(self) -> tuple[bool, float]:
-        """What is certain comes first, then what has the least to spare."""
+        """Certain ones come first, then those with the least to spare."""
         return not self.certain, self.spare
+
+
+def _undecided(found: _Found, scene: Scene | World) -> str:
+    """Why a configuration neither keeps the clearance nor refutes it."""
+    one, two = found.labels
+    if found.margin > 0.0:
+        seen = scene.time if isinstance(scene, Scene) else scene.scene.time
+        return (
+            f"{one} comes as near as {_mm(found.distance)} to where {two} was at {seen:g} s, "
+            f"which may have moved by {_mm(found.margin)} since"
+        )
+    return (
+        f"{one} and {two} come as near as {_mm(found.distance)}, too near to the clearance to decide: "
+        "prove a smaller clearance, or look at the path in smaller pieces"
+    )
 
 
 def _mm(distance: float) -> str:

@@ -1,8 +1,8 @@
 """The rows of a path from anywhere, and which way it goes between two of them.
 
 A turning column (the yaw of a base, a joint without limits) has a value, and where a path is given as configurations
-only (cos, sin) of it. From 3 to −3 is 6 rad by the values and 0.28 rad the shorter way; programs that execute paths do
-the one or the other. What is certified says which.
+only (cos, sin) of it. From 3 to −3 is 6 rad by the values and 0.28 rad the shorter way; programs that execute paths go
+the one way or the other. A certificate says which one it is about.
 """
 
 from __future__ import annotations
@@ -16,14 +16,12 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import LIMIT_TOLERANCE, wrap_angle
+from elastic_strips.robot.space import HALF_TURN, LIMIT_TOLERANCE, wrap_angle
 
 INTERPOLATIONS = ("arc", "line", "values", "shortest")
-HALF_TURN = np.pi - 1e-5
-"""A turn by more than this [rad] has two ways that are as short."""
-_FAR = 1e6  # [m] of a base's place
+_FARTHEST_BASE = 1e6  # [m] from the origin
 _MOST_TURN = 1e4  # [rad] of a turning column's values
-_BOW = 1e-4  # [m] by which arcs may leave the line that they stand for
+_ARC_BOW = 1e-4  # [m] by which arcs may leave the line that they stand for
 _YAW_PIECE, _JOINT_PIECE = 1.5, 3.0  # [rad] longest turn of a piece, below half a turn
 _MOST_PIECES = 1_000_000
 
@@ -47,7 +45,7 @@ class HasRows(Protocol):
 
     @property
     def rows(self) -> Array | None:
-        """(N, nv) values of the coordinates, or None where it has configurations only."""
+        """(N, nv) values of the coordinates, or None where the path has configurations only."""
         ...
 
 
@@ -59,9 +57,9 @@ class PathRows:
     """A path's rows.
 
     Attributes:
-        rows: (N, nv) as they were given; turning columns that were given as (cos, sin) run on, the shorter way.
+        rows: (N, nv) as they were given; turning columns that were given as (cos, sin) continue the shorter way.
         stated: whether the values of turning columns were given.
-        tangent: whether it is a path that goes along the tangent by itself, as strips do.
+        tangent: whether the path itself goes along the tangent, as strips do.
     """
 
     rows: Array
@@ -69,10 +67,10 @@ class PathRows:
     tangent: bool
 
     def within_limits(self, robot: RobotModel) -> Array:
-        """The rows, with joints that are outside of their limits by a rounding taken to the limit.
+        """The rows; joints that are outside their limits by a rounding are taken to the limit.
 
         Raises:
-            ConfigurationError: outside by more.
+            ConfigurationError: a joint is outside by more.
         """
         q = robot.check_q(robot.space.from_coordinates(self.rows), what="path")
         return np.where(robot.space.turning, self.rows, robot.space.to_coordinates(q))
@@ -83,12 +81,12 @@ class Arcs:
     """A path as arcs.
 
     Attributes:
-        rows: (M, nv) between two of which base and joints go along the tangent, the shorter way.
-        whole: (M,) the segment of the path and the place on it, as one number.
-        known: (M − 1,) False where which way the path goes is not known.
-        unknown: what is not known, by segment of the path.
+        rows: (M, nv) rows; between two of them base and joints go along the tangent, the shorter way.
+        whole: (M,) segment of the path plus place on it, as one number.
+        known: (M − 1,) False where it is not known which way the path goes.
+        unknown: what is not known, for each such segment of the path.
         bow: how far [m] the arcs may leave the path; 0 where they are the path.
-        way: which way turning columns were taken, for people; empty where nothing turns.
+        way: which way turning columns were taken, in words; empty where nothing turns.
     """
 
     rows: Array
@@ -131,7 +129,7 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
         rows[:, turning] = np.unwrap(rows[:, turning], axis=0)
         stated = not turning.any()
     most = np.where(turning, _MOST_TURN, np.inf)
-    most[: 2 if space.planar else 0] = _FAR
+    most[: 2 if space.planar else 0] = _FARTHEST_BASE
     far = np.argwhere(np.abs(rows) > most)
     if len(far):
         i, k = (int(n) for n in far[0])
@@ -140,10 +138,10 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
 
 
 def _check_owner(robot: RobotModel, path: PathLike) -> None:
-    """What knows whose path it is, is taken for that robot alone: of the same columns, and held as its file was read.
+    """Refuse a path that knows its robot, unless this robot has the same columns and held joints as when it was read.
 
     Raises:
-        ConfigurationError: it is another robot's.
+        ConfigurationError: the path is another robot's.
     """
     owner = getattr(path, "robot", None)
     if owner is robot or not isinstance(owner, RobotModel):
@@ -166,7 +164,7 @@ def _check_owner(robot: RobotModel, path: PathLike) -> None:
 
 
 def column_names(robot: RobotModel) -> tuple[str, ...]:
-    """(nv) what the columns of a robot's rows are called."""
+    """(nv) names of the columns of a robot's rows."""
     return (*(("x", "y", "yaw") if robot.space.planar else ()), *robot.joint_names)
 
 
@@ -174,7 +172,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
     """A path as arcs, along which distances are measured; see :func:`certify` for the interpolations.
 
     Raises:
-        ConfigurationError: joints outside of their limits, or a path that is too long.
+        ConfigurationError: joints outside their limits, or a path that is too long.
     """
     rows, turning = path.within_limits(robot), robot.space.turning
     v = np.diff(rows, axis=0)
@@ -192,7 +190,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
         # an arc of constant speed leaves its chord by no more than an eighth of its acceleration, speed times turn; the
         # speed is at most pi/2 times the chord for turns below half a circle
         length, turn = np.hypot(v[:, 0], v[:, 1]), np.abs(v[:, 2])
-        bowed = np.sqrt(np.pi / 16.0 * length * turn / _BOW)
+        bowed = np.sqrt(np.pi / 16.0 * length * turn / _ARC_BOW)
         pieces = np.ceil(np.maximum.reduce((pieces, bowed, turn / _YAW_PIECE)))
     count = np.maximum(pieces, 1.0)
     if count.sum() > _MOST_PIECES:
@@ -206,11 +204,11 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
         part = (np.arange(len(source)) - np.searchsorted(source, source)) / count[source]
         rows = np.vstack((rows[source] + part[:, None] * v[source], rows[-1:]))
         whole, known = np.concatenate((source + part, whole[-1:])), known[source]
-    return Arcs(rows, whole, known, unknown, _BOW if line else 0.0, _way(robot, path, v, interpolation))
+    return Arcs(rows, whole, known, unknown, _ARC_BOW if line else 0.0, _way(robot, path, v, interpolation))
 
 
 def _unknown(robot: RobotModel, path: PathRows, v: Array, interpolation: str) -> dict[int, str]:
-    """What is not known of which way segments go."""
+    """Segments of which it is not known which way they go."""
     turning, names = robot.space.turning, column_names(robot)
     if interpolation == "values":
         if path.stated:

@@ -1,9 +1,9 @@
-"""Proofs: what makes a path's certificate checkable by :mod:`elastic_strips.proof_checker`, which needs NumPy alone.
+"""Proofs: a path's certificate in a form that :mod:`elastic_strips.proof_checker` can check, which needs NumPy alone.
 
-For each segment and pair of shapes that must not meet, intervals of the segment and a direction at both ends of each,
-along which the shapes are apart. Most pairs are far away, and the direction between their middles will do; Coal finds
+For each segment and pair of shapes that must not meet there are intervals of the segment, and a direction at both ends,
+along which the shapes are apart. Most pairs are far away, and the direction between their middles is enough; Coal finds
 it for the others, and an interval that is still too long is halved. The checker's own functions say what a direction
-is worth, so that a proof that is made is one that it takes.
+is worth, so that the checker takes every proof that is made.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ import numpy as np
 
 from elastic_strips import proof_checker as checker
 from elastic_strips.arrays import Array, Document, Indices
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import InputError, ParameterError, RobotError, SceneError
 from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_choice, check_number, check_type
@@ -32,8 +32,8 @@ from elastic_strips.validation import check_choice, check_number, check_type
 from .bounds import BodySet
 from .path_rows import INTERPOLATIONS, PathLike, PathRows, column_names, path_rows
 
-_DEPTH = 24  # most halvings of a segment; what is still open then is not proven
-_GAIN = 2.0 * checker.ROUNDING  # that an interval has to spare
+_MOST_HALVINGS = 24  # of a segment; what is still open then is not proven
+_LEAST_SPARE = 2.0 * checker.ROUNDING  # [m] that an interval has to spare
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -41,9 +41,9 @@ class PathProof(Summary):
     """A proof that a path keeps its clearances, as :mod:`elastic_strips.proof_checker` reads it.
 
     Attributes:
-        header: the robot, the scene, the clearances and which way the path goes, as JSON has them.
+        header: the robot, the scene, the clearances and which way the path goes, as plain values for JSON.
         rows: (N, nv) the path, as it was given.
-        segment, pair: (M,) what each interval is of.
+        segment, pair: (M,) segment and pair of each interval.
         span: (M, 2) where on the segment it begins and ends.
         normal: (M, 2, 3) directions at both ends, from the first to the second shape.
         spare: the least that an interval proves beyond the clearance [m].
@@ -65,12 +65,12 @@ class PathProof(Summary):
 
     @property
     def digests(self) -> dict[str, str]:
-        """Names of robot, scene and path: what is proven about another one has other ones."""
+        """Names of robot, scene and path: a proof about another one has other names."""
         parts = {name: checker.digest(self.header[name]) for name in ("robot", "scene")}
         return {**parts, "path": checker.path_digest(self.rows, str(self.header["way"]))}
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the proof as a NumPy archive: the whole file or none.
+        """Write the proof as a NumPy archive: the whole file or nothing.
 
         Raises:
             InputError: the file cannot be written.
@@ -78,9 +78,14 @@ class PathProof(Summary):
         target = check_writable(path)
         stream = io.BytesIO()
         np.savez_compressed(
-            stream, header=np.array(json.dumps(self.header)), rows=self.rows, segment=self.segment.astype(np.int32),
-            pair=self.pair.astype(np.int32), span=self.span, normal=self.normal.astype(np.float32),
-        )  # fmt: skip
+            stream,
+            header=np.array(json.dumps(self.header)),
+            rows=self.rows,
+            segment=self.segment.astype(np.int32),
+            pair=self.pair.astype(np.int32),
+            span=self.span,
+            normal=self.normal.astype(np.float32),
+        )
         return atomic_write(target, stream.getvalue())
 
 
@@ -93,22 +98,22 @@ def prove(
     self_clearance: float = 0.0,
     interpolation: str = "arc",
 ) -> PathProof | None:
-    """The proof that a path keeps its clearances, or None where it does not, or too narrowly to be proven.
+    """The proof that a path keeps its clearances, or None where it does not keep them, or too narrowly to be proven.
 
     Args:
         robot: the robot.
         scene: the obstacles, as they stand.
         path: configurations (N, nq), coordinate rows (N, nv), a strip, or a path file; see :func:`certify`. The proof
-            is of its very rows.
-        clearance, self_clearance: to prove [m].
-        interpolation: as :func:`certify` has it; there is no proof where that does not say which way the path goes.
+            is about these very rows.
+        clearance, self_clearance: distances to prove [m].
+        interpolation: as for :func:`certify`; there is no proof where it does not say which way the path goes.
 
     Raises:
-        RobotError, SceneError: a shape that the checker does not know, or no scene.
+        RobotError, SceneError: a shape that the checker does not know, or something other than a scene.
         ConfigurationError: a path of another shape.
         ParameterError: a clearance below 0, or an unknown interpolation.
-        InputError: the proof would be larger than the checker takes, or would take it longer; or there is nothing to
-            prove, as neither the scene nor the robot has anything to be kept away from.
+        InputError: the proof would be larger than the checker takes, or take it too long; or there is nothing to
+            prove, because neither the scene nor the robot has anything to keep away from.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"scene is a {type(scene).__name__}; proofs are of a Scene, whose obstacles stand still")
@@ -119,9 +124,14 @@ def prove(
     if way is None:
         return None
     header: dict[str, Any] = {
-        "format": checker.FORMAT, "version": checker.VERSION, "way": way, "clearance": float(clearance),
-        "self_clearance": float(self_clearance), "robot": robot_statement(robot), "scene": scene_statement(scene),
-    }  # fmt: skip
+        "format": checker.FORMAT,
+        "version": checker.VERSION,
+        "way": way,
+        "clearance": float(clearance),
+        "self_clearance": float(self_clearance),
+        "robot": robot_statement(robot),
+        "scene": scene_statement(scene),
+    }
     pairs = len(header["robot"]["bodies"]) * len(header["scene"]) + len(header["robot"]["pairs"])
     if not pairs:
         raise InputError(
@@ -152,12 +162,12 @@ def _bounded(what: str, count: int, most: int) -> None:
 
 
 def path_digest(robot: RobotModel, path: PathLike, interpolation: str = "line") -> str:
-    """The name that a proof of this path has; it is made of the path's rows and of which way it goes, and of no more.
+    """The name of this path in a proof; it depends on the path's rows and on which way it goes, and on nothing else.
 
     Args:
-        robot: whose path it is.
+        robot: the robot of the path.
         path: as :func:`prove` takes it.
-        interpolation: as :func:`certify` has it.
+        interpolation: as for :func:`certify`.
 
     Raises:
         RobotError: not a robot.
@@ -173,7 +183,7 @@ def path_digest(robot: RobotModel, path: PathLike, interpolation: str = "line") 
 
 
 def _way(robot: RobotModel, path: PathRows, interpolation: str) -> str | None:
-    """What proofs call an interpolation; None for one by values, of a path without."""
+    """The name of an interpolation in proofs; None for one by values of a path that has none."""
     check_choice("interpolation", interpolation, INTERPOLATIONS)
     if interpolation == "values" and not path.stated:
         return None
@@ -199,28 +209,28 @@ class _Work:
         self.middles, self.halves = _boxes(world.shapes)
 
     def intervals(self) -> tuple[Indices, Indices, Array, Array, float] | None:
-        """Segment, pair, span and normals of intervals that prove everything, and what the worst has to spare."""
+        """Segment, pair, span and normals of intervals that prove everything, and how much the worst has to spare."""
         segments = len(self.path.v)
         segment = np.repeat(np.arange(segments), self.pairs)
         pair = np.tile(np.arange(self.pairs), segments)
         span = np.tile((0.0, 1.0), (len(pair), 1))
         done: list[tuple[Indices, Indices, Array, Array]] = []
         least, total = np.inf, 0
-        for _ in range(_DEPTH):
+        for _ in range(_MOST_HALVINGS):
             if not len(pair):
                 break
             _bounded("intervals", total + len(pair), checker.MOST)
             normal = np.stack([self._between_middles(segment, span[:, e], pair) for e in (0, 1)], axis=1)
             gap = np.stack([self._gaps(segment, span[:, e], pair, normal[:, e]) for e in (0, 1)], axis=1)
             spare = self._spare(segment, pair, span, gap)
-            near = np.flatnonzero(spare <= _GAIN)
+            near = np.flatnonzero(spare <= _LEAST_SPARE)
             for e in (0, 1):
                 normal[near, e] = self._exact(segment[near], span[near, e], pair[near], normal[near, e])
                 gap[near, e] = self._gaps(segment[near], span[near, e], pair[near], normal[near, e])
             if (gap[near] <= self.needed[pair[near], None]).any():
                 return None
             spare[near] = self._spare(segment[near], pair[near], span[near], gap[near])
-            proven = spare > _GAIN
+            proven = spare > _LEAST_SPARE
             total += int(proven.sum())
             least = min(least, float(spare[proven].min(initial=np.inf)))
             done.append((segment[proven], pair[proven], span[proven], normal[proven]))
@@ -301,9 +311,12 @@ def robot_statement(robot: RobotModel) -> Document:
         "planar": bool(space.planar),
         "joints": [
             {
-                "parent": int(tree.parents[i]) - 1, "column": int(tree.coordinate_index[i]),
-                "slides": bool(tree.prismatic[i]), "offset": tree.offset[i, :3].tolist(),
-                "multiplier": float(tree.multiplier[i]), "constant": float(tree.constant[i]),
+                "parent": int(tree.parents[i]) - 1,
+                "column": int(tree.coordinate_index[i]),
+                "slides": bool(tree.prismatic[i]),
+                "offset": tree.offset[i, :3].tolist(),
+                "multiplier": float(tree.multiplier[i]),
+                "constant": float(tree.constant[i]),
             }
             for i in range(1, len(tree.parents))
         ],
@@ -316,7 +329,7 @@ def robot_statement(robot: RobotModel) -> Document:
             for g, name in enumerate(bodies.names)
         ],
         "pairs": np.asarray(robot.self_pairs).reshape(-1, 2).tolist(),
-    }  # fmt: skip
+    }
 
 
 def scene_statement(scene: Scene) -> list[Document]:
@@ -353,7 +366,11 @@ def _shape_part(
     if kind.value not in checker.SIZES:
         raise error(f"{name!r} is a {kind.value}; proofs know {', '.join(checker.SIZES)}")
     return {
-        "name": name, "kind": kind.value, "sizes": list(half), "grown": float(geometry.getSweptSphereRadius()),
+        "name": name,
+        "kind": kind.value,
+        "sizes": list(half),
+        "grown": float(geometry.getSweptSphereRadius()),
         "points": vertices(geometry).tolist() if kind is ShapeKind.CONVEX else [],
-        "rotation": np.asarray(R).tolist(), "translation": np.asarray(t).tolist(),
-    }  # fmt: skip
+        "rotation": np.asarray(R).tolist(),
+        "translation": np.asarray(t).tolist(),
+    }

@@ -1,4 +1,4 @@
-"""Self proximity: the distances between the robot's own links along a strip, with the same kind of bounds."""
+"""Self proximity: the distances between the robot's own links along a strip, with bounds as for obstacles."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.native import kernel
+from elastic_strips.constants import FAR, GJK_EXCESS, POINT_LENGTH2
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics
 from elastic_strips.robot.space import nonzero, rows_from
 from elastic_strips.work import count_work
 
 from .bounds import BodySet, MotionBounds
-from .narrowphase import GJK_EXCESS, PairSolver, ShapePair
+from .narrowphase import PairSolver, ShapePair
+from .native_side import NativeSelfPairs
 
 if TYPE_CHECKING:
     from elastic_strips.native import _native
-
-_FAR = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +51,12 @@ def segment_distance(one: Array, two: Array) -> Array:
     u, v, w = one[:, 1] - one[:, 0], two[:, 1] - two[:, 0], one[:, 0] - two[:, 0]
     a, b, c = (u * u).sum(axis=1), (u * v).sum(axis=1), (v * v).sum(axis=1)
     d, e = (u * w).sum(axis=1), (v * w).sum(axis=1)
-    tiny = 1e-18
     det = a * c - b * b
-    s = np.where(det > tiny, (b * e - c * d) / np.where(det > tiny, det, 1.0), 0.0)
+    s = np.where(det > POINT_LENGTH2, (b * e - c * d) / np.where(det > POINT_LENGTH2, det, 1.0), 0.0)
     s = np.clip(s, 0.0, 1.0)
-    t = np.clip((b * s + e) / np.maximum(c, tiny), 0.0, 1.0)
-    s = np.clip((b * t - d) / np.maximum(a, tiny), 0.0, 1.0)
-    t = np.clip((b * s + e) / np.maximum(c, tiny), 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, POINT_LENGTH2), 0.0, 1.0)
+    s = np.clip((b * t - d) / np.maximum(a, POINT_LENGTH2), 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, POINT_LENGTH2), 0.0, 1.0)
     gap = w + s[:, None] * u - t[:, None] * v
     return np.sqrt((gap * gap).sum(axis=1))
 
@@ -102,30 +100,38 @@ class SelfProximity(OneThread):
         self.queries: int = 0
         self._coordinates = np.zeros((0, 0))
         self._base = np.zeros((0, 3, 4))
-        module, native_bodies = kernel(), bodies.native()
-        self.native: _native.SelfPairs | None = None
-        if module is not None and native_bodies is not None:
-            self.native = module.SelfPairs(native_bodies, np.ascontiguousarray(pairs, dtype=np.intp))
+        self.native: NativeSelfPairs | None = NativeSelfPairs.of(bodies, pairs)
+        self._arrays: _native.SelfDistances | None = None
+        self._arrays_of: tuple[object, ...] = ()
         self._allocate(0)
         self._functors: dict[int, ShapePair] = {}  # made when the twin first asks
         self._solver = PairSolver()
         self._one, self._two = coal.Transform3s(), coal.Transform3s()
 
     def _allocate(self, n: int) -> None:
-        """Arrays for n nodes of which nothing is known."""
+        """Arrays for n nodes about which nothing is known."""
         s = len(self.pairs)
-        self.bound, self.exact, self._since = np.full((n, s), -_FAR), np.full((n, s), np.inf), np.full((n, s), _FAR)
+        self.bound, self.exact, self._since = np.full((n, s), -FAR), np.full((n, s), np.inf), np.full((n, s), FAR)
         self.direction, self.first, self.second = np.zeros((n, s, 3)), np.zeros((n, s, 3)), np.zeros((n, s, 3))
-        self._share()
 
-    def _share(self) -> None:
-        """Show the native kernel the arrays."""
-        module = kernel()
-        self.arrays: _native.SelfDistances | None = None
-        if self.native is not None and module is not None:
-            self.arrays = module.SelfDistances(
-                self.bound, self._since, self.exact, self.direction, self.first, self.second, self.tolerance
-            )
+    @property
+    def arrays(self) -> _native.SelfDistances:
+        """What is known, as the native half takes it."""
+        of, kept = self._arrays_of, self._arrays
+        if (
+            kept is not None
+            and of[0] is self.bound
+            and of[1] is self._since
+            and of[2] is self.exact
+            and of[3] is self.direction
+            and of[4] is self.first
+            and of[5] is self.second
+        ):
+            return kept
+        assert self.native is not None
+        self._arrays_of = known = self.bound, self._since, self.exact, self.direction, self.first, self.second
+        self._arrays = kept = self.native.distances(known, self.tolerance)
+        return kept
 
     @exclusive
     def reset(self) -> None:
@@ -140,10 +146,9 @@ class SelfProximity(OneThread):
         take, new = rows_from(source), source < 0
         for name in ("_coordinates", "_base", "bound", "exact", "direction", "first", "second", "_since"):
             setattr(self, name, getattr(self, name)[take])
-        self.bound[new] = -_FAR
-        self._since[new] = _FAR
+        self.bound[new] = -FAR
+        self._since[new] = FAR
         self._coordinates[new] = np.nan
-        self._share()
 
     @exclusive
     def update(self, kin: Kinematics) -> None:
@@ -154,8 +159,8 @@ class SelfProximity(OneThread):
             self._allocate(kin.n)
         self._base = kin.T[1 if self.bodies.tree.space.planar else 0, : kin.n].copy()
         before, self._coordinates = coordinates if fresh else self._coordinates, coordinates.copy()
-        if self.native is not None and self.arrays is not None:
-            pairs, queries = self.native.update(
+        if self.native is not None:
+            pairs, queries = self.native.calls.update(
                 kin.T, self._coordinates, before, self.radius, self.influence, self.arrays
             )
             self.account(pairs, queries)
@@ -164,7 +169,7 @@ class SelfProximity(OneThread):
             b = self.bodies.tree.space.base_nv
             delta = np.abs(coordinates[:, b:] - before[:, b:])
             shift = delta @ self.radius[b:]
-            shift[np.isnan(shift)] = _FAR
+            shift[np.isnan(shift)] = FAR
             self.bound -= shift
             self._since += shift
         self.refine(kin, self.influence)
@@ -187,7 +192,7 @@ class SelfProximity(OneThread):
         cheap = self.cheap(kin, node, pair)
         far = cheap >= reach
         self.bound[node[far], pair[far]] = cheap[far]
-        self._since[node[far], pair[far]] = _FAR
+        self._since[node[far], pair[far]] = FAR
         self.exact[node[far], pair[far]] = np.inf
         node, pair = node[~far], pair[~far]
         if len(node) == 0:

@@ -1,4 +1,4 @@
-"""What is known of a strip between its nodes: its certificate, its clearance, and the paper's protective hulls."""
+"""What is known about a strip between its nodes: its certificate, its clearance, and the paper's protective hulls."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask, by_rows
+from elastic_strips.constants import EXACT_WITHIN
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.space import nonzero
@@ -31,15 +32,15 @@ from .self_distance import SelfProximity
 
 _MOST_SAMPLES = 256
 """Most configurations of one segment about which obstacles are looked for."""
-_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)
-_UNLIMITED = 60
+_SEARCH_REACHES = (0.3, 1.0, 3.0, 10.0, 100.0, 1e4)  # [m] within which the least distance is looked for, in turns
+_MOST_SEARCH_HALVINGS = 60  # of a segment: more than floating point can divide it
 _KNOWN = np.int8(-1)  # a segment that is certified already, while others are looked at
 
 
 class Certifier(OneThread):
     """Workspace: certifies strips for which the two proximities are up to date.
 
-    What the proximities know of the nodes decides most pairs; only what it leaves open is bisected.
+    The distances at the nodes decide most pairs; only the pairs that they leave open are bisected.
 
     Args:
         bodies: the robot's links.
@@ -62,14 +63,19 @@ class Certifier(OneThread):
         self.obstacles: ObstacleProximity = obstacles
         self.self_pairs: SelfProximity = self_pairs
         self.max_depth = max_depth
-        self._bisection = Bisection(bodies)
         self._between = Kinematics(bodies.tree, 64)
 
     @exclusive
     def certify(
-        self, kin: Kinematics, v: Array, *, clearance: float, self_clearance: float, scene: Scene,
+        self,
+        kin: Kinematics,
+        v: Array,
+        *,
+        clearance: float,
+        self_clearance: float,
+        scene: Scene,
         known: Mask | None = None,
-    ) -> Certificate:  # fmt: skip
+    ) -> Certificate:
         """Certify the segments between the nodes of ``kin``.
 
         Args:
@@ -78,8 +84,8 @@ class Certifier(OneThread):
             clearance: required distance [m], > 0, to obstacles.
             self_clearance: required distance [m], > 0, between the robot's own links.
             scene: the snapshot, as last given to the obstacle proximity.
-            known: (N−1,) segments that are certified with these very clearances, scene and ends; the others are
-                looked at.
+            known: (N−1,) segments that are already certified with these very clearances, scene and ends; only the
+                others are certified.
         """
         (v,) = by_rows(v)
         states = np.zeros(kin.n - 1, dtype=np.int8)
@@ -103,42 +109,46 @@ class Certifier(OneThread):
             return _certificate(clearance, states, worst, looked + native)
         self._colliding_nodes(kin, searches[0])
         todos = self._open_obstacles(kin, v, travel, clearance, states), self._open_self(kin, v, self_clearance, states)
-        self._bisection.begin(kin, v)
+        bisection = Bisection(kin, v, self._between)
         for search, todo in zip(searches, todos, strict=True):
             if todo is None or len(todo) == 0:
                 continue
             search.found(todo.low, todo.pair, np.minimum(todo.d_low, todo.d_high))
             todo = todo.take(states[todo.segment] == 0)
-            left = self._bisection.run(search.pairs, todo, search, self.max_depth)
+            left = bisection.run(search.pairs, todo, search, self.max_depth)
             if len(left):
                 search.report(left.low, left.pair, np.minimum(left.d_low, left.d_high), certain=False)
-        return _certificate(clearance, states, worst, looked + self._bisection.checks)
+        return _certificate(clearance, states, worst, looked + bisection.checks)
 
     def _certify_native(
         self, kin: Kinematics, v: Array, searches: tuple[_StripSearch, _StripSearch], states: npt.NDArray[np.int8]
     ) -> int | None:
         """The rest of :meth:`certify` by the native kernel; returns its checks, or None where there is none."""
         obstacles, own, depth = self.obstacles, self.self_pairs, self.max_depth
-        candidates, narrow, arrays, self_arrays = (
-            obstacles.candidates,
-            obstacles.narrow.native,
-            obstacles.arrays,
-            own.arrays,
-        )
-        if candidates is None or narrow is None or own.native is None or arrays is None or self_arrays is None:
+        candidates, narrow = obstacles.candidates, obstacles.narrow
+        if candidates is None or narrow.native is None or own.native is None:
             return None
         coordinates, checks = kin.coordinates[: kin.n], 0
         if len(candidates):
-            broken, count, work = narrow.certify(
-                kin.T, kin.J, coordinates, v, obstacles.narrow.poses(candidates), obstacles.moving.native,
-                self.bounds.of_motion, obstacles.moving.travel(), arrays, searches[0].clearance, depth, states,
-            )  # fmt: skip
+            broken, count, work = narrow.native.calls.certify(
+                kin.T,
+                kin.J,
+                coordinates,
+                v,
+                *narrow.native.scene(candidates, obstacles.moving),
+                self.bounds.of_motion,
+                obstacles.moving.travel(),
+                obstacles.arrays,
+                searches[0].clearance,
+                depth,
+                states,
+            )
             obstacles.account(*work)
             searches[0].note(broken)
             checks += count
         if len(own.pairs):
-            broken, count, work = own.native.certify(
-                kin.T, coordinates, v, own.radius, self_arrays, searches[1].clearance, depth, states
+            broken, count, work = own.native.calls.certify(
+                kin.T, coordinates, v, own.radius, own.arrays, searches[1].clearance, depth, states
             )
             own.account(*work)
             searches[1].note(broken)
@@ -151,7 +161,7 @@ class Certifier(OneThread):
         if bound.shape[2] == 0:
             return
         node, body, part = nonzero(bound <= clearance)
-        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + 1e-4))
+        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + EXACT_WITHIN))
         nearest = bound.reshape(len(bound), -1).min(axis=1)
         bad = np.flatnonzero(nearest <= clearance)
         if len(bad) == 0:
@@ -190,7 +200,8 @@ class Certifier(OneThread):
         # what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
         for end in (0, 1):
             other = bound[segment + 1 - end, body, part]
-            self.obstacles.refine_at(kin, segment + end, body, part, tight + 2.0 * clearance - other + 1e-4)
+            reach = tight + 2.0 * clearance - other + EXACT_WITHIN
+            self.obstacles.refine_at(kin, segment + end, body, part, reach)
         d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
         todo = OpenIntervals.of_segments(body * bound.shape[2] + part, segment, d_low, d_high, tight)
         return todo.take(todo.open(clearance))
@@ -208,12 +219,12 @@ class Certifier(OneThread):
         travel = travel[segment, pair]
         for end in (0, 1):
             other = bound[segment + 1 - end, pair]
-            proximity.refine_at(kin, segment + end, pair, travel + 2.0 * clearance - other + 1e-4)
+            proximity.refine_at(kin, segment + end, pair, travel + 2.0 * clearance - other + EXACT_WITHIN)
         todo = OpenIntervals.of_segments(pair, segment, bound[segment, pair], bound[segment + 1, pair], travel)
         return todo.take(todo.open(clearance))
 
     def _look_along(self, kin: Kinematics, v: Array, travel: Array, clearance: float, scene: Scene) -> int:
-        """Have the candidates hold all that long segments may come near; those near the nodes do for short ones.
+        """Make sure that the candidates hold all parts that long segments may come near; short ones need no others.
 
         A point of a long segment is no further from the nearest of some configurations on it than half the travel from
         one to the next.
@@ -286,15 +297,15 @@ def coordinate_clearance(robot: RobotModel, coordinates: Array, scene: Scene, *,
     kin = Kinematics(bodies.tree, len(coordinates))
     kin.update(coordinates)
     travel = bounds.travel(v)
-    for reach in _REACHES:
+    for reach in _SEARCH_REACHES:
         proximity = ObstacleProximity(bodies, influence=reach)
         proximity.update(kin, scene)
         if proximity.bound.size == 0:
             continue
         lowest = float(proximity.bound.min(initial=reach))
-        if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _REACHES[-1]:
+        if lowest + 0.5 * float(travel.max(initial=0.0)) < reach or reach == _SEARCH_REACHES[-1]:
             return _smallest(kin, v, bounds, proximity, tolerance)
-    return _REACHES[-1]
+    return _SEARCH_REACHES[-1]
 
 
 def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: ObstacleProximity, tolerance: float) -> float:
@@ -309,17 +320,16 @@ def _smallest(kin: Kinematics, v: Array, bounds: MotionBounds, proximity: Obstac
         tight = bounds.tight_travel(kin, segment, body, v[segment])
         d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
         todo = OpenIntervals.of_segments(body * len(candidates) + part, segment, d_low, d_high, tight)
-        bisection = Bisection(bodies)
-        bisection.begin(kin, v)
+        bisection = Bisection(kin, v, Kinematics(bodies.tree, 64))
         pairs = ObstaclePairs(bodies, proximity.narrow, candidates, proximity.moving)
-        bisection.run(pairs, todo.take(todo.open(search.clearance)), search, _UNLIMITED)
+        bisection.run(pairs, todo.take(todo.open(search.clearance)), search, _MOST_SEARCH_HALVINGS)
     return search.clearance
 
 
 class _ClearanceSearch:
-    """Branch and bound: nothing is wanted of what cannot be nearer than the nearest so far, by a tolerance [m].
+    """Branch and bound: pairs that cannot be nearer than the nearest so far, by a tolerance [m], are not looked at.
 
-    Lower bounds say nothing of how deep shapes penetrate, so what may be below 0 is measured exactly.
+    Lower bounds say nothing about how deep shapes penetrate, so distances that may be below 0 are measured exactly.
     """
 
     decided = None

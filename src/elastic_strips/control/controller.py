@@ -9,15 +9,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor as Workers
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+from dataclasses import dataclass
 from time import perf_counter
-from typing import TypeVar
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.errors import ConfigurationError, ElasticStripsError, SceneError
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -26,30 +27,63 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
 from elastic_strips.validation import check_able, check_count, check_type
 
-from .control_loop import ControlLoop, Tick
-from .executor import Executor, ExecutorLink
-from .interfaces import Command, Measurement, RunState
+from .executor import ExecutorLink, MotionExecutor
+from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
-from .params import DriveParams
-from .process_priority import keep_memory, undisturbed
-from .replanning import Replanner
+from .params import DriveParams, Tolerance
+from .plan_queue import PlanQueue
+from .process.priority import keep_memory, undisturbed
+from .record import TickStatistics
+from .replanning import Replanned, Replanner
 from .strip_timer import PlanOutcome, PlanResult
-from .supervisor import RunLog
 
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
 """Events that are kept by default: a robot may run for days."""
-_ELSEWHERE = 0.02
-"""Distance [m, rad] from the beginning of a strip that was planned while the robot braked, from which on it stands
+_STRIP_START_OFFSET = 0.02
+"""A robot at least this far [m, rad] from the beginning of a strip that was planned while it braked stands
 elsewhere."""
-_Planned = TypeVar("_Planned")
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
 
 
-class Controller(ControlLoop[Scene]):
+@dataclass(frozen=True, slots=True, eq=False)
+class Tick:
+    """A finished planning tick.
+
+    Attributes:
+        time: of the control step [s].
+        seconds: duration by the wall clock [s].
+        result: of the planner; None where it gave none.
+        strip: (N, nv) coordinate rows of the strip; None where there is none.
+        horizon_end: time [s] at which the active trajectory comes to rest; NaN where it is unknown.
+        status: of the strip.
+        reason: why there is no better result, or the reason of the robot's state.
+    """
+
+    time: float
+    seconds: float
+    result: PlanResult | None
+    strip: Array | None
+    horizon_end: float
+    status: str
+    reason: str
+
+
+class ControllerOptions(TypedDict, total=False):
+    """Arguments of the :class:`Controller` that those which are made of one pass on."""
+
+    limits: MotionLimits | None
+    strip: Strip | None
+    path: npt.ArrayLike | None
+    workers: Workers | None
+    meter: Callable[[], float] | None
+    events: int | None
+
+
+class Controller:
     """Workspace: drives a robot along an elastic strip to its goals.
 
     In every control period :meth:`step` takes measurements and scenes, and returns the command of the motors. At the
@@ -63,33 +97,38 @@ class Controller(ControlLoop[Scene]):
         start: configuration (nq,) of the robot at rest.
         goal: configuration (nq,), or several of them (G, nq), one after the other.
         scene: obstacles known before the first step; none where None.
-        params: of the drive.
-        limits: of the motors; read off the robot where None.
+        params: parameters of the drive.
+        limits: limits of the motors; read off the robot where None.
         strip: first strip; planned where None.
         path: waypoints (K, 2) [m] that the first plan tries first.
         grid: whether plans may use a path over a grid.
-        replanner: decides when a strip is planned anew, and plans it; a :class:`Replanner` where None.
-        workers: run plans while the control loop goes on; an own thread where None.
+        replanner: decides when a strip is planned anew, and how; a :class:`Replanner` where None.
+        workers: run plans while the control loop goes on, one after the other; an own thread where None.
         seed: of the planner.
         events: the newest events and stops that are kept at least; all where None.
-        executor: one that runs elsewhere, with the same robot, limits, start and goal; an own one where None.
+        executor: one that runs elsewhere, with the same robot, limits, start and goal; one of its own where None.
         meter: reading [s] of the clock that computing is measured with; motions begin later where planning takes
             longer. None where it takes no time.
 
     Attributes:
         first_plan: report of the first strip's plan; None where the strip was given.
-        scene: the newest one that was planned with.
+        scene: the newest scene that was planned with.
         goals: configurations (nq,) after the present goal.
-        goal_q: configuration (nq,) of the present goal; ``goal``: its coordinate row (nv,).
-        result: of the last planning tick; None where it gave none.
+        goal_q: configuration (nq,) of the present goal.
+        goal: its coordinate row (nv,).
+        result: result of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
-        executor, planner, replanner, pace: the parts; other attributes as of :class:`ControlLoop`.
+        tolerance: how near counts as reached.
+        time: of the last step [s].
+        tick: the last planning tick, or None.
+        statistics: durations of the planning ticks.
+        sensing_took: time [s] that the perception took for what comes next, by the clock that computing is measured
+            with.
+        executor, planner, replanner, pace: the parts.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
     """
-
-    method = "strip"
 
     def __init__(
         self,
@@ -110,13 +149,24 @@ class Controller(ControlLoop[Scene]):
         executor: ExecutorLink | None = None,
         meter: Callable[[], float] | None = None,
     ) -> None:
-        super().__init__(robot, start, params, limits)
+        check_type("robot", robot, RobotModel, RobotError)
+        check_type("params", params, DriveParams, none=True)
+        check_type("limits", limits, MotionLimits, none=True)
         check_type("scene", scene, Scene, SceneError, none=True)
         check_type("strip", strip, Strip, none=True)
-        check_able("replanner", replanner, "plan")
+        check_able("replanner", replanner, "first", "another")
         check_able("workers", workers, "submit")
         check_able("meter", meter)
         check_count("seed", seed)
+        self.robot: RobotModel = robot
+        self.params: DriveParams = params or DriveParams()
+        self.limits: MotionLimits = limits or MotionLimits.for_robot(robot)
+        self.time: float = 0.0
+        self.start: Array = robot.space.to_coordinates(robot.check_q(start, what="start"))
+        self.tick: Tick | None = None
+        self.statistics: TickStatistics = TickStatistics()
+        self.sensing_took: float = 0.0
+        self._steps = 0
         goals = np.atleast_2d(robot.check_q(goal, what="goal"))
         self.goals: list[ArrayLike] = list(goals[1:])
         self.goal_q: Array = goals[0]
@@ -125,31 +175,29 @@ class Controller(ControlLoop[Scene]):
         self.first_plan: PlanReport | None = None
         self.replanner: Replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
         if strip is None:
-            self.first_plan = self.replanner.plan(self.scene, start, self.goal_q, path=path)
+            self.first_plan = self.replanner.first(self.scene, start, self.goal_q, path=path)()
+            self.replanner.begin(self.first_plan)
             strip = self.first_plan.strip
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
-        self.tolerance = self.params.tolerance
-        self._here: Executor | None = None
+        self.tolerance: Tolerance = self.params.tolerance
+        self._here: MotionExecutor | None = None
         if executor is None:
-            executor = self._here = Executor(
+            executor = self._here = MotionExecutor(
                 robot, self.limits, self.params, self.start, self.goal, self.tolerance, keep=events
             )
         self.executor: ExecutorLink = executor
         self.result: PlanResult | None = None
         self._doubts = SceneMonitor(self.params.monitor)
         self._passed = self._recoveries = 0
-        self._workers = workers
-        self.replanner.submit = self._submit
-        self._own: ThreadPoolExecutor | None = None
-        self._replan_task: Future[tuple[Strip | None, str]] | None = None  # replans a strip to the same goal
+        self._plans = PlanQueue(workers)
+        self._replan_task: Future[Replanned] | None = None  # replans a strip to the same goal
         self._replan_from: Array = self.start  # (nv,) where that strip begins
         self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
         self._no_path = self._stopping = ""
-        self._beside = 0.0  # [s] of the present tick that went into other tasks
         self._next_tick = 0  # number of the step with the next planning tick
 
     def __enter__(self) -> Controller:
@@ -160,12 +208,27 @@ class Controller(ControlLoop[Scene]):
 
     def close(self) -> None:
         """End the planning thread; a running plan is waited for."""
-        if self._own is not None:
-            self._own.shutdown()
+        self._plans.close()
 
     @property
-    def _run(self) -> RunLog:
-        return self.executor.run
+    def state(self) -> RunState:
+        """State of the robot."""
+        return self.executor.run.state
+
+    @property
+    def reason(self) -> str:
+        """Reason of the state."""
+        return self.executor.run.reason
+
+    @property
+    def events(self) -> list[Event]:
+        """Events so far, in order of time."""
+        return self.executor.run.events
+
+    @property
+    def stops(self) -> list[tuple[float, str]]:
+        """(time [s], reason) of every stop short of the goal."""
+        return self.executor.run.stops
 
     @property
     def estimate(self) -> Array:
@@ -219,7 +282,7 @@ class Controller(ControlLoop[Scene]):
         self.executor.stop(self._stopping)
 
     def resume(self) -> None:
-        """Continue after :meth:`stop`, or after an emergency stop that is pressed no longer."""
+        """Continue after :meth:`stop`, or after an emergency stop that is no longer pressed."""
         self._stopping = ""
         self.executor.resume()
 
@@ -237,15 +300,15 @@ class Controller(ControlLoop[Scene]):
         self.goal_q = self.robot.check_q(goal, what="goal")
         self.goal = self.robot.space.to_coordinates(self.goal_q)
         self._no_path = ""
-        self._replan_task, self.replanner.pending = None, False  # the running plan leads to the previous goal
+        self._replan_task = None  # the running plan leads to the previous goal
         self._ready.clear()
         self.executor.retarget(self.goal, self.tolerance)
         q = self.robot.space.from_coordinates(self.reference.coordinates)
-        self._next_plan = self._submit(self.replanner.plan, self.scene, q, self.goal_q)
+        self._next_plan = self._plans.submit(self.replanner.first(self.scene, q, self.goal_q))
 
     def warm_up(self) -> None:
-        """Plan for nothing, while the robot stands: what the first use loads is there when time is 0, and it is known
-        how long a tick takes. Garbage collection looks through what is made later only (:func:`keep_memory`)."""
+        """Plan without using the result, while the robot stands: then modules are loaded when time is 0, and it is
+        known how long a tick takes. Garbage collection only looks through later objects (:func:`keep_memory`)."""
         try:
             for warm in (False, True):
                 self.pace.begin()
@@ -315,7 +378,7 @@ class Controller(ControlLoop[Scene]):
         if self.executor.recoveries > self._recoveries:  # the robot is somewhere beside its strip
             self._recoveries = self.executor.recoveries
             self._ready.clear()
-            self.replanner.pending, self.replanner.due = True, t + self.params.replan_time
+            self.replanner.demand(t + self.params.replan_time)
         if self.state is RunState.REACHED and self.goals and self.executor.settled:
             self._passed += 1
             self.retarget(self.goals.pop(0))
@@ -328,7 +391,7 @@ class Controller(ControlLoop[Scene]):
         Returns:
             What it took [s], by the meter.
         """
-        began, self._beside = perf_counter(), 0.0
+        began, submitting = perf_counter(), self._plans.submitting
         executor = self.executor
         self.result = None
         before = len(self._ready)
@@ -348,7 +411,7 @@ class Controller(ControlLoop[Scene]):
         result = self.result
         charged = self.pace.finish(full=bool(result and result.timings))
         self._ready[before:] = [(due + charged, ready, proven) for due, ready, proven in self._ready[before:]]
-        seconds = perf_counter() - began - self._beside
+        seconds = perf_counter() - began - (self._plans.submitting - submitting)  # plans are no part of the tick
         reason = (result.reason if result else "") or self.reason
         status = result.report.status.value if result else ""
         self.tick = Tick(t, seconds, result, self.strip.coordinates, executor.active.end_time, status, reason)
@@ -387,9 +450,11 @@ class Controller(ControlLoop[Scene]):
         result = self.result = self.plan_tick(t, scene, executor.active, begin)
         if result.late:
             executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
-        due = "" if waiting else self.replanner.watch(t, result, scene, at_rest=at_rest)
-        if due:
-            executor.log("replanning", due)
+        if not waiting:
+            self.replanner.work_beside(scene, result.report.strip, self._plans.submit)
+            due = self.replanner.watch(t, result, scene, at_rest=at_rest)
+            if due:
+                executor.log("replanning", due)
         if not waiting or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
 
@@ -397,18 +462,18 @@ class Controller(ControlLoop[Scene]):
         """Plan with as large a tracking error as the estimate asks for."""
         params, executor = self.params, self.executor
         allowed = min(executor.needed_error, max(params.monitor.largest, params.tracking_error))
-        before = self.planner.params.tracking_error
+        before = self.planner.margins.tracking_error
         if allowed == before:
             return
         if min(before, allowed) == params.tracking_error:
             coarse = f"coarse: known to {1e3 * executor.coarse:.0f} mm"
             self.log("localization", coarse if allowed > before else "as good as assumed again")
         self.planner.allow(allowed)
-        self.replanner.deform = self.planner.params.strip
+        self.replanner.deform = self.planner.deformer.params
 
     def _decide(self, t: float, result: PlanResult) -> None:
         """Replace, brake or hold the active trajectory, or let it go on to its end."""
-        outcome, proven = result.outcome, self.planner.params.tracking_error
+        outcome, proven = result.outcome, self.planner.margins.tracking_error
         if self.replanner.halted and outcome not in (PlanOutcome.BRAKE, PlanOutcome.EVADE):
             self.executor.reject(f"the strip is broken: {result.report.certificate.broken}")
         elif outcome is PlanOutcome.BRAKE or result.accepted:
@@ -441,7 +506,7 @@ class Controller(ControlLoop[Scene]):
             return executor.at_goal
         certificate = self.planner.certify(executor.active.tail(self._begin(t)), scene)
         if certificate.certified:
-            executor.hold("the motion ends at the goal", self.planner.params.tracking_error)
+            executor.hold("the motion ends at the goal", self.planner.margins.tracking_error)
         return certificate.certified
 
     def _replan(self, t: float) -> bool:
@@ -451,49 +516,67 @@ class Controller(ControlLoop[Scene]):
         once: it will stand elsewhere, and joins the strip from wherever that is, as any that it has left. Where it
         brakes, and will stand elsewhere for that, a strip from there is planned instead.
         """
-        replanner, executor, space = self.replanner, self.executor, self.robot.space
         if self._next_plan is not None:
             if not self._next_plan.done():
                 return True
-            found, self._next_plan = self._next_plan, None
-            try:
-                report = found.result()
-            except Exception as error:  # on any error: the present strip leads to another goal
-                self._no_path = f"no way to the goal: {error}"
-                raise
-            executor.log("goal", report.reason)
-            self.planner.take(report.strip)
+            self._set_out(self._next_plan)
+        replanner, executor = self.replanner, self.executor
         if not replanner.pending and self._replan_task is None:
             return False
         end = executor.active.coordinates[-1]
         stands = not (self.reference.v.any() or self._apart(self.reference.coordinates, end))
-        beside = False
-        if self._replan_task is not None and self._replan_task.done():
-            apart = self._apart(self._replan_from, end)
-            beside = self.planner.off_strip and (apart or not stands)
-            if apart and not beside:  # it braked
-                self._replan_task = None
-                replanner.discard()
+        beside = self._joins_from_beside(end, stands)
         if self._replan_task is None and t >= replanner.due:
+            start = self.robot.space.from_coordinates(end)
             self._replan_from = end
-            self._replan_task = self._submit(replanner.plan_anew, self.scene, space.from_coordinates(end), self.goal_q)
+            self._replan_task = self._plans.submit(replanner.another(self.scene, start, self.goal_q))
         if self._replan_task is not None and self._replan_task.done() and (stands or beside):
-            planned, self._replan_task = self._replan_task, None
-            replanner.pending = False
-            strip, reason = planned.result()
-            if strip is not None:
-                self.planner.take(strip, beside=beside)
-            executor.log("replanned", reason)
+            self._take(self._replan_task, beside)
         return True
+
+    def _set_out(self, plan: Future[PlanReport]) -> None:
+        """Follow the first strip to another goal."""
+        self._next_plan = None
+        try:
+            report = plan.result()
+        except Exception as error:  # on any error: the present strip leads to another goal
+            self._no_path = f"no way to the goal: {error}"
+            raise
+        self.executor.log("goal", report.reason)
+        self.replanner.begin(report)
+        self.planner.take(report.strip)
+
+    def _joins_from_beside(self, end: Array, stands: bool) -> bool:
+        """Whether the robot joins the strip that is ready from beside it, because it evades.
+
+        A strip is discarded that begins where a robot that brakes will not stand.
+        """
+        task = self._replan_task
+        if task is None or not task.done():
+            return False
+        apart = self._apart(self._replan_from, end)
+        beside = self.planner.off_strip and (apart or not stands)
+        if apart and not beside:  # it braked
+            self._finish(task, self.replanner.discard)
+        return beside
+
+    def _take(self, plan: Future[Replanned], beside: bool) -> None:
+        """Follow a strip that was planned anew, if there is one."""
+        found = self._finish(plan, self.replanner.take)
+        if found.strip is not None:
+            self.planner.take(found.strip, beside=beside)
+        self.executor.log("replanned", found.reason)
+
+    def _finish(self, plan: Future[Replanned], told: Callable[[Replanned], None]) -> Replanned:
+        """The outcome of a plan, told to the replanner in any case; what has failed is raised after that."""
+        self._replan_task = None
+        error = plan.exception()
+        found = plan.result() if error is None else Replanned(None, "")
+        told(found)
+        if error is not None:
+            raise error
+        return found
 
     def _apart(self, one: Array, other: Array) -> bool:
         """Whether a strip that begins at one configuration does not begin at another."""
-        return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _ELSEWHERE
-
-    def _submit(self, plan: Callable[..., _Planned], *arguments: object) -> Future[_Planned]:
-        if self._workers is None:
-            self._workers = self._own = ThreadPoolExecutor(1, thread_name_prefix="planner")
-        began = perf_counter()
-        planned = self._workers.submit(plan, *arguments)
-        self._beside += perf_counter() - began  # some workers compute at once, what others compute beside the tick
-        return planned
+        return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _STRIP_START_OFFSET

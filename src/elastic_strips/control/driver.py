@@ -1,4 +1,4 @@
-"""Driver: motors and sensors of motion, as the process that controls sees them; the contract of who writes one."""
+"""Driver: motors and sensors of motion, as the controlling process sees them; the contract for whoever writes one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ COMMAND_TIMEOUT = 0.1
 
 
 class Driver(Protocol):
-    """Motors and sensors of one robot. What follows is promised by every driver; safety rests on it.
+    """Motors and sensors of one robot. Every driver promises the following, and safety rests on it.
 
     - Clock. All times are seconds on the clock of the caller; readings are stamped with the time at which they were
       measured, not with that of their arrival.
@@ -19,8 +19,8 @@ class Driver(Protocol):
       tenth of a control period.
     - Command timeout. Where no command has come for :data:`COMMAND_TIMEOUT`, by the time that it was sent with, the
       driver stops all motors at full deceleration by itself: the process that commands may have been killed or stopped.
-      So this is done by what outlives that process: the motor controllers, or another process. Commands are obeyed
-      again as soon as they come.
+      So something that outlives that process has to do this: the motor controllers, or another process. Commands are
+      obeyed again as soon as they come.
     - Safe stop. ``Command.stop`` cuts the motors' power and lets the brakes fall in, whatever the speeds say, for as
       long as it is commanded.
     - Nothing lost. Wheel travel is summed up from one ``measure`` that returns a measurement to the next, however long
@@ -33,7 +33,7 @@ class Driver(Protocol):
     """
 
     def measure(self, t: float) -> Measurement | None:
-        """What was measured since the last call.
+        """The measurement since the last call.
 
         Args:
             t: now [s].
@@ -42,7 +42,7 @@ class Driver(Protocol):
             The newest readings, with the travel since the last measurement that was returned; None where nothing came.
 
         Raises:
-            Exception: whatever a sensor's driver throws; the caller takes it for a measurement that is missing.
+            Exception: whatever a sensor's driver throws; the caller treats it as a missing measurement.
         """
         ...
 
@@ -59,5 +59,5 @@ class Driver(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop safely, and release what the driver holds; what is called after that does nothing."""
+        """Stop safely, and release the driver's resources; calls after that do nothing."""
         ...

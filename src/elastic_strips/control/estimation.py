@@ -51,26 +51,26 @@ def _inverse(a: Pose) -> Pose:
 
 
 _Odometry = tuple[float, Pose, tuple[float, ...]]  # time, pose, encoder travel
-_KEEP = 64  # odometry poses kept for delayed fixes
-_SLACK = 1e-9  # [s]
+_KEPT_POSES = 64  # odometry poses kept for delayed fixes
+TIME_SLACK = 1e-9  # [s] times that differ by less are the same
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorParams(Checked):
-    """What the estimator believes about the sensors.
+    """The estimator's assumptions about the sensors.
 
     Attributes:
-        slip: standard deviation of the slip of a wheel: part of its travel.
+        slip: standard deviation of a wheel's slip, as a part of its travel.
         slip_time: correlation time of the slip [s].
         fix_noise, fix_angle_noise: standard deviations of a fix [m, rad].
-        drift: standard deviation of what else moves the base, after one second [m, rad].
+        drift: standard deviation of all other motion of the base after one second [m, rad].
         coast: after the loss of odometry the last velocity is kept this long [s]; then the estimate stands.
-        gate: a fix that is more standard deviations from what odometry says is a sign of wheels that slip, where their
-            travel can explain it; else it is not believed.
-        believe_after: a fix that is not believed is, after all, where the robot has stood for this time [s] and all
-            fixes agreed meanwhile,
-        believe_within: and it is within this distance [m]: somebody may have pushed the robot. What is further needs
-            :meth:`StateEstimator.reset`.
+        gate: a fix that is more standard deviations from odometry is a sign of wheels that slip, if their
+            travel can explain it; otherwise it is not believed.
+        believe_after: time [s] after which a fix is believed after all, if the robot has stood so long and all
+            fixes agreed meanwhile.
+        believe_within: distance [m] within which such a fix must be: somebody may have pushed the robot. One further
+            away needs :meth:`StateEstimator.reset`.
     """
 
     slip: NonNegative = 0.01
@@ -102,8 +102,8 @@ class StateEstimator:
 
     Attributes:
         doubt: why the last fix was not believed; empty where it was.
-        localized: whether a fix has ever come; else the pose is that of odometry, in a frame of its own.
-        slipped: by how much [m] odometry was off at the last fix, where only wheels that slip explain it; else 0.
+        localized: whether a fix has ever come; otherwise the pose is that of odometry, in a frame of its own.
+        slipped: by how much [m] odometry was off at the last fix, if only wheels that slip explain it; else 0.
     """
 
     doubt: str
@@ -146,7 +146,7 @@ class StateEstimator:
         self._twist: Pose = (0.0, 0.0, 0.0)
         self._lost_since: float | None = None
         self._back_at: float | None = None
-        self._past: deque[_Odometry] = deque([(self._time, pose, (0.0,) * self._k)], _KEEP)
+        self._past: deque[_Odometry] = deque([(self._time, pose, (0.0,) * self._k)], _KEPT_POSES)
         self._at_fix = self._past[0]
         self._last_fix = (self._past[0], np.zeros(3))  # where odometry was at the last fix, and how far from it
         self._doubted: _Odometry | None = None  # since when, where, at which travel
@@ -189,7 +189,7 @@ class StateEstimator:
         if self._lost_since is None:
             self._lost_since = self._time - dt
         self._back_at = None
-        if self._time - self._lost_since <= self.params.coast + _SLACK:
+        if self._time - self._lost_since <= self.params.coast + TIME_SLACK:
             vx, vy, turn = self._twist
             self._pose = compose(self._pose, exp((vx * dt, vy * dt, turn * dt)))
 
@@ -199,7 +199,7 @@ class StateEstimator:
         if past is None:
             return  # older than the kept poses, or than the last fix
         p, P = self.params, self._predicted(past)
-        found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - _SLACK
+        found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - TIME_SLACK
         if found:  # the travel since the loss is unknown
             P[:3, :3] = np.eye(3)
         _, pose, _ = past
@@ -222,7 +222,9 @@ class StateEstimator:
         moved = compose(pose, exp((delta[0], delta[1], delta[2])))
         shift = compose(moved, _inverse(pose))
         self._pose = compose(shift, self._pose)
-        self._past = deque(((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * _SLACK), _KEEP)
+        self._past = deque(
+            ((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * TIME_SLACK), _KEPT_POSES
+        )
         self._at_fix = (at, moved, past[2])
         if found:
             self._lost_since = self._back_at = None
@@ -255,8 +257,8 @@ class StateEstimator:
         """Odometry at a past time, interpolated between the kept poses."""
         later = None
         for entry in reversed(self._past):
-            if entry[0] <= at + _SLACK:
-                if later is None or at - entry[0] <= _SLACK:
+            if entry[0] <= at + TIME_SLACK:
+                if later is None or at - entry[0] <= TIME_SLACK:
                     return entry
                 s = (at - entry[0]) / (later[0] - entry[0])
                 travel = _log(compose(_inverse(entry[1]), later[1]))
@@ -285,14 +287,14 @@ class StateEstimator:
         return P
 
 
-_KEPT = 200
+_KEPT_SAMPLES = 200
 
 
 class PoseBuffer:
     """Workspace: the last estimates of a base's pose."""
 
     def __init__(self) -> None:
-        self._entries: deque[tuple[float, Array]] = deque(maxlen=_KEPT)
+        self._entries: deque[tuple[float, Array]] = deque(maxlen=_KEPT_SAMPLES)
 
     def add(self, t: float, estimate: Array) -> None:
         """Add an estimated coordinate row (nv,), which begins with x, y [m], yaw [rad], at time ``t`` [s]."""

@@ -6,25 +6,25 @@ a certified motion is driven: one that follows the best manoeuvre for a while, a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.collision import Forecast
+from elastic_strips.collision import Certificate
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.space import wrap_angle
-from elastic_strips.scene import Scene
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.path import integrate_travel
-from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory, TrajectoryCertifier
+from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory
 
 from .lookahead import ObstacleLookahead
 from .pace import Pace
 from .params import EvasionParams
-from .prediction import ArrivalTimes
+from .prediction import ArrivalTimes, Outlook
+from .progress import DETOUR_COST
 from .rollout import RollOuts, lattice
 from .strip_timer import PlanOutcome, PlanResult, fastest_drive
 
@@ -46,10 +46,10 @@ def motion_to(
 
     Args:
         robot: the robot.
-        limits: of its motors.
+        limits: limits of its motors.
         start: first state, at ``start.time``.
         target: (k,) speeds of the drive coordinates.
-        part: of the acceleration limits.
+        part: share of the acceleration limits.
         duration: until it begins to brake [s].
         dt: time between samples [s].
 
@@ -79,26 +79,24 @@ def motion_to(
     return Trajectory(robot, limits, time, coordinates, limits.to_tangent(v), limits.to_tangent(a))
 
 
-_TOUCHING = 40.0
+_CONTACT_COST = 40.0
 """Cost of a contact, per second."""
-_DETOUR = 1.5
-"""Cost of a metre beside the strip, in metres along it."""
-_TURN = 0.3
+_HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
-_LONGER = np.array([0.0, 0.2, 0.5, 0.9])
-"""Times [s] for which a manoeuvre may be followed beyond the least one, to end at a free place."""
+_LONGER_BY = np.array([0.0, 0.2, 0.5, 0.9])
+"""Times [s] for which a manoeuvre may be followed beyond the least time, to end at a free place."""
 _ROOM_STEP = 0.1
 """Step [s] at which the way to that place is looked at."""
-_STANDING = 0.25
+_FREE_PLACE_TIME = 0.25
 """Time [s] for which that place is to stay free."""
-_FEW = 8
-"""So many of the shortlist are compared with what stands at a time."""
-_GAIN = 0.1
+_COMPARED_AT_ONCE = 8
+"""This many of the shortlist are compared with static obstacles at a time."""
+_LEAST_GAIN = 0.1
 """Gain of cost [s] for which a robot in motion, or at risk, leaves the strip."""
-_PACE = 0.75
+_STRIP_PACE = 0.75
 """Part of the largest speed and acceleration that the strip is assumed to be followed with."""
-_STEADY = 0.15
-"""Bonus [s] of the manoeuvre that was chosen last: it goes on unless another is better."""
+_STEADINESS_BONUS = 0.15
+"""Bonus [s] of the manoeuvre that was chosen last: it goes on unless another one is better."""
 
 
 class EvasivePlanner(OneThread):
@@ -106,26 +104,24 @@ class EvasivePlanner(OneThread):
 
     Args:
         robot: the robot; a fixed base has no manoeuvres.
-        limits: of its motors.
-        params: of the comparison.
+        limits: limits of its motors.
+        params: parameters of the comparison.
         dt: time between the samples of motions [s].
         hold: least time [s] for which a motion follows its manoeuvre before it brakes.
-        clearance: distance [m] that certificates require.
 
     Attributes:
-        hold: see above.
+        hold: the argument ``hold``.
         time: (T,) times [s] after the start at which costs are taken.
     """
 
     def __init__(
-        self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float,
-        clearance: float,
-    ) -> None:  # fmt: skip
+        self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float
+    ) -> None:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.params: EvasionParams = params
         self.dt: float = dt
-        self.clearance: float = clearance
+        self._clearance = 0.0  # distance [m] that certificates require
         self._footprint = PlanarFootprint(robot)
         self.hold: float = hold
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
@@ -144,25 +140,24 @@ class EvasivePlanner(OneThread):
         result: PlanResult,
         start: ReferenceState,
         active: Trajectory,
-        scene: Scene,
-        possible: Forecast,
-        certifier: TrajectoryCertifier,
+        outlook: Outlook,
+        certify: Callable[[Trajectory, Outlook], Certificate],
         arrival: ArrivalTimes,
         pace: Pace | None = None,
     ) -> PlanResult:
         """The given result, or one with a certified motion off the strip where that has a lower cost.
 
         Args:
-            result: of planning along the strip.
+            result: result of planning along the strip.
             start: first state of the next motion.
             active: the trajectory that is executed.
-            scene: sensed.
-            possible: forecast of its moving obstacles.
-            certifier: of motions.
+            outlook: of the tick.
+            certify: certifies motions.
             arrival: times at the strip's nodes.
             pace: how much time there is for further motions where the best is not certified; enough where None.
         """
-        if not self.look(scene, possible, start, result.report.strip.coordinates):
+        scene = outlook.scene
+        if not self.look(outlook, start, result.report.strip.coordinates):
             return result
         if result.accepted:
             rows = self._followed(result, start, arrival)
@@ -176,10 +171,10 @@ class EvasivePlanner(OneThread):
         if not threatened and (result.accepted or by_standing):
             self._last = None
             return result
-        gain = _GAIN if threatened or start.v.any() else self.params.min_gain
+        gain = _LEAST_GAIN if threatened or start.v.any() else self.params.min_gain
         began = 0.0 if pace is None else pace.reading()
         for motion in self.options(start, cost - gain):
-            certificate = certifier.certify(motion, scene, possible)
+            certificate = certify(motion, outlook)
             if certificate.certified:
                 return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate, reason="")
             if pace is not None:
@@ -195,8 +190,8 @@ class EvasivePlanner(OneThread):
         Where the strip is broken the robot is assumed to stop and wait.
         """
         strip, speed, times = result.report.strip.coordinates, result.speed, self.time
-        top = _PACE * float(self.limits.drive_speed.max(initial=1.0))
-        change = _PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
+        top = _STRIP_PACE * float(self.limits.drive_speed.max(initial=1.0))
+        change = _STRIP_PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
         now = min(fastest_drive(self.limits, start.v) / top, speed)
         ramp = np.minimum(times, (speed - now) / change)
         passed = now * times + change * ramp * (times - 0.5 * ramp)
@@ -209,20 +204,21 @@ class EvasivePlanner(OneThread):
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)
 
     @exclusive
-    def look(self, scene: Scene, possible: Forecast, start: ReferenceState, strip: Array) -> bool:
+    def look(self, outlook: Outlook, start: ReferenceState, strip: Array) -> bool:
         """Take in a scene, for :meth:`cost` and :meth:`options`.
 
         Args:
-            scene: sensed.
-            possible: forecast of its moving obstacles.
+            outlook: of the tick.
             start: first state of the next motion.
             strip: (M, nv) coordinate rows of the path to the goal from there.
 
         Returns:
             Whether any moving obstacle may come near within the horizon; only then costs are defined.
         """
+        scene, possible = outlook.scene, outlook.possible
         if not self.limits.drive_dim or not len(possible):
             return False
+        self._clearance = outlook.margins.clearance
         self._footprint.update(start.coordinates)
         horizon = self.params.horizon
         reach = self._footprint.reach() + self.params.radius + float(self.limits.drive_speed[:2].max()) * horizon
@@ -265,7 +261,7 @@ class EvasivePlanner(OneThread):
         pose = self._rolling.poses(start, targets, horizon=params.horizon)
         cost = self._to_go(pose[:, -1])
         if last is not None:  # a bonus for the present manoeuvre
-            cost[(np.abs(targets.first - last) < 1e-9).all(axis=1)] -= _STEADY
+            cost[(np.abs(targets.first - last) < 1e-9).all(axis=1)] -= _STEADINESS_BONUS
         able = cost < better  # risk only adds to it
         targets, pose, cost = targets.take(able), pose[able], cost[able]
         cost += self._risk(pose)
@@ -278,7 +274,7 @@ class EvasivePlanner(OneThread):
             if len(tried) >= params.tries:
                 break
             tried.add(kind)
-            duration = self.hold + float(_LONGER[hold[kind]])
+            duration = self.hold + float(_LONGER_BY[hold[kind]])
             motion = motion_to(
                 self.robot, self.limits, start, kinds[kind], part=params.acceleration, duration=duration, dt=self.dt
             )
@@ -291,8 +287,8 @@ class EvasivePlanner(OneThread):
         """Those of ``best``, in ascending order of cost, that stay below ``better`` with the risk of touching what
         stands, by cost with that risk. It only adds to a cost: few are asked for it before the first is sure."""
         known: list[tuple[float, int]] = []  # cost, and place among the best
-        for begin in range(0, len(best), _FEW):
-            few = best[begin : begin + _FEW]
+        for begin in range(0, len(best), _COMPARED_AT_ONCE):
+            few = best[begin : begin + _COMPARED_AT_ONCE]
             risen = cost[few] + self._standing_risk(pose[few])
             known += [(c, begin + k) for k, c in enumerate(risen.tolist()) if c < better]
             known.sort()
@@ -307,12 +303,12 @@ class EvasivePlanner(OneThread):
 
         The next tick plans anew, and most places are free: the longer times are tried where the shortest does not do.
         """
-        kinds, longer = self._kinds, len(_LONGER) - 1
-        after = _STANDING + _ROOM_STEP
-        held = self._free(start, kinds, np.full(len(kinds), self.hold + _LONGER[0]), after=after).astype(np.intp) - 1
+        kinds, longer = self._kinds, len(_LONGER_BY) - 1
+        after = _FREE_PLACE_TIME + _ROOM_STEP
+        held = self._free(start, kinds, np.full(len(kinds), self.hold + _LONGER_BY[0]), after=after).astype(np.intp) - 1
         left = np.flatnonzero(held < 0)
         if len(left):
-            hold = np.tile(self.hold + _LONGER[1:], len(left))
+            hold = np.tile(self.hold + _LONGER_BY[1:], len(left))
             free = self._free(start, np.repeat(kinds[left], longer, axis=0), hold).reshape(-1, longer)
             held[left] = np.where(free.any(axis=1), 1 + free.argmax(axis=1), -1)
         return held
@@ -320,20 +316,20 @@ class EvasivePlanner(OneThread):
     def _free(self, start: ReferenceState, target: Array, hold: Array, *, after: float | None = None) -> Mask:
         """(N,) whether motions to targets (N, k), held for times (N,) [s], keep clear of the forecast."""
         time, pose, rest = self._stopping.to_rest(start, target, hold, after=after)
-        apart = self._lookahead.possible(pose, self._delay + time, 2.0 * self.clearance)
-        return np.all((apart > self.clearance) | (time > rest[:, None] + _STANDING), axis=1)
+        apart = self._lookahead.possible(pose, self._delay + time, 2.0 * self._clearance)
+        return np.all((apart > self._clearance) | (time > rest[:, None] + _FREE_PLACE_TIME), axis=1)
 
     def _risk(self, pose: Array) -> Array:
         """(N,) cost [s] of coming near moving obstacles, discounted with time, as predictions become less certain."""
         params = self.params
-        apart = self._lookahead.near(pose, self._delay + self.time, params.lookahead) - self.clearance
+        apart = self._lookahead.near(pose, self._delay + self.time, params.lookahead) - self._clearance
         near = np.minimum(np.maximum(1.0 - apart / self._radius, 0.0), 1.5)
-        return (params.proximity_weight * near * near + _TOUCHING * (apart < 0.0)) @ self._weight
+        return (params.proximity_weight * near * near + _CONTACT_COST * (apart < 0.0)) @ self._weight
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching static obstacles."""
-        apart = self._lookahead.from_standing(pose[:, 1::2], 2.0 * self.clearance)
-        return (_TOUCHING * (apart < self.clearance)) @ (2.0 * self._weight[1::2])
+        apart = self._lookahead.from_standing(pose[:, 1::2], 2.0 * self._clearance)
+        return (_CONTACT_COST * (apart < self._clearance)) @ (2.0 * self._weight[1::2])
 
     def _to_go(self, pose: Array) -> Array:
         """(N,) time [s] to the goal from poses (N, 3): back to the strip, along it, and turning."""
@@ -342,7 +338,7 @@ class EvasivePlanner(OneThread):
         length = (at * at).sum(axis=1)[:, None] + self._square
         length -= 2.0 * (at @ path.T)
         np.sqrt(np.maximum(length, 0.0, out=length), out=length)
-        length *= _DETOUR
+        length *= DETOUR_COST
         length += self._rest
         node = length.argmin(axis=1)
         least = length[np.arange(len(pose)), node] / top
@@ -351,4 +347,5 @@ class EvasivePlanner(OneThread):
         to = self._ahead[node] - at
         turn = np.abs(wrap_angle(np.arctan2(to[:, 1], to[:, 0]) - pose[:, 2]))
         turn = np.minimum(turn, np.pi - turn + 0.5)  # backing up is possible too
-        return least + _TURN * turn * np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is none left
+        counts = np.minimum(np.hypot(to[:, 0], to[:, 1]), 1.0)  # at the goal there is nothing left to head for
+        return least + _HEADING_COST * turn * counts

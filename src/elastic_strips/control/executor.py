@@ -1,7 +1,7 @@
-"""Executor: what has to happen in every control period: measurements in, the active trajectory followed and watched,
+"""Executor: the work of every control period: measurements in, the active trajectory followed and watched,
 commands out.
 
-It needs nothing of the planner but the next certified motion, and brings the robot to rest where none comes.
+It needs only the next certified motion from the planner, and brings the robot to rest where none comes.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from .params import DriveParams, Tolerance
 from .supervisor import RunLog, Supervisor
 from .tracking import TrackingController, TrackingGains
 
-_STEP = 0.005  # [m] in which the tracking error grows
-_RESTS = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
+_TRACKING_ERROR_STEP = 0.005  # [m] in which the tracking error grows
+_STANDING_SPEED = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
 
 
 class ExecutorLink(Protocol):
-    """What planning sees of an executor: its own, or one in another process.
+    """The planner's view of an executor: its own one, or one in another process.
 
     Attributes:
         run: state, reason, events and stops of the robot.
         active: the trajectory that is executed; it ends at rest.
-        at_goal: whether that is at the goal.
+        at_goal: whether that trajectory ends at the goal.
         estimate: (nv,) estimated coordinate row.
         settled: whether the robot stands, by its measured speed.
         lost_for: time [s] without odometry.
         waits: why it takes no motions now; empty where it takes them.
         coarse: error [m] of the estimated robot, by the estimator's standard deviations.
-        needed_error: how far [m] the robot may be off its reference, as exact as its estimate is now.
-        recoveries: how often it went on from somewhere beside its reference.
+        needed_error: tracking error [m] that the present accuracy of the estimate requires.
+        recoveries: how often the robot went on from a place off its reference.
     """
 
     @property
@@ -81,7 +81,7 @@ class ExecutorLink(Protocol):
 
         Args:
             motion: starts now or later.
-            certificate: of this motion.
+            certificate: certificate of this motion.
             at_goal: whether its end is the goal.
             proven: tracking error [m] that it was certified with.
         """
@@ -105,7 +105,7 @@ class ExecutorLink(Protocol):
         ...
 
     def planned(self) -> None:
-        """Note that a planning tick is over, whatever came of it."""
+        """Note that a planning tick is over, whatever its result."""
         ...
 
     def anchor(self, resting: Trajectory) -> None:
@@ -125,7 +125,7 @@ class ExecutorLink(Protocol):
         ...
 
 
-class Executor:
+class MotionExecutor:
     """Workspace: follows the active trajectory, watches what its certificate assumes, and brakes where that fails.
 
     In every control period: :meth:`measure`, then what the planner has (:meth:`submit`, …), then :meth:`command`.
@@ -133,19 +133,19 @@ class Executor:
 
     Args:
         robot: the robot.
-        limits: of its motors.
-        params: of the drive.
+        limits: limits of its motors.
+        params: parameters of the drive.
         start: (nv,) coordinate row of the robot at rest.
         goal: (nv,) coordinate row of its goal.
         tolerance: how near counts as reached.
         keep: the newest events and stops that are kept at least; all where None.
 
     Attributes:
-        time: of the last step [s].
+        time: time of the last step [s].
         estimator, monitor, supervisor, tracker: the parts.
-        contact: what the robot touches, by its last measurement; empty without a contact.
+        contact: what the robot touches by its last measurement; empty without a contact.
         proven: tracking error [m] that the active trajectory was certified with.
-        other attributes: as of :class:`ExecutorLink`.
+        other attributes: see :class:`ExecutorLink`.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class Executor:
 
     @property
     def settled(self) -> bool:
-        return self._speed < _RESTS
+        return self._speed < _STANDING_SPEED
 
     @property
     def lost_for(self) -> float:
@@ -214,10 +214,14 @@ class Executor:
 
     @property
     def needed_error(self) -> float:
-        """In steps of 5 mm."""
+        """The error that is needed, in steps of 5 mm."""
         params = self.params
         needed = params.monitor.control_share * params.tracking_error + self.monitor.uncertainty
-        return params.tracking_error if needed <= params.tracking_error else math.ceil(needed / _STEP) * _STEP
+        return (
+            params.tracking_error
+            if needed <= params.tracking_error
+            else math.ceil(needed / _TRACKING_ERROR_STEP) * _TRACKING_ERROR_STEP
+        )
 
     def reference(self, t: float) -> ReferenceState:
         return self.supervisor.reference(t)
@@ -246,7 +250,7 @@ class Executor:
 
     def hold(self, reason: str, proven: float) -> None:
         self.proven = max(self.proven, proven)
-        self.supervisor.hold(self.time, reason)
+        self.supervisor.hold(reason)
 
     def reject(self, reason: str) -> None:
         self.supervisor.reject(reason, self.time)
@@ -272,7 +276,7 @@ class Executor:
     # in every control period
 
     def measure(self, t: float, raw: Measurement | None) -> None:
-        """Take in what can be true of a measurement.
+        """Take in those parts of a measurement that can be true.
 
         Args:
             t: time [s], later than at the last call by about ``params.control_dt``.
@@ -301,7 +305,7 @@ class Executor:
             if self.estimator.doubt:
                 self.log("fault", self.estimator.doubt)
         if raw is not None:
-            self._check_touch(t, raw)
+            self._check_touch(raw)
         if self._halt:
             self._recover(t)
 
@@ -318,12 +322,12 @@ class Executor:
         return command
 
     def fail(self, reason: str) -> None:
-        """Log a fault of what is around this executor, and come to rest."""
+        """Log a fault from outside this executor, and come to rest."""
         self.log("fault", reason)
         if not self.at_rest(self.time):
             self.brake(reason)
 
-    def _check_touch(self, t: float, measurement: Measurement) -> None:
+    def _check_touch(self, measurement: Measurement) -> None:
         """Brake at a contact, and where an emergency stop is pressed."""
         self.contact = measurement.contact
         if measurement.emergency and not self._emergency:
@@ -367,7 +371,7 @@ class Executor:
             self.log("unproven", f"the robot is further off its reference than was proven with: {self._halt}")
 
     def _check_arrival(self, t: float) -> None:
-        """At rest at the end of a motion to the goal, look whether the robot is there, too."""
+        """At rest at the end of a motion to the goal, check whether the robot is there, too."""
         supervisor, off = self.supervisor, np.abs(self.robot.space.difference(self.goal, self.estimate))
         if self._halt or not supervisor.at_goal or not supervisor.at_rest(t) or self.run.state is RunState.REACHED:
             return

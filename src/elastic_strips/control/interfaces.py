@@ -16,14 +16,14 @@ class Measurement:
     """Readings of the robot's own sensors at one time.
 
     Attributes:
-        time: of the readings [s].
+        time: time of the readings [s].
         drive: (k,) travel of the drive coordinates since the last measurement, from encoders (rims left, right [m] of
             a differential drive; x, y [m], yaw [rad] in the body frame of an omnidirectional base); None where
             odometry is lost.
         joints: (n,) joint positions, from encoders [rad or m].
         pose: (3,) localization fix x, y [m], yaw [rad] in the world, where one arrives now; else None.
         pose_time: time [s] at which the fix was measured, earlier than ``time``; None without a fix.
-        pose_covariance: (3, 3) of the fix, in the robot's frame [m², rad²]; None where it is not told.
+        pose_covariance: (3, 3) covariance of the fix, in the robot's frame [m², rad²]; None where it is not known.
         contact: description of a felt contact; empty without one.
         emergency: description of a pressed emergency stop; empty without one.
     """

@@ -7,25 +7,26 @@ from functools import partial
 
 import numpy as np
 
-from elastic_strips.collision import Certificate, Forecast
+from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.report import DeformReport
+from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 
 from .evasion import EvasivePlanner
 from .pace import Pace
-from .params import DriveParams
-from .prediction import ArrivalTimes, as_expected, predict
+from .params import DriveParams, Margins
+from .prediction import ArrivalTimes, Outlook
 from .progress import reconnect, trim_passed
-from .strip_timer import PlanOutcome, PlanResult, Stopwatch, StripTimer
+from .strip_timer import PlanOutcome, PlanResult, StripTimer
 
-PATIENCE = 4
+BROKEN_STEPS = 4
 """Steps for which a strip that has broken gets new nodes; then other means have to help."""
-_SELDOM = 4
-"""After that it is deformed in every so many ticks while the robot waits, in case that what broke it goes away."""
+_STUCK_EVERY = 4
+"""After that it is deformed in every fourth tick while the robot waits, in case the obstacle in it goes away."""
 
 
 class LocalPlanner:
@@ -33,15 +34,16 @@ class LocalPlanner:
 
     Args:
         robot: the robot.
-        limits: of its motors.
-        params: of the drive.
+        limits: limits of its motors.
+        params: parameters of the drive.
         strip: from the start to the goal.
-        pace: how much time a tick has; enough where None.
+        pace: how much time a tick has; None: enough.
 
     Attributes:
         strip: the strip that is followed, from the robot's configuration in the last tick on.
+        margins: what motions keep from obstacles at present.
         off_strip: whether the robot has left it to evade, and has not come back.
-        report: of the strip's last tick; None before the first.
+        report: report of the strip's last tick; None before the first.
         evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
     """
 
@@ -51,21 +53,20 @@ class LocalPlanner:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.params: DriveParams = params
+        self.margins: Margins = params.margins
         self.deformer: Deformer = Deformer(robot, params.strip, constraint=params.constraint)
         self.pace: Pace = Pace(params, None) if pace is None else pace
         self.timer: StripTimer = StripTimer(robot, limits, params, self.deformer.spacing_weight, self.pace)
         self.arrival: ArrivalTimes = ArrivalTimes(robot, limits)
         self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
-            self.evasion = EvasivePlanner(
-                robot, limits, params.evasion, dt=params.sample_dt, hold=self._held, clearance=params.clearance
-            )
+            self.evasion = EvasivePlanner(robot, limits, params.evasion, dt=params.sample_dt, hold=self._held)
         self.strip: Strip = strip
         self.off_strip: bool = False
         self.report: DeformReport | None = None
         self._last: PlanResult | None = None
-        self._proof: tuple[Trajectory, Scene, Forecast] | None = None  # a certified motion, and what against
-        self._compared: tuple[Scene, Scene, bool] | None = None  # two scenes, and whether one surprises after the other
+        self._proof: tuple[Trajectory, Outlook] | None = None  # a certified motion, and what against
+        self._compared: tuple[Scene, Outlook, bool] | None = None  # whether a scene surprises after an outlook
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._broken = 0  # steps in a row that have left the strip without a certificate
@@ -81,21 +82,18 @@ class LocalPlanner:
 
         Args:
             strip: begins where the robot is, or near it.
-            beside: whether it is only near, so that it has to be joined.
+            beside: whether it begins only near the robot, so that it has to be joined.
         """
         self.strip = strip
         self._last, self._broken = None, 0
         self.off_strip = beside
 
     def allow(self, tracking_error: float) -> None:
-        """Plan for another tracking error [m] from now on; what was certified for a smaller one is certified anew."""
-        if tracking_error > self.params.tracking_error:
+        """Plan for another tracking error [m] from now on; motions certified for a smaller one are certified anew."""
+        if tracking_error > self.margins.tracking_error:
             self._proof = None
-        self.params = replace(self.params, tracking_error=tracking_error)
-        self.deformer.keep_clearance(self.params.strip.clearance)
-        self.timer.certifier.clearance = self.params.clearance
-        if self.evasion is not None:
-            self.evasion.clearance = self.params.clearance
+        self.margins = replace(self.margins, tracking_error=tracking_error)
+        self.deformer.keep_clearance(max(self.params.deform.clearance, self.margins.clearance))
 
     def reset(self) -> None:
         """Discard all state that is kept from tick to tick, except the strip; for use after an exception."""
@@ -105,7 +103,10 @@ class LocalPlanner:
 
     def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify the rest of a motion against a newer scene."""
-        return self.timer.certifier.certify(motion, scene, predict(scene, self.params.assumptions))
+        return self.timer.certify(motion, self._outlook(scene))
+
+    def _outlook(self, scene: Scene) -> Outlook:
+        return Outlook.of(scene, self.params.assumptions, self.margins)
 
     def tick(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         """Deform the strip, and plan a motion along it.
@@ -145,68 +146,63 @@ class LocalPlanner:
         Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once.
         """
         start = active.at(begin)
-        watch = Stopwatch()
+        watch = PhaseClock()
         self._age = 0
-        possible = predict(scene, self.params.assumptions)
+        outlook = self._outlook(scene)
         if self.pace.slow and self.report is not None and start.v.any():
-            brake = self._brake(start, active, scene, possible, self.report, watch)
+            brake = self._brake(start, active, outlook, self.report, watch)
             if brake is not None:
                 return brake
-        report = self._deform(now, scene, start, watch)
-        result = self.timer.motion(start, active, scene, possible, report, watch, off_strip=self.off_strip)
+        report = self._deform(now, outlook, start, watch)
+        result = self.timer.motion(start, active, outlook, report, watch, off_strip=self.off_strip)
         if not result.accepted and start.v.any():
-            result = self._on_active(result, start, active, scene, possible, watch)
+            result = self._on_active(result, start, active, outlook, watch)
         if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
             self.evasion.hold = self._held
             before = self.pace.reading()
-            result = self.evasion.improved(
-                result, start, active, scene, possible, self.timer.certifier, self.arrival, self.pace
-            )
+            result = self.evasion.improved(result, start, active, outlook, self.timer.certify, self.arrival, self.pace)
             self._evasion_took = self.pace.reading() - before
-            watch.lap("evasion")
+            watch.mark("evasion")
         self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not result.accepted)
         if result.outcome is PlanOutcome.BRAKE:
             self._proof = None
         elif result.accepted and result.motion is not None:
-            self._proof = result.motion, scene, possible
+            self._proof = result.motion, outlook
         return result
 
     def _brake(
-        self, start: ReferenceState, active: Trajectory, scene: Scene, possible: Forecast, report: DeformReport,
-        watch: Stopwatch,
-    ) -> PlanResult | None:  # fmt: skip
+        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
+    ) -> PlanResult | None:
         """The active trajectory braked, where the scene is not what it was certified for, and it is certified no
         longer; else None."""
-        if not self._surprised(active, scene):
+        if not self._surprised(active, outlook.scene):
             return None
-        rest = active.tail(start.time)
-        certificate = self.timer.certifier.certify(rest, scene, possible)
-        watch.lap("motion certificate")
+        certificate = self.timer.certify(active.tail(start.time), outlook)
+        watch.mark("motion certificate")
         if certificate.certified:
-            self._proof = active, scene, possible
+            self._proof = active, outlook
             return None
         self._proof = None
         reason = f"the held motion is no longer certified: {certificate.broken}"
         braked = self.timer.hard.brake(active, start.time)
         if braked.end_time >= active.end_time - 0.01:  # it brakes already: look for a way on
             return None
-        return PlanResult(PlanOutcome.BRAKE, braked, certificate, reason, report, 0.0, watch.timings)
+        return PlanResult(PlanOutcome.BRAKE, braked, certificate, reason, report, 0.0, watch.phases)
 
     def _on_active(
-        self, result: PlanResult, start: ReferenceState, active: Trajectory, scene: Scene, possible: Forecast,
-        watch: Stopwatch,
-    ) -> PlanResult:  # fmt: skip
+        self, result: PlanResult, start: ReferenceState, active: Trajectory, outlook: Outlook, watch: PhaseClock
+    ) -> PlanResult:
         """Decide on the active trajectory where the robot moves and there is no new motion.
 
         It goes on to its end. The robot brakes at once only if the scene is not what the trajectory was certified for,
         and it is no longer certified.
         """
-        surprised, tried = self._surprised(active, scene), result.certificate is not None
+        surprised, tried = self._surprised(active, outlook.scene), result.certificate is not None
         if tried and not surprised:
             return result
         rest = active.tail(start.time)
-        certificate = self.timer.certifier.certify(rest, scene, possible)
-        watch.lap("motion certificate")
+        certificate = self.timer.certify(rest, outlook)
+        watch.mark("motion certificate")
         if certificate.certified and tried:
             return result
         result = replace(result, motion=rest, certificate=certificate)
@@ -218,21 +214,20 @@ class LocalPlanner:
         return replace(result, outcome=PlanOutcome.BRAKE, motion=self.timer.hard.brake(active, start.time))
 
     def _surprised(self, active: Trajectory, scene: Scene) -> bool:
-        """Whether a scene differs from what the motion's certificate allowed for, or that is not known."""
+        """Whether a scene differs from what the motion's certificate allowed for, or whether that is not known."""
         if self._proof is None:
             return True
-        motion, before, forecast = self._proof
+        motion, before = self._proof
         if motion is not active:
             return True
-        if self._compared is None or self._compared[0] is not scene or self._compared[1] is not before:
-            expected = as_expected(scene, before, forecast, self.params.assumptions)
-            self._compared = scene, before, not expected
+        if self._compared is None or self._compared[0] is not scene or self._compared[1].scene is not before.scene:
+            self._compared = scene, before, not before.allows(scene)
         return self._compared[2]
 
-    def _deform(self, now: float, scene: Scene, start: ReferenceState, watch: Stopwatch) -> DeformReport:
+    def _deform(self, now: float, outlook: Outlook, start: ReferenceState, watch: PhaseClock) -> DeformReport:
         """One tick of the strip from the start state on; several where it has just lost its certificate."""
-        params = self.params
-        expected = predict(scene, params.assumptions, horizon=params.horizon + now - scene.time, sure=True)
+        params, scene = self.params, outlook.scene
+        expected = outlook.expected(params.horizon + now - scene.time)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
         ahead = reconnect if self.off_strip else trim_passed
         coordinates, source = ahead(
@@ -242,12 +237,12 @@ class LocalPlanner:
         prediction = None
         if len(expected):
             prediction = partial(self.arrival.prediction, expected, start.time - scene.time)
-        watch.lap("strip")
+        watch.mark("strip")
         self._ticks += 1
         before, last = self.report, self._last
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
-        stuck = self._broken > PATIENCE
-        every = _SELDOM if stuck else 1 if prediction is None else 2
+        stuck = self._broken > BROKEN_STEPS
+        every = _STUCK_EVERY if stuck else 1 if prediction is None else 2
         if before is not None and waits and scene.names == self._names and self._ticks % every:
             report = replace(before, strip=strip)  # only the motion is planned again
         else:
@@ -264,5 +259,5 @@ class LocalPlanner:
                     report.strip, scene, prediction=prediction, nodes=prediction is None, retry=False
                 )
         self.strip, self.report = report.strip, report
-        watch.lap("deform")
+        watch.mark("deform")
         return report

@@ -9,37 +9,44 @@ import numpy as np
 from elastic_strips.arrays import Array, Mask, by_rows
 from elastic_strips.collision import Forecast
 from elastic_strips.native import kernel
+from elastic_strips.planning.grid_path import DRIVEN_OVER_HEIGHT
 from elastic_strips.robot import PlanarFootprint
 from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Scene
 from elastic_strips.scene.parts import Part
 from elastic_strips.work import count_work
 
-FAR = 3.0
+FARTHEST_SEPARATION = 3.0
 """Largest separation that is returned [m]."""
-_ROUND = ("Cylinder", "Sphere", "Capsule", "Cone")
+_ROUND_SHAPES = ("Cylinder", "Sphere", "Capsule", "Cone")
 _LEAST_DISC = 0.12  # [m] radius of the smallest discs that cover the robot's boxes
-_PARTS = np.linspace(0.0, 1.0, 7)[:, None]  # of the horizon, at which moving pieces are looked at
-_LOW = 0.02  # [m] lower obstacles are driven over
+_HORIZON_SHARES = np.linspace(0.0, 1.0, 7)[:, None]  # of the horizon, at which moving pieces are looked at
 
 
 class ObstacleLookahead:
     """The obstacles around the robot, seen from above, and their motion at constant velocities.
 
     Args:
-        footprint: of the robot.
+        footprint: footprint of the robot.
         scene: sensed.
-        forecast: of its moving obstacles.
+        forecast: forecast of its moving obstacles.
         centre: (2,) position of the robot [m].
         reach: distance from there within which static obstacles count [m].
         horizon: time within which moving obstacles count [s].
-        most: largest number of moving pieces, those first that come nearest soonest.
+        most: largest number of moving pieces, beginning with those that come nearest soonest.
     """
 
     def __init__(
-        self, footprint: PlanarFootprint, scene: Scene, forecast: Forecast, centre: Array, *, reach: float,
-        horizon: float, most: int = 12,
-    ) -> None:  # fmt: skip
+        self,
+        footprint: PlanarFootprint,
+        scene: Scene,
+        forecast: Forecast,
+        centre: Array,
+        *,
+        reach: float,
+        horizon: float,
+        most: int = 12,
+    ) -> None:
         count_work(batches=1, obstacles=len(scene))
         self.body = footprint
         self._native = kernel()
@@ -53,7 +60,7 @@ class ObstacleLookahead:
         flat = np.where(np.abs(turn[:, 2, 2]) < 0.999, table.radius, flat)  # those lie or lean
         tall = (np.abs(turn[:, 2]) * half).sum(axis=1)
         low, high = middle[:, 2] - tall, middle[:, 2] + tall
-        counts = (high >= _LOW) & (low <= footprint.high.max())
+        counts = (high >= DRIVEN_OVER_HEIGHT) & (low <= footprint.high.max())
         near = np.hypot(x - centre[0], y - centre[1]) - flat < reach
         at = np.flatnonzero(counts & near & (mover < 0))
         yaw = np.arctan2(turn[at, 1, 0], turn[at, 0, 0])
@@ -61,9 +68,9 @@ class ObstacleLookahead:
         at = np.flatnonzero(counts & (mover >= 0))
         vx, vy = forecast.velocity[mover[at], :2].T
         found = np.array([x[at], y[at], vx, vy, flat[at], low[at], high[at], mover[at]]).T
-        t = horizon * _PARTS
+        t = horizon * _HORIZON_SHARES
         apart = np.hypot(found[:, 0] + vx * t - centre[0], found[:, 1] + vy * t - centre[1])
-        soon = (apart - found[:, 4] - reach * _PARTS).min(axis=0)
+        soon = (apart - found[:, 4] - reach * _HORIZON_SHARES).min(axis=0)
         order = np.argsort(soon, kind="stable")[:most]
         self._discs: Array = found[order[soon[order] < footprint.reach()]].copy()
         at = self._discs[:, 7].astype(int)
@@ -84,7 +91,7 @@ class ObstacleLookahead:
         Args:
             pose: (N, T, 3) poses of the base [m, rad].
             time: (T,) times [s] after the scene.
-            lookahead: see above [s].
+            lookahead: as described above [s].
 
         Returns:
             (N, T) separations [m].
@@ -92,7 +99,9 @@ class ObstacleLookahead:
         count_work(outlooks=_pairs(pose, self._discs))
         if self._native is not None:
             result = np.empty(pose.shape[:2])
-            self._native.near_discs(*by_rows(pose, time, self._discs, self._size), lookahead, FAR, result)
+            self._native.near_discs(
+                *by_rows(pose, time, self._discs, self._size), lookahead, FARTHEST_SEPARATION, result
+            )
             return result
         x, y, vx, vy = self._discs[:, :4].T
         t = time[:, None]
@@ -100,9 +109,9 @@ class ObstacleLookahead:
         ahead = np.clip(-(dx * vx + dy * vy) / np.maximum(vx * vx + vy * vy, 1e-6), 0.0, lookahead)
         dx += vx * ahead
         dy += vy * ahead
-        return (np.sqrt(dx * dx + dy * dy) - self._size).min(axis=-1, initial=FAR)
+        return (np.sqrt(dx * dx + dy * dy) - self._size).min(axis=-1, initial=FARTHEST_SEPARATION)
 
-    def possible(self, pose: Array, time: Array, far: float = FAR) -> Array:
+    def possible(self, pose: Array, time: Array, far: float = FARTHEST_SEPARATION) -> Array:
         """Separations (N, T) [m] from all places where moving obstacles can be then, as for a certificate.
 
         Args:
@@ -132,7 +141,7 @@ class ObstacleLookahead:
                 np.minimum(result, (d - size[:, at]).min(axis=-1), out=result)
         return result
 
-    def from_standing(self, pose: Array, far: float = FAR) -> Array:
+    def from_standing(self, pose: Array, far: float = FARTHEST_SEPARATION) -> Array:
         """Lower bounds (N, T) [m] of the separations from static obstacles, at poses (N, T, 3) [m, rad], up to ``far``.
 
         They are a little too small, as discs cover the boxes of the robot.
@@ -164,7 +173,7 @@ class ObstacleLookahead:
 @lru_cache(maxsize=4)
 def _round(parts: tuple[Part, ...]) -> Mask:
     """(P,) which parts are round; scenes that differ in poses have the same."""
-    return np.array([type(part.geometry).__name__ in _ROUND for part in parts], dtype=bool)
+    return np.array([type(part.geometry).__name__ in _ROUND_SHAPES for part in parts], dtype=bool)
 
 
 def _pairs(pose: Array, pieces: Array) -> int:

@@ -19,17 +19,18 @@ from .params import MonitorParams
 
 _TOO_FAST = 2.0
 """A motor that seems this many times as fast as its limit was misread."""
-_SLACK = 0.05  # [m, rad] and what a reading may be off besides
-_FEW = 1
-"""So few obstacles may vanish at once."""
+_OLDEST_FIX = 10.0  # [s] before the measurement that it comes with
+_READING_SLACK = 0.05  # [m, rad] and what a reading may be off besides
+_MOST_VANISHED = 1
+"""This many obstacles may vanish at once."""
 
 
 class Monitor:
-    """Workspace: what sensors and motors have done so far, compared with what they can do.
+    """Workspace: compares what sensors and motors have done so far with what they can do.
 
     Args:
         robot: the robot.
-        limits: of its motors.
+        limits: limits of its motors.
         params: when an assumption counts as broken.
         dt: control period [s].
 
@@ -37,7 +38,7 @@ class Monitor:
         deviation: bound [m] of the distance of any point of the robot from its place by the reference, estimated.
         uncertainty: error [m] of any point of the estimated robot, by the estimator's standard deviations.
         silent: since when [s] no usable measurement of wheels or joints has come; None where the last one was.
-        motor_fault: what a motor does that it was not told to; empty where all obey.
+        motor_fault: how a motor disobeys; empty where all obey.
     """
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: MonitorParams, dt: float) -> None:
@@ -56,57 +57,66 @@ class Monitor:
         self._wrong_since: float | None = None
 
     def measurement(self, t: float, raw: Measurement, estimate: Array) -> tuple[Measurement | None, tuple[str, ...]]:
-        """A measurement without what cannot be true.
+        """A measurement without the parts that cannot be true.
 
         Args:
             t: time [s].
-            raw: what came.
+            raw: the measurement that came.
             estimate: (nv,) the last one; its joints stand for those that were misread.
 
         Returns:
-            The rest of it, None where nothing can be used; and what is wrong with it.
+            The rest of the measurement, None where nothing can be used; and what is wrong with it.
         """
         last, faults = self._last, []
         before = t - self._dt if last is None else last.time
         if not math.isfinite(raw.time) or raw.time > t + self.params.clock_skew:
-            faults.append(f"a measurement is of time {raw.time:g} s, which is still to come")
+            faults.append(f"a measurement has the time {raw.time:g} s, which is still to come")
             raw = replace(raw, time=t)
         if raw.time <= before:
             self._silence(t)
             return None, (*faults, f"a measurement of time {raw.time:g} s is no newer than the last")
         span = raw.time - before
-        drive, joints = raw.drive, raw.joints
-        if drive is not None and not _near(drive, np.zeros_like(self._model), self.limits.drive_speed, span):
-            faults.append("odometry is misread")
-            drive = None
-        elif drive is not None and span > self.params.longest_arc:
-            faults.append(f"odometry was silent for {span:.2f} s")
-            drive = None
-        first = self.robot.space.base_nv
-        self._joints_read = before if self._joints_read is None else self._joints_read
-        if not _near(joints, estimate[first:], self.limits.joint_speed, raw.time - self._joints_read):
-            faults.append("joints are misread")
-            joints = estimate[first:].copy()
+        drive, odometry_fault = self._odometry(raw, span)
+        joints, joints_fault = self._joints(raw, before, estimate[self.robot.space.base_nv :])
+        pose, covariance, fix_fault = self._fix(raw)
+        if drive is None or joints_fault:
             self._silence(t)
         else:
-            self._joints_read = raw.time
-            if drive is None:
-                self._silence(t)
-            else:
-                self.silent = None
-        pose, covariance = raw.pose, raw.pose_covariance
-        if pose is not None:
-            sound = np.shape(pose) == (3,) and np.isfinite(pose).all() and raw.pose_time is not None
-            if not sound or not raw.time - 10.0 < (raw.pose_time or 0.0) <= raw.time + self.params.clock_skew:
-                faults.append("a fix is misread")
-                pose = None
-            elif covariance is not None and not _is_covariance(covariance):
-                faults.append("the covariance of a fix is none")
-                covariance = None
+            self.silent = None
         self._last = replace(raw, drive=drive, joints=joints, pose=pose, pose_covariance=covariance)
         if drive is not None:
             self._check_motors(t, drive / span)
-        return self._last, tuple(faults)
+        return self._last, tuple(filter(None, (*faults, odometry_fault, joints_fault, fix_fault)))
+
+    def _odometry(self, raw: Measurement, span: float) -> tuple[Array | None, str]:
+        """How far the wheels went in ``span`` [s], None where that cannot be used; and what is wrong with it."""
+        if raw.drive is None:
+            return None, ""
+        if not _near(raw.drive, np.zeros_like(self._model), self.limits.drive_speed, span):
+            return None, "odometry is misread"
+        if span > self.params.longest_arc:
+            return None, f"odometry was silent for {span:.2f} s"
+        return raw.drive, ""
+
+    def _joints(self, raw: Measurement, before: float, estimate: Array) -> tuple[Array, str]:
+        """The joints, or their estimate where they cannot have come there since they were believed; what is wrong."""
+        self._joints_read = before if self._joints_read is None else self._joints_read
+        if not _near(raw.joints, estimate, self.limits.joint_speed, raw.time - self._joints_read):
+            return estimate.copy(), "joints are misread"
+        self._joints_read = raw.time
+        return raw.joints, ""
+
+    def _fix(self, raw: Measurement) -> tuple[Array | None, Array | None, str]:
+        """A fix and its covariance, None where they cannot be used; and what is wrong with them."""
+        pose, covariance = raw.pose, raw.pose_covariance
+        if pose is None:
+            return None, covariance, ""
+        sound = np.shape(pose) == (3,) and np.isfinite(pose).all() and raw.pose_time is not None
+        if not sound or not raw.time - _OLDEST_FIX < (raw.pose_time or 0.0) <= raw.time + self.params.clock_skew:
+            return None, covariance, "a fix is misread"
+        if covariance is not None and not _is_covariance(covariance):
+            return pose, None, "the covariance of a fix is not valid"
+        return pose, covariance, ""
 
     def nothing(self, t: float) -> None:
         """Take note that no measurement has come at time ``t`` [s]."""
@@ -116,7 +126,7 @@ class Monitor:
         self.silent = t if self.silent is None else self.silent
 
     def commanded(self, command: Command) -> None:
-        """Take note of a command: what the motors have to do in the period that begins now."""
+        """Take note of the command for the period that begins now."""
         wanted = np.zeros_like(self._model) if command.stop else command.drive
         push = self.limits.drive_acceleration * self._dt
         change = (wanted - self._model) * (1.0 - math.exp(-self._dt / max(self.params.wheel_lag, 1e-9)))
@@ -165,12 +175,12 @@ class SceneMonitor:
         Args:
             t: time [s].
             scene: the newest one.
-            at_rest: whether the robot stands: only then a scene without what was there is believed in the end.
+            at_rest: whether the robot stands: only then is a scene that lacks obstacles believed in the end.
         """
         if not scene.time <= t + self.params.clock_skew:
             return f"the scene's time is {scene.time - t:.2f} s ahead"
         gone = len(self._seen.difference(scene.names))
-        if gone > _FEW and gone > self.params.vanished * len(self._seen):
+        if gone > _MOST_VANISHED and gone > self.params.vanished * len(self._seen):
             self._doubted_since = t if self._doubted_since is None else self._doubted_since
             if t - self._doubted_since < self.params.scene_doubt or not at_rest:
                 return f"{gone} of {len(self._seen)} obstacles have vanished at once"
@@ -179,9 +189,11 @@ class SceneMonitor:
 
 
 def _near(values: Array, others: Array, speed: Array, span: float) -> bool:
-    """Whether values can be what others have become in ``span`` [s], at speeds of at most about ``speed``."""
+    """Whether values can have become these in ``span`` [s], at speeds of at most about ``speed``."""
     return np.shape(values) == others.shape and bool(
-        (np.abs(np.asarray(values) - others) <= _TOO_FAST * speed * span + _SLACK).all()  # False of what is no number
+        (
+            np.abs(np.asarray(values) - others) <= _TOO_FAST * speed * span + _READING_SLACK
+        ).all()  # False of what is no number
     )
 
 

@@ -10,20 +10,20 @@ import numpy as np
 
 from .params import DriveParams
 
-_KEPT = 20
+_REMEMBERED_TICKS = 20
 """Durations of ticks that are remembered."""
-_QUANTILE, _RESERVE = 0.9, 1.1
-"""Most ticks are to be in time; those that are not cost one motion, and the held one goes on meanwhile."""
-_WAITS = 0.4
-"""Part of the time until a motion begins that what can wait for the next tick may take: certificate and timing of what
-comes out of it need the rest."""
+_TICK_QUANTILE, _TICK_RESERVE = 0.9, 1.1
+"""Most ticks have to be in time; one that is not costs one motion, and the held one goes on meanwhile."""
+_WAITING_SHARE = 0.4
+"""Part of the time until a motion begins that work which can wait for the next tick may take: certificate and timing of
+its result need the rest."""
 
 
 class Pace:
     """Workspace: durations of the last planning ticks, and the budget of the present one.
 
     Args:
-        params: of the drive: the least latency.
+        params: parameters of the drive, with the least latency.
         meter: reading [s] of the clock that computing is measured with; None where it takes no time.
         transfer: control periods that a motion takes to the executor.
     """
@@ -32,7 +32,7 @@ class Pace:
         self.transfer: int = transfer
         self.params: DriveParams = params
         self.meter: Callable[[], float] | None = meter
-        self._seconds: deque[float] = deque(maxlen=_KEPT)
+        self._seconds: deque[float] = deque(maxlen=_REMEMBERED_TICKS)
         self._periods: int = 0  # that most ticks take
         self._began = self._end = 0.0
 
@@ -57,7 +57,7 @@ class Pace:
         return self.periods > self.params.latency + self.transfer
 
     def begin(self, spent: float = 0.0) -> None:
-        """A tick begins, and has until its motion begins; ``spent`` [s] were spent on its scene already."""
+        """A tick begins, and has time until its motion begins; ``spent`` [s] were spent on its scene already."""
         if self.meter is not None:
             self._began = self.meter() - spent
             self._end = self._began + self.latency
@@ -69,13 +69,13 @@ class Pace:
         seconds = self.meter() - self._began
         if full:
             self._seconds.append(seconds)
-            expected = _RESERVE * float(np.quantile(self._seconds, _QUANTILE))
+            expected = _TICK_RESERVE * float(np.quantile(self._seconds, _TICK_QUANTILE))
             self._periods = math.ceil(expected / self.params.control_dt)
         return seconds
 
     def has(self, seconds: float, *, waits: bool = False) -> bool:
-        """Whether the tick has so much time left [s]; for what can wait for the next one it has less (`_WAITS`)."""
-        end = self._began + _WAITS * (self._end - self._began) if waits else self._end
+        """Whether the tick has so much time left [s], or the part of it for what can wait for the next one."""
+        end = self._began + _WAITING_SHARE * (self._end - self._began) if waits else self._end
         return self.meter is None or self.meter() + seconds <= end
 
     def reading(self) -> float:

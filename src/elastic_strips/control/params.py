@@ -1,4 +1,4 @@
-"""Parameters: rates, margins, and what is assumed of obstacles; validated where they are made."""
+"""Parameters: rates, margins, and assumptions about obstacles; validated where they are made."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from elastic_strips.strip import DeformParams, OrientationConstraint
 from elastic_strips.validation import Bound, Checked, Count, Fraction, NonNegative, Positive, Whole, check_fields
 
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
-"""Parameters of strips that are driven: nodes may be further apart and the certificate coarser, for motions have a
+"""Parameters of strips that are driven: nodes may be further apart and the certificate coarser, because motions have a
 certificate of their own."""
 _OrAny = Annotated[float, Bound(low=0.0, infinite=True)]
 _Part = Annotated[float, Bound(above=0.0, high=1.0)]
@@ -18,7 +18,7 @@ _Part = Annotated[float, Bound(above=0.0, high=1.0)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObstacleAssumptions(Checked):
-    """What the safety of the motion rests on: how wrong the sensed scene and its prediction can be.
+    """The assumptions on which the motion's safety rests: how wrong the sensed scene and its prediction can be.
 
     An obstacle that is sensed at a pose with a velocity is within ``position_error + velocity_error·t +
     ½·acceleration·t²`` of where constant velocity takes it, t after the snapshot. One whose motion is unknown
@@ -37,20 +37,41 @@ class ObstacleAssumptions(Checked):
     max_speed: Positive = 2.0
 
 
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """What motions keep from obstacles at present.
+
+    Attributes:
+        tracking_error: largest distance [m] of any point of the robot from its place by the planned motion.
+        margin: clearance [m] that is kept beyond it.
+    """
+
+    tracking_error: float
+    margin: float
+
+    @property
+    def clearance(self) -> float:
+        """Distance [m] that motions prove to obstacles."""
+        return self.tracking_error + self.margin
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvasionParams:
     """How manoeuvres among moving obstacles are compared; none of this is needed for safety, which is certified.
 
     Attributes:
-        horizon: how far ahead manoeuvres are rolled out [s]; step: at which steps they are looked at [s].
+        horizon: how far ahead manoeuvres are rolled out [s].
+        step: time [s] between the poses that are evaluated.
         acceleration: part of the drive's acceleration limits that they use.
-        radius, radius_growth: a robot counts as near to what moves below radius + radius_growth·t, t ahead [m, m/s].
-        lookahead: what moves counts as where it will be within this time, too [s].
+        radius, radius_growth: a robot counts as near to a moving obstacle below radius + radius_growth·t, t ahead [m,
+            m/s].
+        lookahead: a moving obstacle counts at all places where it will be within this time, too [s].
         proximity_weight: cost of being next to something, per second.
         discount_time: time [s] within which a prediction loses weight.
         risk_threshold: risk [s] up to which the strip, or waiting, is good enough.
-        min_gain: what another path has to gain [s] before a robot that waits unthreatened sets off.
-        shortlist: so many of the best are compared with what stands; tries: so many are certified at most.
+        min_gain: time that another path has to gain [s] before a robot that waits unthreatened sets off.
+        shortlist: number of the best that are compared with static obstacles.
+        tries: largest number that is certified.
     """
 
     horizon: Positive = 3.0
@@ -77,21 +98,21 @@ class MonitorParams(Checked):
     """When an assumption counts as broken.
 
     Attributes:
-        control_share: part of ``DriveParams.tracking_error`` that control takes up by itself; where localization is so
-            coarse that the rest does not do, motions are planned for a larger one,
-        largest: but not for more than this [m].
+        control_share: part of ``DriveParams.tracking_error`` that control takes up by itself. Where localization is so
+            coarse that the rest is not enough, motions are planned for a larger tracking error.
+        largest: largest tracking error [m] that motions are planned for.
         brake_at: part of the tracking error that the distance from the reference and the error of the estimate may take
             up together; then the robot brakes.
         sigmas: standard deviations of the estimate that count as its largest error.
         clock_skew: largest time [s] by which a time stamp may be later than now.
         silence: longest time [s] without a usable measurement of wheels or joints.
         longest_arc: longest time [s] from one measurement to the next whose travel counts as one arc.
-        motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor,
-        motor_time: for at most this time [s]; then power is cut.
-        motor_wait: and for this time [s] at rest the power stays off.
+        motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor.
+        motor_time: longest time [s] for which a drive coordinate may differ by more; then power is cut.
+        motor_wait: time [s] at rest for which the power stays off.
         wheel_lag: time constant [s] of the motors' model.
-        vanished: a scene that lacks this part of the obstacles of the one before is not believed
-        scene_doubt: before this time [s] is over.
+        vanished: a scene that lacks this part of the obstacles of the one before is not believed at once.
+        scene_doubt: time [s] after which such a scene is believed, at rest.
         heartbeat: longest time [s] in which executor and planning, each in its process, hear nothing of each other.
         planner_hangs: longest time [s] from the end of one planning tick to that of the next, before a robot that moves
             says that planning hangs; it goes on to the end of its motion.
@@ -129,11 +150,11 @@ class DriveParams(Checked):
 
     Attributes:
         deform: parameters of the strip; its clearance is raised to what execution needs.
-        assumptions: of the obstacles.
-        monitor: when what is assumed of robot and inputs counts as broken.
-        evasion: how the robot gets out of the way of what moves, where anything does; None: it only brakes and waits.
+        assumptions: what is assumed about the obstacles.
+        monitor: when the assumptions about robot and inputs count as broken.
+        evasion: how the robot evades moving obstacles; None: it only brakes and waits.
         constraint: what the strip has to satisfy besides its goal: strips are planned so that they do, and are drawn to
-            it while they give way. What cannot be satisfied does not stop the robot.
+            it while they give way. A constraint that cannot be satisfied does not stop the robot.
         backward: whether plans may lead straight backwards; not for robots that see only ahead of them.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
@@ -151,11 +172,11 @@ class DriveParams(Checked):
         maintain_every: planning ticks from one insertion and removal of nodes to the next.
         horizon: longest time ahead that the strip gives way to predicted motion.
         max_scene_age: a scene that is older is not driven on.
-        replan_after: a strip that stays broken so long, at rest, is planned anew.
+        replan_after: time after which a strip that stays broken, at rest, is planned anew.
         replan_time: least time from the decision to plan anew until that begins.
         speeds: fractions of full speed that are tried one after the other until one is certified.
         speed_scale, acceleration_scale: parts of the motors' limits that motions are planned with; the rest is used
-            where the path changes and they would not do.
+            where the path changes and these parts are not enough.
         goal_position, goal_angle: tolerance at the goal, of the base [m], and of heading and joints [rad or m].
         time_limit: longest run.
     """
@@ -189,24 +210,34 @@ class DriveParams(Checked):
 
     @staticmethod
     def standing(**changes: object) -> DriveParams:
-        """Parameters for reaching in while the base stands: 8 mm from everything, slowly, and ending where it should.
+        """Parameters for reaching in while the base stands: 8 mm from everything, slow, and precise at the end.
 
-        No wheel slips then, and what is left of the tracking error is the joints'. It asks for a place that is known to
-        a millimetre, as a camera at the hand knows it.
+        No wheel slips then, and only the joints' part of the tracking error is left. The goal has to be known to
+        a millimetre, as by a camera at the hand.
 
         Args:
-            changes: what is to be otherwise.
+            changes: parameters with other values.
         """
         near = DriveParams(
-            deform=DRIVE_STRIP.replaced(influence=0.1, near=0.03), evasion=None, tracking_error=0.007, margin=0.001,
-            goal_position=0.01, goal_angle=0.01, speed_scale=0.3,
-        )  # fmt: skip
+            deform=DRIVE_STRIP.replaced(influence=0.1, near=0.03),
+            evasion=None,
+            tracking_error=0.007,
+            margin=0.001,
+            goal_position=0.01,
+            goal_angle=0.01,
+            speed_scale=0.3,
+        )
         return replace(near, **changes)  # type: ignore[arg-type]
+
+    @property
+    def margins(self) -> Margins:
+        """What planned motions keep from obstacles while the robot is known as well as assumed."""
+        return Margins(self.tracking_error, self.margin)
 
     @property
     def clearance(self) -> float:
         """Distance [m] that planned motions prove to obstacles: tracking error and margin."""
-        return self.tracking_error + self.margin
+        return self.margins.clearance
 
     @property
     def strip(self) -> DeformParams:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from elastic_strips.arrays import Array
@@ -12,7 +14,7 @@ from elastic_strips.scene import Scene, UnknownMotion
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.work import count_work
 
-from .params import ObstacleAssumptions
+from .params import Margins, ObstacleAssumptions
 
 
 def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = np.inf, sure: bool = False) -> Forecast:
@@ -22,8 +24,8 @@ def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = 
         scene: a sensed snapshot; obstacles without a motion stay where they are.
         assumptions: bounds of the errors.
         horizon: longest time after the snapshot [s].
-        sure: expected motion without the bounds, for forces: a strip that avoids all possible positions would find no
-            free space.
+        sure: whether to forecast the expected motion without bounds, for forces: a strip that avoids all possible
+            positions would find no free space.
     """
     count_work(obstacles=len(scene))
     moving = [k for k, o in enumerate(scene) if o.motion is not None]
@@ -44,14 +46,44 @@ def predict(scene: Scene, assumptions: ObstacleAssumptions, *, horizon: float = 
     return Forecast(np.array(moving, dtype=np.intp), velocity, offset, speed, acceleration, horizon)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """What a planning tick knows of the world, predicted once: strip, timer, evasion and certifier take it.
+
+    Attributes:
+        scene: sensed at ``scene.time``.
+        possible: forecast of all that its moving obstacles may do.
+        margins: what motions keep from them.
+        assumptions: that the forecast was made with.
+    """
+
+    scene: Scene
+    possible: Forecast
+    margins: Margins
+    assumptions: ObstacleAssumptions
+
+    @classmethod
+    def of(cls, scene: Scene, assumptions: ObstacleAssumptions, margins: Margins) -> Outlook:
+        """The outlook of a sensed scene."""
+        return cls(scene, predict(scene, assumptions), margins, assumptions)
+
+    def expected(self, horizon: float) -> Forecast:
+        """What its moving obstacles are expected to do within a time [s], without bounds; for forces."""
+        return predict(self.scene, self.assumptions, horizon=horizon, sure=True)
+
+    def allows(self, scene: Scene) -> bool:
+        """Whether a later scene is one of those that this outlook allowed for, so that its certificates still hold."""
+        return as_expected(scene, self.scene, self.possible, self.assumptions)
+
+
 def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: ObstacleAssumptions) -> bool:
     """Whether a scene is within the forecast of an earlier one, so that certificates made then still hold.
 
     Args:
         scene: sensed.
         before: sensed earlier, of the same obstacles by name.
-        forecast: of ``before``.
-        assumptions: that the forecast was made with.
+        forecast: forecast of ``before``.
+        assumptions: the assumptions that the forecast was made with.
     """
     age = scene.time - before.time
     if age < 0.0 or scene.names != before.names:
@@ -87,7 +119,7 @@ class ArrivalTimes:
 
     Args:
         robot: the robot.
-        limits: of its motors.
+        limits: limits of its motors.
     """
 
     space: ConfigurationSpace

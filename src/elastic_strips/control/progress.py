@@ -8,14 +8,15 @@ from elastic_strips.arrays import Array, Indices
 from elastic_strips.robot import ConfigurationSpace
 from elastic_strips.robot.space import wrap_angle
 
-_SEARCHED = 24
-_CROWDED = 0.05
-_THERE = 1e-3  # [m] from a node, within which a base is at it
-_DETOUR = 1.5
+_NODES_SEARCHED = 24
+_CROWDED_SPACING = 0.05
+_AT_NODE_DISTANCE = 1e-3  # [m] from a node, within which a base is at it
+DETOUR_COST = 1.5
+"""Cost of a metre beside the strip, in metres along it."""
 _LEAST_JOIN, _MOST_JOIN = 0.8, 3.0  # distance along the strip from the nearest node to where it is joined [m]
 _JOIN_STEP = 0.15
-_ALONG = 1.1  # [rad] smaller differences of heading are joined in a curve, without turning in place
-_CORNER = np.cos(np.deg2rad(50.0))
+_CURVE_ANGLE = 1.1  # [rad] smaller differences of heading are joined in a curve, without turning in place
+_CORNER_COSINE = np.cos(np.deg2rad(50.0))
 
 
 def trim_passed(
@@ -34,7 +35,7 @@ def trim_passed(
         (M, nv) nodes, ``here`` first, M ≥ 2, and (M,) index of each among the given nodes (−1 for ``here``). A node
         too near to the first one is left out; the goal never is.
     """
-    first = coordinates[: min(_SEARCHED, len(coordinates))]
+    first = coordinates[: min(_NODES_SEARCHED, len(coordinates))]
     scale = np.sqrt(weight)
     onward = space.difference(first[:-1], first[1:]) * scale
     corner = _first_corner(onward)
@@ -47,7 +48,7 @@ def trim_passed(
     if nearest < corner and float(onward[nearest] @ -v[nearest]) >= 0.0:  # the nearest node is already behind
         ahead = nearest + 1
     last = min(corner, len(coordinates) - 1) if moving else len(coordinates) - 1
-    while ahead < last and ahead < len(first) and distance[ahead] < _CROWDED:
+    while ahead < last and ahead < len(first) and distance[ahead] < _CROWDED_SPACING:
         ahead += 1
     ahead = max(ahead, 1)
     source = np.concatenate(([-1], np.arange(ahead, len(coordinates)))).astype(np.intp)
@@ -67,14 +68,14 @@ def reconnect(
     apart = np.hypot(*(coordinates[:, :2] - here[:2]).T)
     passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(coordinates[:, :2], axis=0).T)))
     left = passed[-1] - passed
-    nearest = int((_DETOUR * apart + left).argmin())
+    nearest = int((DETOUR_COST * apart + left).argmin())
     ahead = min(max(2.0 * float(apart[nearest]), _LEAST_JOIN), _MOST_JOIN)
     last = len(coordinates) - 1
     node = min(max(int(np.searchsorted(passed, passed[nearest] + ahead)), 1), last)
     target = coordinates[node]
     path = target[:2] - here[:2]
     length = float(np.hypot(*path))
-    rows = here[None] if length < _THERE else _bend(here, target, path, length)
+    rows = here[None] if length < _AT_NODE_DISTANCE else _bend(here, target, path, length)
     source = np.concatenate((np.full(len(rows), -1), np.arange(node, len(coordinates)))).astype(np.intp)
     return np.vstack([rows, coordinates[node:]]), source
 
@@ -86,7 +87,7 @@ def _bend(here: Array, target: Array, path: Array, length: float) -> Array:
     count = max(int(np.ceil(length / _JOIN_STEP)), 2)
     s = np.arange(count)[:, None] / count
     rows = here + s * (target - here)
-    if max(abs(off[0]), abs(off[1])) < _ALONG:
+    if max(abs(off[0]), abs(off[1])) < _CURVE_ANGLE:
         reach = 0.35 * length
         a = here[:2] + reach * np.array([np.cos(here[2]), np.sin(here[2])])
         b = target[:2] - reach * np.array([np.cos(target[2]), np.sin(target[2])])
@@ -108,6 +109,6 @@ def _first_corner(onward: Array) -> int:
     """Index of the first node at which the direction turns sharply; the last of these nodes where none does."""
     length = np.sqrt((onward * onward).sum(axis=1))
     product = (onward[:-1] * onward[1:]).sum(axis=1)
-    sharp = (product < _CORNER * length[:-1] * length[1:]) & (length[:-1] > 1e-3) & (length[1:] > 1e-3)
+    sharp = (product < _CORNER_COSINE * length[:-1] * length[1:]) & (length[:-1] > 1e-3) & (length[1:] > 1e-3)
     found = np.flatnonzero(sharp)
     return int(found[0]) + 1 if len(found) else len(onward)

@@ -38,7 +38,7 @@ STATES = tuple(state.label for state in RunState)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class ControlRows(Summary):
-    """One row a control step (T of them), arrays read-only; NaN where a value is unknown.
+    """One row for each control step (T of them), arrays read-only; NaN where a value is unknown.
 
     Attributes:
         time: (T,) strictly ascending [s].
@@ -68,15 +68,16 @@ class ControlRows(Summary):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PlanningRows(Summary):
-    """One row a planning tick (P of them), arrays read-only; NaN where a value is unknown.
+    """One row for each planning tick (P of them), arrays read-only; NaN where a value is unknown.
 
     Attributes:
         time: (P,) ascending [s].
         tick_ms: (P,) duration of the tick by the wall clock [ms].
-        phase_ms: (P, F) of it by phase [ms]; phases: their names (F).
+        phase_ms: (P, F) its parts by phase [ms].
+        phases: (F,) names of the phases.
         status: (P,) uint8 index into ``statuses``: the state of the strip.
         certified: (P,) whether the strip (or its horizon) was certified.
-        clearance: (P,) [m].
+        clearance: (P,) clearance of the strip's nodes [m].
         horizon_end: (P,) time up to which motion is certified, and at which the robot can stand [s].
         node_offset: (P + 1,) rows of ``nodes`` from ``node_offset[i]`` to ``node_offset[i + 1]`` are tick i's strip.
         nodes: (M, nv) coordinate rows of all strips that were kept.
@@ -114,12 +115,14 @@ class Record(Summary):
     """All recorded data of a run.
 
     Attributes:
-        robot: name of the robot; base: how its base moves; joint_names: its planned joints.
+        robot: name of the robot.
+        base: how its base moves.
+        joint_names: its planned joints.
         locked: values of the joints that were held still [rad or m].
         urdf: absolute path of the robot's URDF, or None.
         control, planning: rows at the control rate and at the planning rate.
         events: in order of time.
-        world: the true obstacles over time; one read from a file follows the recorded poses.
+        world: the true obstacles over time; in a record from a file they follow the recorded poses.
         goal: (nv,) coordinate row of the goal, or None.
         states: names of the codes in ``control.state``.
         metadata: further plain JSON values: scenario, seed, ….
@@ -140,9 +143,13 @@ class Record(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "robot": self.robot, "base": self.base.value, "rows": len(self.control.time),
-            "time": f"{self.duration:.2f} s", "obstacles": len(self.world.scene), "events": len(self.events),
-        }  # fmt: skip
+            "robot": self.robot,
+            "base": self.base.value,
+            "rows": len(self.control.time),
+            "time": f"{self.duration:.2f} s",
+            "obstacles": len(self.world.scene),
+            "events": len(self.events),
+        }
 
     @property
     def drive_names(self) -> tuple[str, ...]:
@@ -166,7 +173,7 @@ class Record(Summary):
                 f"{robot.name!r} is {robot.base_kind.value}: {', '.join(robot.joint_names)}"
             )
         if odd := sorted(name for name, _ in set(robot.locked.items()) ^ set(self.locked.items())):
-            raise RecordError(f"the record is of {self.robot!r}; {robot.name!r} holds {odd[0]!r} still otherwise")
+            raise RecordError(f"the record is of {self.robot!r}; {robot.name!r} holds {odd[0]!r} at another value")
 
 
 def frozen(array: _Array) -> _Array:
@@ -179,7 +186,7 @@ class Recorder:
     """Workspace: collects rows during a run; :meth:`finish` makes the record.
 
     Args:
-        robot: that drives.
+        robot: the robot that drives.
         world: the true obstacles.
         goal: (nv,) coordinate row of the goal.
         metadata: plain JSON values to keep with the record.
@@ -236,7 +243,7 @@ class Recorder:
             RecordError: a time that is not later than the last one, an array of another size, an unknown state.
         """
         if not time > self._last:
-            raise RecordError(f"control rows ascend in time: {time!r} s after {self._last!r} s")
+            raise RecordError(f"control rows must ascend in time: {time!r} s after {self._last!r} s")
         if not 0 <= state < len(STATES):
             raise RecordError(f"state {state} has no name; there are {len(STATES)}: {', '.join(STATES)}")
         given = (time, coordinates, v, reference, reference_v, estimate, drive, joints, motors)
@@ -340,7 +347,7 @@ class TickStatistics(Summary):
     """Durations of planning ticks by the wall clock.
 
     Attributes:
-        seconds: of every tick [s].
+        seconds: duration of every tick [s].
         misses: ticks that took longer than they had.
     """
 
@@ -363,15 +370,15 @@ class DriveResult(Summary):
     """Result of a run.
 
     Attributes:
-        record: of the run.
-        state, reason: of the robot at the end.
+        record: record of the run.
+        state, reason: state of the robot at the end, and why.
         stops: (time [s], reason) of every stop short of the goal.
         events: in order of time.
         replans: number of plans after the first.
         statistics: durations of the planning ticks.
         seconds: duration of the run by the wall clock [s].
-        compute: what computing cost: ``"free"``: nothing; ``"work"``: the time that is modelled for it; a number: so
-            many times the processor time that was measured; ``"realtime"``: it ran against the wall clock.
+        compute: what computing cost. ``"free"``: nothing; ``"work"``: the time that is modelled for it; a number: this
+            many times the measured processor time; ``"realtime"``: it ran against the wall clock.
     """
 
     record: Record
@@ -386,10 +393,15 @@ class DriveResult(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "state": self.state.label, "reason": self.reason, "time": f"{self.record.duration:.2f} s",
-            "stops": len(self.stops), "events": len(self.events), "replans": self.replans, "compute": self.compute,
+            "state": self.state.label,
+            "reason": self.reason,
+            "time": f"{self.record.duration:.2f} s",
+            "stops": len(self.stops),
+            "events": len(self.events),
+            "replans": self.replans,
+            "compute": self.compute,
             "seconds": self.seconds,
-        }  # fmt: skip
+        }
 
     @property
     def reached(self) -> bool:
@@ -398,5 +410,5 @@ class DriveResult(Summary):
 
     @property
     def last(self) -> Array:
-        """(nv,) coordinates that the robot was last told to be at."""
+        """(nv,) coordinates of the last reference."""
         return self.record.control.reference[-1].copy()

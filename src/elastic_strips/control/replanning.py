@@ -1,4 +1,8 @@
-"""Replanning: when a strip has to be planned anew, and how; alternative strips."""
+"""Replanning: when a strip has to be planned anew, and how; alternative strips.
+
+What decides runs in the control loop, what plans beside it, one task after the other: requests go one way, values come
+back.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -21,69 +25,110 @@ from elastic_strips.strip import DeformParams, Strip
 from .params import DriveParams
 from .strip_timer import PlanResult
 
-_STANDING = 0.05
-"""Obstacles slower than this [m/s] count as static for a planner."""
-_FIRST_TIMEOUT, _TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of those while the robot waits
-_BERTH, _MOST_BERTH = 0.2, 0.6
+_log = logging.getLogger(__name__)
+_STATIC_SPEED = 0.05  # [m/s] slower obstacles count as static for a planner
+_BLOCKING_SPEED = 0.3  # [m/s] slower obstacles block a path for other strips; faster ones have soon passed
+_FIRST_TIMEOUT, _WAITING_TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of those for which the robot waits
+_FAMILY_TIMEOUT = 2.0  # [s] of a plan of further strips
+_BERTH_STEP, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
+_FAMILY_EVERY = 5  # planning ticks from one tick of the other strips to the next
 
 
-class Replanner:
-    """Workspace: watches the strip, decides when to give it up, and plans another one.
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanRequest:
+    """What a strip is planned for.
+
+    Attributes:
+        scene: the obstacles.
+        start, goal: configurations (nq,).
+        deform: parameters of the strip.
+        path: waypoints (K, 2) [m] that are tried first, or None.
+        attempt: how many plans have been made since the first.
+        why: why the last strip is given up.
+        unused: whether nobody has driven what was planned last.
+    """
+
+    scene: Scene
+    start: npt.ArrayLike
+    goal: npt.ArrayLike
+    deform: DeformParams
+    path: npt.ArrayLike | None = None
+    attempt: int = 0
+    why: str = ""
+    unused: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replanned:
+    """What planning anew came to: the strip, or None, and the reason; whether there are no others to it."""
+
+    strip: Strip | None
+    reason: str
+    lone: bool = False
+
+
+class StripPlanner:
+    """Plans strips among what stands, beside the control loop; moving obstacles are left to the deformation.
 
     Args:
         robot: the robot.
-        params: of the drive.
-        seed: of the planner.
+        params: parameters of the drive.
+        seed: seed of the planner.
         grid: whether a path over a grid may be used.
-
-    Attributes:
-        halted: whether the robot has to stop because static obstacles keep the strip broken.
-        pending: whether another plan is due; the caller resets it when it has the plan.
-        due: time [s] from which on the plan may be used.
-        count: number of plans after the first.
-        submit: runs a function of some arguments beside the control loop, one after the other; the caller sets it.
     """
-
-    pending: bool
-    halted: bool
-    submit: Callable[..., Future[object]] | None = None
 
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
         self.robot: RobotModel = robot
         self.params: DriveParams = params
         self.seed: int = seed
         self.grid: bool = grid
-        self.deform: DeformParams = params.strip
-        self.halted = self.pending = False
-        self.due: float = 0.0
-        self.count: int = 0
-        self._since: float | None = None
 
-    def plan(
-        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
-    ) -> PlanReport:
-        """Plan a strip among the static obstacles; moving ones are left to its deformation.
-
-        Args:
-            scene: the obstacles.
-            start, goal: configurations (nq,).
-            path: waypoints (K, 2) [m] that are tried first.
+    def first(self, asked: PlanRequest) -> PlanReport:
+        """Plan the first strip to a goal.
 
         Raises:
             ConfigurationError: start or goal is not valid, or in collision.
         """
-        return self._planned(standing(scene), start, goal, self.seed, _FIRST_TIMEOUT, path=path)
+        return self._planned(standing(asked.scene), asked, self.seed, _FIRST_TIMEOUT)
 
-    def _planned(
-        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, seed: int, timeout: float, *,
-        path: npt.ArrayLike | None = None, line: bool = True,
-    ) -> PlanReport:  # fmt: skip
+    def another(self, asked: PlanRequest) -> Replanned:
+        """Plan another strip.
+
+        Obstacles that stand but can move are passed at a larger distance, or on another side, where there is room.
+        """
+        berth = min(_BERTH_STEP * asked.attempt, _MOST_BERTH)
+        scene, still, reason = asked.scene, standing(asked.scene), ""
+        mobile = [o for o in still if scene.obstacle(o.name or "").motion is not None] if berth else []
+        widths = (berth, 0.5 * berth, 0.0) if mobile else (0.0,)
+        seed = self.seed + asked.attempt + 1
+        for width in widths:
+            around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
+            try:
+                report = self._planned(around, asked, seed, _WAITING_TIMEOUT / len(widths), line=False)
+            except ElasticStripsError as error:
+                reason = f"failed: {error}"
+                continue
+            if report.certified:
+                return Replanned(report.strip, report.reason)
+            reason = report.reason
+        return Replanned(None, reason)
+
+    def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:
         """A plan that satisfies the drive's constraint; where there is none, one that does not, and says so."""
         plan = partial(
-            plan_report, self.robot, scene, start, goal, seed=seed, params=self.deform, path=path, line=line,
-            grid=self.grid, backward=self.params.backward,
-        )  # fmt: skip
+            plan_report,
+            self.robot,
+            scene,
+            asked.start,
+            asked.goal,
+            seed=seed,
+            params=asked.deform,
+            path=asked.path,
+            line=line,
+            grid=self.grid,
+            backward=self.params.backward,
+        )
         constraint = self.params.constraint
         if constraint is None:
             return plan(timeout=timeout)
@@ -98,6 +143,64 @@ class Replanner:
         report = plan(timeout=0.5 * timeout)
         return replace(report, reason=f"{report.reason}; it does not satisfy the constraint, for: {why}")
 
+
+class Replanner:
+    """Workspace: watches the strip in the control loop, and decides when to give it up for another one.
+
+    It hands out the plans that are due, as functions to be run beside the loop, one after the other, and is told which
+    of their results are used.
+
+    Args:
+        robot: the robot.
+        params: of the drive.
+        seed: of the planner.
+        grid: whether a path over a grid may be used.
+        planner: plans the strips; a :class:`StripPlanner` where None.
+
+    Attributes:
+        halted: whether the robot has to stop because static obstacles keep the strip broken.
+        pending: whether another plan is due, and not taken yet.
+        due: time [s] from which on the plan may be used.
+        count: number of plans after the first.
+        deform: parameters of the strips that are planned.
+    """
+
+    pending: bool
+    halted: bool
+
+    def __init__(
+        self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool, planner: StripPlanner | None = None
+    ) -> None:
+        self.planner: StripPlanner = planner or StripPlanner(robot, params, seed=seed, grid=grid)
+        self.params: DriveParams = params
+        self.deform: DeformParams = params.strip
+        self.halted = self.pending = False
+        self.due: float = 0.0
+        self.count: int = 0
+        self._since: float | None = None
+        self._why = ""
+        self._unused = False
+
+    def first(
+        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
+    ) -> Callable[[], PlanReport]:
+        """A function that plans the first strip to a goal; see :meth:`StripPlanner.first`.
+
+        Args:
+            scene: the obstacles.
+            start, goal: configurations (nq,).
+            path: waypoints (K, 2) [m] that are tried first.
+        """
+        self.pending = False  # what was given up leads to another goal
+        return partial(self.planner.first, PlanRequest(scene, start, goal, self.deform, path))
+
+    def begin(self, report: PlanReport) -> None:
+        """Told of the first strip to a goal: it is followed from now on."""
+
+    def demand(self, at: float) -> None:
+        """Have another strip planned, which may be used from the time ``at`` [s] on."""
+        self.pending, self.due = True, at
+
     def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
         """Check the strip of a tick.
 
@@ -106,8 +209,8 @@ class Replanner:
 
         Args:
             t: time [s].
-            result: of the tick.
-            scene: that it was planned with.
+            result: result of the tick.
+            scene: the scene that it was planned with.
             at_rest: whether the robot stands.
 
         Returns:
@@ -126,44 +229,47 @@ class Replanner:
         if not at_rest and not by_standing:
             return ""
         self._since, self.pending, self.due = None, True, t + self.params.replan_time
-        return f"the strip is broken: {broken}" if by_standing else result.reason
+        self._why = f"the strip is broken: {broken}" if by_standing else result.reason
+        return self._why
 
-    def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
-        """Plan another strip.
-
-        Obstacles that stand but can move are passed at a larger distance, or on another side, where there is room.
+    def another(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> Callable[[], Replanned]:
+        """A function that plans another strip; see :meth:`StripPlanner.another`.
 
         Args:
             scene: the obstacles.
             start, goal: configurations (nq,).
-
-        Returns:
-            The strip, or None, and the reason.
         """
-        berth = min(_BERTH * self.count, _MOST_BERTH)
+        asked = PlanRequest(scene, start, goal, self.deform, attempt=self.count, why=self._why, unused=self._unused)
         self.count += 1
-        still, reason = standing(scene), ""
-        mobile = [o for o in still if scene.obstacle(o.name or "").motion is not None] if berth else []
-        widths = (berth, 0.5 * berth, 0.0) if mobile else (0.0,)
-        for width in widths:
-            around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
-            try:
-                report = self._planned(around, start, goal, self.seed + self.count, _TIMEOUT / len(widths), line=False)
-            except ElasticStripsError as error:
-                reason = f"failed: {error}"
-                continue
-            if report.certified:
-                self.halted = False
-                return report.strip, report.reason
-            reason = report.reason
-        return None, reason
+        self._unused = False
+        return partial(self.planner.another, asked)
 
-    def discard(self) -> None:
-        """The last plan is not used, because the robot does not stand where it begins: it does not count."""
+    def take(self, found: Replanned) -> None:
+        """Told that the plan that was due is there, and its strip, if it has one, is followed."""
+        self.pending = False
+        self._found(found)
+
+    def discard(self, found: Replanned) -> None:
+        """Told that a plan is not used, because the robot does not stand where it begins: it does not count."""
+        self._found(found)
         self.count -= 1
+        self._unused = True
+
+    def _found(self, found: Replanned) -> None:
+        if found.strip is not None:
+            self.halted = False
+
+    def work_beside(self, scene: Scene, strip: Strip, submit: Callable[[Callable[[], object]], Future[object]]) -> None:
+        """Have more computed beside the control loop, where there is more to compute; called in every tick.
+
+        Args:
+            scene: of the tick.
+            strip: that is followed.
+            submit: runs a function beside the control loop.
+        """
 
 
-def standing(scene: Scene, below: float = _STANDING) -> Scene:
+def standing(scene: Scene, below: float = _STATIC_SPEED) -> Scene:
     """The scene without its moving obstacles: those slower than ``below`` [m/s], as static ones."""
     still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < below]
     return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
@@ -183,21 +289,11 @@ def _moves(scene: Scene, name: str) -> bool:
     return name in scene and scene.obstacle(name).motion is not None
 
 
-_log = logging.getLogger(__name__)
-_SLOW = 0.3
-"""Obstacles slower than this [m/s] block a path; faster ones have soon passed."""
-_FAMILY_TIMEOUT = 2.0
-_EVERY = 5  # planning ticks from one tick of the family to the next
-
-
-class SwitchingReplanner(Replanner):
-    """Workspace: a replanner that keeps strips on different sides of the obstacles and deforms them side by side.
-
-    The robot follows the cheapest. When its strip is given up and the robot stands, it follows the cheapest of the
-    others that is certified from there; where there is none, another one is planned.
+class SwitchingPlanner(StripPlanner):
+    """Workspace: keeps strips on different sides of the obstacles, and plans where none of them is free.
 
     Args:
-        robot, params, seed, grid: as of :class:`Replanner`.
+        robot, params, seed, grid: as of :class:`StripPlanner`.
         family: parameters of the set of strips.
 
     Attributes:
@@ -211,21 +307,21 @@ class SwitchingReplanner(Replanner):
         self.family: StripSet | None = None
         # planners are called at rest only, and a robot at rest can turn on the spot: no strip is left behind
         self._kept = replace(family or StripSetParams(), plan_every=0, divergence_angle=np.pi)
-        self._ticks, self._why, self._change = 0, "", ""
-        self._discarded = False  # whether nobody has driven the strip that was changed to last
-        self._lone = False  # whether there are no others to the one that was planned
-        self._beside: Future[object] | None = None  # the step of the family that runs beside the ticks
+        self._change = ""
 
-    def plan(
-        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
-    ) -> PlanReport:
-        """Plan several strips and return the cheapest; where there are none, as :meth:`Replanner.plan`."""
-        first = super().plan(scene, start, goal, path=path)
+    def first(self, asked: PlanRequest) -> PlanReport:
+        """Plan several strips and return the cheapest; where there are none, as :meth:`StripPlanner.first`."""
+        first = super().first(asked)
         self.family = StripSet(
-            self.robot, goal, params=self._kept, deform=self.deform, seed=self.seed, constraint=self.params.constraint
+            self.robot,
+            asked.goal,
+            params=self._kept,
+            deform=asked.deform,
+            seed=self.seed,
+            constraint=self.params.constraint,
         )
         try:
-            found = self.family.plan(standing(scene, _SLOW), start)
+            found = self.family.plan(standing(asked.scene, _BLOCKING_SPEED), asked.start)
         except ConfigurationError:  # something slow blocks start or goal, and may go away
             return first
         best = found.best
@@ -233,66 +329,101 @@ class SwitchingReplanner(Replanner):
             return first
         reason = f"{found.events[0] if found.events else 'planned'}; {first.reason}"
         return replace(
-            first, strip=best.strip, initial=best.strip, certified=True, method=best.method, reason=reason,
+            first,
+            strip=best.strip,
+            initial=best.strip,
+            certified=True,
+            method=best.method,
+            reason=reason,
             report=best.report,
-        )  # fmt: skip
+        )
 
-    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
-        """See :meth:`Replanner.watch`; about every fifth tick the other strips are deformed beside the ticks, too."""
-        self._ticks += 1
-        if self._beside is not None and self._beside.done():
-            error, self._beside = self._beside.exception(), None
-            if error is not None:  # the present result stays valid
-                _log.warning("the other ways were not deformed: %s", error)
-        due = (self._lone or self._ticks % _EVERY == 0) and not self.pending
-        if due and self.submit is not None and self._beside is None:
-            work = self._plan_others if self._lone else self._deform_others
-            self._lone = False
-            self._beside = self.submit(work, standing(scene, _SLOW), result.report.strip.q[0])
-        due = super().watch(t, result, scene, at_rest=at_rest)
-        if due:
-            self._why = due
-            if self.family is not None and len(self.family) > 1:
-                self.due = t  # another strip is there already
-        return due
-
-    def _deform_others(self, scene: Scene, start: npt.ArrayLike) -> None:
-        if self.family is not None:
-            self.family.step(scene, start, decide=False)
-
-    def _plan_others(self, scene: Scene, start: npt.ArrayLike) -> None:
-        if self.family is not None:
-            with suppress(ElasticStripsError):
-                self.family.plan(scene, start, timeout=_FAMILY_TIMEOUT)
-
-    def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
-        """One of the other strips, or else another plan; others to that one are planned once it is driven."""
+    def another(self, asked: PlanRequest) -> Replanned:
+        """One of the other strips, or else another plan."""
         if self.family is not None:
             try:
-                found = self._another(self.family, standing(scene, _SLOW), start)
+                found = self._other(self.family, asked)
             except ElasticStripsError as error:
-                self.count += 1
-                return None, f"failed: {error}"
+                return Replanned(None, f"failed: {error}")
             if found.best is not None:
-                self.halted = False
-                self.count += 1
-                return found.best.strip, found.events[-1]
-        strip, reason = super().plan_anew(scene, start, goal)
-        self._lone = strip is not None and self.family is not None
-        return strip, reason
+                return Replanned(found.best.strip, found.events[-1])
+        planned = super().another(asked)
+        return replace(planned, lone=planned.strip is not None and self.family is not None)
 
-    def _another(self, family: StripSet, scene: Scene, start: npt.ArrayLike) -> StripSetReport:
+    def _other(self, family: StripSet, asked: PlanRequest) -> StripSetReport:
         """The strip that was changed to last where nobody has driven it, or another one."""
-        if self._discarded:
-            self._discarded = False
-            found = family.step(scene, start, decide=False)
+        scene = standing(asked.scene, _BLOCKING_SPEED)
+        if asked.unused:
+            found = family.step(scene, asked.start, decide=False)
             if found.certified:
                 return replace(found, events=(*found.events, self._change))
-        found = family.leave(scene, start, self._why)
+        found = family.leave(scene, asked.start, asked.why)
         self._change = found.events[-1]
         return found
 
-    def discard(self) -> None:
-        """The last plan is not used; see :meth:`Replanner.discard`."""
-        super().discard()
-        self._discarded = True
+    def step_others(self, scene: Scene, start: npt.ArrayLike, *, plan: bool) -> int:
+        """Deform the strips, or plan others to the one that is driven; returns how many there are.
+
+        Args:
+            scene: the obstacles.
+            start: configuration (nq,) of the robot.
+            plan: whether others are planned.
+        """
+        if self.family is None:
+            return 0
+        still = standing(scene, _BLOCKING_SPEED)
+        if plan:
+            with suppress(ElasticStripsError):
+                self.family.plan(still, start, timeout=_FAMILY_TIMEOUT)
+        else:
+            self.family.step(still, start, decide=False)
+        return len(self.family)
+
+
+class SwitchingReplanner(Replanner):
+    """Workspace: a replanner whose planner keeps strips on different sides of the obstacles and deforms them, too.
+
+    The robot follows the cheapest. When its strip is given up and the robot stands, it follows the cheapest of the
+    others that is certified from there; where there is none, another one is planned.
+
+    Args:
+        robot, params, seed, grid: as of :class:`Replanner`.
+        family: parameters of the set of strips.
+    """
+
+    def __init__(
+        self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool, family: StripSetParams | None = None
+    ) -> None:
+        others = SwitchingPlanner(robot, params, seed=seed, grid=grid, family=family)
+        super().__init__(robot, params, seed=seed, grid=grid, planner=others)
+        self._others = others
+        self._strips = 0  # how many there were at the last count
+        self._ticks = 0
+        self._lone = False  # whether there are no others to the one that was planned
+        self._beside: Future[object] | None = None  # the step of the family that runs beside the ticks
+
+    def watch(self, t: float, result: PlanResult, scene: Scene, *, at_rest: bool) -> str:
+        """See :meth:`Replanner.watch`."""
+        due = super().watch(t, result, scene, at_rest=at_rest)
+        if due and self._strips > 1:
+            self.due = t  # another strip is there already
+        return due
+
+    def work_beside(self, scene: Scene, strip: Strip, submit: Callable[[Callable[[], object]], Future[object]]) -> None:
+        """About every fifth tick the other strips are deformed, or planned where there are none."""
+        self._ticks += 1
+        if self._beside is not None and self._beside.done():
+            error = self._beside.exception()
+            if error is not None:  # the present result stays valid
+                _log.warning("the other ways were not deformed: %s", error)
+            else:
+                self._strips = int(str(self._beside.result()))
+            self._beside = None
+        if (self._lone or self._ticks % _FAMILY_EVERY == 0) and not self.pending and self._beside is None:
+            self._beside = submit(partial(self._others.step_others, scene, strip.q[0], plan=self._lone))
+            self._lone = False
+
+    def take(self, found: Replanned) -> None:
+        """See :meth:`Replanner.take`; others to the strip are planned once it is driven."""
+        super().take(found)
+        self._lone = found.lone

@@ -1,4 +1,4 @@
-"""Roll-outs: where a base comes to in many manoeuvres at once, each of two stages."""
+"""Roll-outs: where many manoeuvres of two stages lead a base, all at once."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from elastic_strips.native import kernel
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.trajectory import ReferenceState
 
-_REACH = 0.95
+_SPEED_SHARE = 0.95
 """Largest speeds of manoeuvres, as a part of the limits."""
-_DRIVES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # parts of the largest speed
-_TURNS = (-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0)  # [rad/s]
-_ONWARD = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.2), (1.0, -1.2))
-_CHANGES = (0.4, 1.0)  # times [s] at which the second target replaces the first
+_DRIVE_SHARES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # parts of the largest speed
+_TURN_RATES = (-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0)  # [rad/s]
+_SECOND_TARGETS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.2), (1.0, -1.2))
+_CHANGE_TIMES = (0.4, 1.0)  # times [s] at which the second target replaces the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +53,13 @@ def lattice(limits: MotionLimits) -> Targets:
     """Grid of targets over all speeds of the base, rest included, each followed by several second targets.
 
     Args:
-        limits: of the motors.
+        limits: limits of the motors.
     """
-    top = _REACH * limits.drive_speed
+    top = _SPEED_SHARE * limits.drive_speed
     if limits.drive_dim == 2:
-        v, w = np.meshgrid(np.array(_DRIVES) * top.min(), np.array(_TURNS), indexing="ij")
+        v, w = np.meshgrid(np.array(_DRIVE_SHARES) * top.min(), np.array(_TURN_RATES), indexing="ij")
         first = _within(limits.to_drive(np.stack([v.ravel(), 0.0 * v.ravel(), w.ravel()], axis=1)), top)
-        onward = np.array([[v * top.min(), 0.0, w] for v, w in _ONWARD])
+        onward = np.array([[v * top.min(), 0.0, w] for v, w in _SECOND_TARGETS])
         second = _within(limits.to_drive(onward), top)
     else:
         angle = 2.0 * np.pi * np.arange(16) / 16
@@ -69,9 +69,9 @@ def lattice(limits: MotionLimits) -> Targets:
     first = np.unique(first.round(9), axis=0)
     kinds = np.arange(len(first))
     n, m = len(first), len(second)
-    changes = np.concatenate([np.full(n, np.inf), np.repeat(_CHANGES, n * m)])
+    changes = np.concatenate([np.full(n, np.inf), np.repeat(_CHANGE_TIMES, n * m)])
     several = [np.repeat(first, m, axis=0), np.tile(second, (n, 1)), np.repeat(kinds, m)]
-    times = len(_CHANGES)
+    times = len(_CHANGE_TIMES)
     return Targets(
         np.vstack([first, *[several[0]] * times]),
         np.vstack([first, *[several[1]] * times]),
@@ -89,8 +89,8 @@ class RollOuts:
     """Workspace: rolls out manoeuvres of a base in equal steps.
 
     Args:
-        limits: of the motors.
-        part: of the acceleration limits that manoeuvres use.
+        limits: limits of the motors.
+        part: share of the acceleration limits that manoeuvres use.
         dt: step [s].
     """
 

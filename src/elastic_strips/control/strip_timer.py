@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from time import perf_counter
 
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import Certificate, Forecast
+from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Scene
 from elastic_strips.strip.report import DeformReport
+from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import (
     MotionLimits,
     ReferenceState,
@@ -24,13 +23,14 @@ from elastic_strips.trajectory import (
 
 from .pace import Pace
 from .params import DriveParams
+from .prediction import Outlook
 from .progress import trim_passed
 
-_SPACING = 0.04
+_TAKEN_OVER_SPACING = 0.04
 """Spacing [m] of nodes that are taken over from the active trajectory."""
-_NOWHERE = 1e-3
-"""A motion of which no coordinate [m or rad] ends further than this from its beginning leads nowhere."""
-_SHARES = (0.5, 1.0)
+_SHORTEST_MOTION = 1e-3
+"""A motion leads nowhere if no coordinate [m or rad] ends further than this from its beginning."""
+_FOLLOWED_SHARES = (0.5, 1.0)
 """Parts of the active trajectory that are followed first, where the strip bends too sharply."""
 
 
@@ -60,7 +60,7 @@ class PlanResult:
         motion, certificate: the certified motion (``UNCHANGED``: the rest of the active trajectory; ``BRAKE``: the
             active trajectory, braked, which needs no certificate), or the last one that was tried; None without one.
         reason: why there is no certified motion, or "".
-        report: of the strip's tick.
+        report: report of the strip's tick.
         speed: fraction of full speed that the motion was planned for.
         timings: seconds by phase.
         late: time [s] from its tick until it is ready.
@@ -81,29 +81,15 @@ class PlanResult:
         return self.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE, PlanOutcome.EVADE)
 
 
-class Stopwatch:
-    """Workspace: seconds by phase, in :attr:`timings`."""
-
-    def __init__(self) -> None:
-        self.timings: dict[str, float] = {}
-        self._mark = perf_counter()
-
-    def lap(self, phase: str) -> None:
-        """Add the time since the last call to a phase, by its name."""
-        now = perf_counter()
-        self.timings[phase] = self.timings.get(phase, 0.0) + now - self._mark
-        self._mark = now
-
-
 class StripTimer:
     """Workspace: times motions along strips, and certifies them.
 
     Args:
         robot: the robot.
-        limits: of its motors.
-        params: of the drive.
+        limits: limits of its motors.
+        params: parameters of the drive.
         spacing_weight: (nv,) metric of the strip's node spacing.
-        pace: how long planning takes; as long as ``params`` say where None.
+        pace: how long planning takes; where None, as long as ``params`` say.
     """
 
     easy: Retimer
@@ -138,10 +124,9 @@ class StripTimer:
         self,
         start: ReferenceState,
         active: Trajectory,
-        scene: Scene,
-        possible: Forecast,
+        outlook: Outlook,
         report: DeformReport,
-        watch: Stopwatch,
+        watch: PhaseClock,
         *,
         off_strip: bool = False,
     ) -> PlanResult:
@@ -150,8 +135,7 @@ class StripTimer:
         Args:
             start: first state of the motion, one of ``active``.
             active: the trajectory that is executed.
-            scene: sensed.
-            possible: forecast of its moving obstacles.
+            outlook: of the tick.
             report: of the strip's tick.
             watch: measures the phases.
             off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
@@ -164,7 +148,7 @@ class StripTimer:
         last = np.inf
 
         def result(outcome: PlanOutcome) -> PlanResult:
-            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.timings)
+            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.phases)
 
         speeds = self.params.speeds
         if self._failures:  # while it waits or brakes: one a tick, the slowest first
@@ -178,14 +162,14 @@ class StripTimer:
                 break  # the next tick tries the slowest first
             last, began = distance, self.pace.reading()
             motion, reason = self._timed(coordinates, start, active, distance, speed, off_strip)
-            watch.lap("retiming")
+            watch.mark("retiming")
             if motion is None:
                 if start.v.any():
                     break  # what cannot stop in time at this speed does not at a lower one
                 continue
-            certificate = self.certifier.certify(motion, scene, possible)
+            certificate = self.certify(motion, outlook)
             self._attempt_took = self.pace.reading() - began
-            watch.lap("motion certificate")
+            watch.mark("motion certificate")
             if certificate.certified:
                 arrives = self._ends_at(motion, coordinates[-1])
                 if not (arrives or start.v.any()) and self._stays(motion):
@@ -195,6 +179,10 @@ class StripTimer:
                 return result(PlanOutcome.ARRIVE if arrives else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
         return result(PlanOutcome.NONE)
+
+    def certify(self, motion: Trajectory, outlook: Outlook) -> Certificate:
+        """Certify a motion from its first sample until it has come to rest."""
+        return self.certifier.certify(motion, outlook.scene, outlook.possible, clearance=outlook.margins.clearance)
 
     def _timed(
         self,
@@ -214,16 +202,21 @@ class StripTimer:
         if self._failures > 1 and start.v.any():  # what all that the motors give and other ways failed with just now
             attempts = attempts[1:]
         elif not off_strip:
-            attempts += [(share, self.hard) for share in _SHARES]
+            attempts += [(share, self.hard) for share in _FOLLOWED_SHARES]
         for share, retimer in attempts:
             began = self.pace.reading()
             nodes = coordinates if share == 0.0 else self._continued(coordinates, start, active, share)
             try:
                 part = speed * self.params.speed_scale if retimer is self.easy else speed
                 motion = retimer.horizon(
-                    nodes, start.v, a_start=start.a, distance=distance, start_time=start.time, speed=part,
+                    nodes,
+                    start.v,
+                    a_start=start.a,
+                    distance=distance,
+                    start_time=start.time,
+                    speed=part,
                     insist=retimer is self.hard,
-                )  # fmt: skip
+                )
                 return motion, ""
             except RetimingError as error:
                 reason = reason or f"no motion along the strip: {error}"
@@ -238,7 +231,7 @@ class StripTimer:
         rows = [start.coordinates]
         for row in ahead[: int(np.ceil(share * len(ahead)))]:
             v = space.difference(rows[-1], row)
-            if float((v * v) @ weight) > _SPACING**2:
+            if float((v * v) @ weight) > _TAKEN_OVER_SPACING**2:
                 rows.append(row)
         rest, _ = trim_passed(space, coordinates, rows[-1], weight, moving=False)
         return np.vstack([np.array(rows), rest[1:]])
@@ -256,7 +249,7 @@ class StripTimer:
     def _stays(self, motion: Trajectory) -> bool:
         """Whether a motion ends where it begins; there would be another like it for ever."""
         way = self.robot.space.difference(motion.coordinates[0], motion.coordinates[-1])
-        return float(np.abs(way).max(initial=0.0)) < _NOWHERE
+        return float(np.abs(way).max(initial=0.0)) < _SHORTEST_MOTION
 
     def _ends_at(self, motion: Trajectory, goal: Array) -> bool:
         v = self.robot.space.difference(motion.coordinates[-1], goal)

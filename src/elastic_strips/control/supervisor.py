@@ -13,18 +13,18 @@ from .interfaces import Event, RunState
 
 _log = logging.getLogger(__name__)
 _NOTHING_NEWER = "no newer motion came"
-_REPEATS = 2.0  # [s] an event is not written down again within this time
-_JUMP = 2e-3  # [m or rad] largest one from the active trajectory to a new one; ten times that in speed
-_OVER = 0.02  # [m/s, rad/s] by rounding
-_SOONER = 0.01
+_EVENT_REPEAT_TIME = 2.0  # [s] an event is not written down again within this time
+_LARGEST_JUMP = 2e-3  # [m or rad] largest one from the active trajectory to a new one; ten times that in speed
+_SPEED_ROUNDING = 0.02  # [m/s, rad/s] by rounding
+_WORTHLESS_GAIN_OF_TIME = 0.01
 """A motion that comes to rest less than this [s] earlier is not worth taking."""
 
 
 class RunLog:
-    """Workspace: what a robot is doing, and what happened so far.
+    """Workspace: the robot's state, and the events so far.
 
     Attributes:
-        state, reason: what the robot is doing, and why.
+        state, reason: state of the robot, and why.
         events: in order of time.
         stops: (time [s], reason) of every stop short of the goal.
     """
@@ -49,7 +49,7 @@ class Supervisor(RunLog):
     Attributes:
         active: the trajectory that is executed.
         at_goal: whether the active trajectory ends at the goal.
-        state, reason, events, stops: as of :class:`RunLog`.
+        state, reason, events, stops: as for :class:`RunLog`.
     """
 
     def __init__(self, resting: Trajectory, *, keep: int | None = None) -> None:
@@ -66,7 +66,7 @@ class Supervisor(RunLog):
         Args:
             resting: trajectory at rest there.
         """
-        self.active = resting
+        self.active: Trajectory = resting
         self._until = [resting]  # motions up to the active one, which is the last
 
     def restart(self, reason: str, now: float) -> None:
@@ -79,10 +79,10 @@ class Supervisor(RunLog):
         last = True
         for event in reversed(self.events):
             if event.kind == kind:
-                if event.reason == text and (last or time - event.time < _REPEATS):
+                if event.reason == text and (last or time - event.time < _EVENT_REPEAT_TIME):
                     return
                 last = False
-            if not last and time - event.time >= _REPEATS:
+            if not last and time - event.time >= _EVENT_REPEAT_TIME:
                 break
         self.events.append(Event(time, kind, text))
         if self._keep is not None:
@@ -96,12 +96,12 @@ class Supervisor(RunLog):
 
         Args:
             motion: starts at a time after ``now``.
-            certificate: of this motion.
+            certificate: certificate of this motion.
             now: time [s].
             at_goal: whether its end is the goal.
 
         Returns:
-            Whether it was taken; else it is rejected as by :meth:`reject`.
+            Whether it was taken; otherwise it is rejected as by :meth:`reject`.
         """
         reason = self._fault(motion, now)
         if len(certificate.segments) != len(motion):  # its steps, and until it has come to rest
@@ -128,9 +128,9 @@ class Supervisor(RunLog):
             now: time [s].
 
         Returns:
-            Whether it was taken; not where it does not continue the active trajectory, or stops no earlier.
+            Whether it was taken; it is not if it does not continue the active trajectory, or stops no earlier.
         """
-        if self._fault(motion, now) or motion.end_time > self.active.end_time - _SOONER:
+        if self._fault(motion, now) or motion.end_time > self.active.end_time - _WORTHLESS_GAIN_OF_TIME:
             self.reject(reason, now)
             return False
         self._take(motion, now)
@@ -148,7 +148,7 @@ class Supervisor(RunLog):
             if self.stops and self.stops[-1][1] == _NOTHING_NEWER:  # it ended between two ticks
                 self.stops[-1] = (self.stops[-1][0], reason)
 
-    def hold(self, now: float, reason: str) -> None:
+    def hold(self, reason: str) -> None:
         """Note that the active trajectory is still certified, and why the robot will stop at its end."""
         self._rejection, self._holding = "", reason
 
@@ -194,18 +194,18 @@ class Supervisor(RunLog):
         space, limits = motion.robot.space, motion.limits
         speeds = np.abs(np.hstack([limits.to_drive(motion.v[:, : space.base_nv]), motion.v[:, space.base_nv :]]))
         over = float((speeds - np.concatenate([limits.drive_speed, limits.joint_speed])).max(initial=0.0))
-        if over > _OVER:
+        if over > _SPEED_ROUNDING:
             return f"the new motion is {over:.3f} m/s or rad/s faster than the motors"
         state = self.active.at(motion.start_time)
         jump = np.abs(space.difference(state.coordinates, motion.coordinates[0])).max(initial=0.0)
-        if jump > _JUMP:
+        if jump > _LARGEST_JUMP:
             return f"the new motion begins {jump:.4f} m or rad beside the held one"
         drive = limits.to_drive(np.stack([state.v, motion.v[0]])[:, : space.base_nv])
         change = max(
             float(np.abs(np.diff(drive, axis=0)).max(initial=0.0)),
             float(np.abs(state.v - motion.v[0])[space.base_nv :].max(initial=0.0)),
         )
-        if change > 10.0 * _JUMP:
+        if change > 10.0 * _LARGEST_JUMP:
             return f"the new motion begins with a jump in speed of {change:.3f} m/s or rad/s"
         return ""
 

@@ -15,7 +15,7 @@ from elastic_strips.validation import Bound, Checked, NonNegative
 
 from .interfaces import Command
 
-_REST = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
+_RESTING_REFERENCE = 1e-6  # [m/s, rad/s, m/s², rad/s²] a reference slower than this rests
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,17 +23,17 @@ class TrackingGains(Checked):
     """Gains of the tracking law and what it knows about the motors.
 
     Attributes:
-        along: of the error along the base's heading (in both directions for an omnidirectional base) [1/s].
-        across: of the error beside the heading, per metre driven: ω += across · v · e_y [1/m²].
-        heading: of the heading's error [1/s]; it does not vanish with the speed, so turns in place are tracked.
-        joint: of the joints' errors [1/s].
+        along: gain of the error along the base's heading (in both directions for an omnidirectional base) [1/s].
+        across: gain of the error beside the heading, per metre driven: ω += across · v · e_y [1/m²].
+        heading: gain of the heading's error [1/s]; it does not vanish with the speed, so turns in place are tracked.
+        joint: gain of the joints' errors [1/s].
         wheel_lag, joint_lag: time constants of the motors' speed loops [s]; accelerations are led by them.
-        hold: half of the control period, and the mean delay of commands: how old a command is on average when it acts
+        hold: half of the control period plus the mean delay of commands: how old a command is on average when it acts
             [s].
         headroom: commands may exceed the limits, which references are planned with, by this factor; without it nothing
             could be caught up at full speed.
         most_base, most_turn, most_joint: bounds of the feedback [m/s, rad/s, rad/s or m/s], so that a jump of the
-            estimate is no jerk of the robot.
+            estimate does not become a jerk of the robot.
     """
 
     along: NonNegative = 4.0
@@ -88,7 +88,7 @@ class TrackingController:
             estimate: (nv,) estimated coordinate row now.
         """
         v, a = reference.v, reference.a
-        if max(v.max(), -v.min(), a.max(), -a.min()) <= _REST:
+        if max(v.max(), -v.min(), a.max(), -a.min()) <= _RESTING_REFERENCE:
             return self.rest
         g, first = self.gains, self._first
         error = reference.coordinates[first:] - estimate[first:]

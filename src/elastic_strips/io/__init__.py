@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from .point_cloud import PointCloud, cloud_scene, read_point_cloud, without_robot
     from .record_file import read_record, record_columns, record_frame, record_robot, write_record
     from .scene_file import PoseSpec, read_scenario, read_scene, read_scene_file, read_world, write_scene, write_world
-    from .trajectory_file import trajectory_columns, trajectory_document, trajectory_frame, write_trajectory
+    from .trajectory_data import trajectory_columns, trajectory_document, trajectory_frame
+    from .trajectory_file import write_trajectory
 
 __all__ = [
     "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_nav2_map",
@@ -38,6 +39,7 @@ _MODULES = {  # a scene file needs nothing of what records need
     "scene_file": (
         *("PoseSpec", "read_scenario", "read_scene", "read_scene_file", "read_world", "write_scene", "write_world"),
     ),
-    "trajectory_file": ("trajectory_columns", "trajectory_document", "trajectory_frame", "write_trajectory"),
+    "trajectory_data": ("trajectory_columns", "trajectory_document", "trajectory_frame"),
+    "trajectory_file": ("write_trajectory",),
 }
 __getattr__ = late_names(__name__, _MODULES)

@@ -26,7 +26,7 @@ from elastic_strips.scene.quantities import check_pose, rotation_of
 from elastic_strips.validation import check_array
 
 from .laser_log import LoggedScan, scan_of
-from .point_cloud import PointCloud
+from .point_cloud import MAX_POINTS, PointCloud
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -36,20 +36,19 @@ _MAX_BYTES = 2**42
 _HEADS = {".bag": b"#ROSBAG V2.0\n", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}
 _SCAN, _CLOUD, _JOINTS = (f"sensor_msgs/msg/{name}" for name in ("LaserScan", "PointCloud2", "JointState"))
 _TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_WAIT = 1.0  # for the transforms after a measurement [s], on the bag's clock
-_GAP = 1.0  # between the transforms before and after, at most [s]
-_KEPT = 10.0  # transforms stay so long [s]
-_FLAT = 1e-6
+_TRANSFORM_WAIT = 1.0  # [s] for the transforms after a measurement, on the bag's clock
+_TRANSFORM_GAP = 1.0  # [s] between the transforms before and after, at most
+_TRANSFORM_LIFE = 10.0  # [s] that transforms are kept
+_FLAT_TOLERANCE = 1e-6  # norm of a quaternion, or angle [rad] between two, that is as good as 0
 _FIELDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # of PointField
-_MAX_POINTS = 5_000_000
 
 
 class BagError(InputError):
-    """A bag cannot be read, or does not hold what is asked of it; the message names the file."""
+    """A bag cannot be read, or does not hold what was requested; the message names the file."""
 
 
 class BagTopic(NamedTuple):
-    """What a bag holds of a topic: the messages' type and how many there are."""
+    """A topic of a bag: the type of its messages, and how many there are."""
 
     type: str
     count: int
@@ -60,8 +59,8 @@ class BagCloud:
     """A point cloud of a bag.
 
     Attributes:
-        time: of its stamp [s].
-        frame: in which its points are.
+        time: its time stamp [s].
+        frame: frame of its points.
         cloud: the points.
     """
 
@@ -75,8 +74,8 @@ class BagJoints:
     """A JointState of a bag.
 
     Attributes:
-        time: of its stamp [s].
-        positions, velocities: of the joints that have any, by name [rad or m; rad/s or m/s].
+        time: its time stamp [s].
+        positions, velocities: those of the joints that have any, by name [rad or m; rad/s or m/s].
     """
 
     time: float
@@ -85,7 +84,7 @@ class BagJoints:
 
 
 class CloudMessage(Protocol):
-    """What is used of a ``sensor_msgs/PointCloud2``, whoever read it."""
+    """The parts of a ``sensor_msgs/PointCloud2`` that are used, whichever library read it."""
 
     height: int
     width: int
@@ -110,8 +109,8 @@ def cloud_of(message: CloudMessage) -> PointCloud:
         return PointCloud(np.empty((0, 3)), 0)
     if missing:
         raise InputError(f"a cloud has no {', '.join(missing)}; it has {', '.join(fields) or 'nothing'}")
-    if count > _MAX_POINTS:
-        raise InputError(f"a cloud has {count} points; at most {_MAX_POINTS} are read")
+    if count > MAX_POINTS:
+        raise InputError(f"a cloud has {count} points; at most {MAX_POINTS} are read")
     order = ">" if message.is_bigendian else "<"
     kinds = [order + _FIELDS[fields[axis].datatype] for axis in "xyz"]
     offsets = [int(fields[axis].offset) for axis in "xyz"]
@@ -135,11 +134,11 @@ def cloud_of(message: CloudMessage) -> PointCloud:
 class BagReader:
     """Reads a bag: ``.bag`` of ROS 1; ``.mcap``, ``.db3`` or a folder with ``metadata.yaml`` of ROS 2.
 
-    Where a topic is not given, the bag must have one of the kind that is asked for.
+    Where no topic is given, the bag must have exactly one of the requested kind.
 
     Attributes:
         path: the bag.
-        topics: what it holds, by topic.
+        topics: its topics by name.
         dropped: what the iterators left out or assumed so far, and how often.
     """
 
@@ -150,8 +149,8 @@ class BagReader:
 
         Args:
             path: file or folder.
-            base_frame: the robot's base, of which poses are given and in which sensors are mounted.
-            world_frame: in which the base's poses are; where None, the frame that all others hang on.
+            base_frame: frame of the robot's base, whose poses are given and on which sensors are mounted.
+            world_frame: frame of the base's poses; where None, the frame that all others hang on.
 
         Raises:
             BagError: no such file, another format, or a damaged one.
@@ -168,8 +167,8 @@ class BagReader:
             self._check_head()
         self.topics: dict[str, BagTopic] = {}
         self._static = _Frames()
-        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
-            self._static.add(kind, message, static=True)
+        for _, _, message in self._read(lambda t: t.type in _TRANSFORMS and t.topic.endswith("tf_static")):
+            self._static.add(message, static=True)
 
     def _check_head(self) -> None:
         """The file begins as its name's ending says: a reader that looks for the end of a line reads all of another."""
@@ -178,25 +177,25 @@ class BagReader:
             if suffix not in _HEADS:
                 raise BagError(f"{self.path}: bags of kind {suffix!r} are not read{nearest_name(suffix, _HEADS)}")
             if stream.read(len(_HEADS[suffix])) != _HEADS[suffix]:
-                raise BagError(f"{self.path}: is no {suffix} bag: it does not begin with {_HEADS[suffix]!r}")
+                raise BagError(f"{self.path}: is not a {suffix} bag: it does not begin with {_HEADS[suffix]!r}")
 
     def scans(
         self, topic: str | None = None, *, frame: str | None = None, mount: ArrayLike | None = None
     ) -> Iterator[LoggedScan]:
         """The laser scans, each with the base's pose, as `read_laser_log` gives them.
 
-        The sensor's mount is that of the transforms. Where they do not have it, ``mount`` is taken, or, with a warning
+        The sensor's mount comes from the transforms. Where they do not have it, ``mount`` is taken, or, with a warning
         in the log that names frames like it, the base's own place. The pose is None where the transforms do not say it.
         Both are counted in ``dropped``.
 
         Args:
-            topic: of the scans.
-            frame: of the sensor, where its messages name one that the transforms do not have.
+            topic: topic of the scans.
+            frame: frame of the sensor, if its messages name one that the transforms do not have.
             mount: pose (4, 4) of the sensor in the base's frame [m], where the transforms do not say it.
 
         Raises:
             BagError: no such topic, several of them, or a damaged bag.
-            SceneError: a mount that is no pose.
+            SceneError: a mount that is not a pose.
         """
         given = None if mount is None else check_pose(mount)
         for message, stamp, frames in self._stamped(_SCAN, topic):
@@ -216,14 +215,14 @@ class BagReader:
             try:
                 yield scan_of(name or "laser", head, message.ranges, mounted), pose
             except ValueError as error:
-                self.dropped[f"scans that are none ({error})"] += 1
+                self.dropped[f"scans that are not valid ({error})"] += 1
 
     def clouds(self, topic: str | None = None, *, frame: str | None = None) -> Iterator[BagCloud]:
-        """The point clouds; points that are not finite, and all but x, y and z, are left out.
+        """The point clouds; points that are not finite, and all fields except x, y and z, are left out.
 
         Args:
-            topic: of the clouds.
-            frame: into which the points are brought; the sensor's where None. Clouds are left out, and counted in
+            topic: topic of the clouds.
+            frame: frame into which the points are brought; the sensor's where None. Clouds are left out, and counted in
                 ``dropped``, where the transforms do not say how, and where their data do not fit their fields.
 
         Raises:
@@ -235,7 +234,7 @@ class BagReader:
             except InputError as error:
                 raise BagError(f"{self.path}: {error}") from None
             except ValueError as error:
-                self.dropped[f"clouds that are none ({error})"] += 1
+                self.dropped[f"clouds that are not valid ({error})"] += 1
                 continue
             points, name = cloud.points, message.header.frame_id
             if frame is not None:
@@ -256,8 +255,8 @@ class BagReader:
     def joint_states(self, topic: str | None = None) -> Iterator[BagJoints]:
         """The joint states; efforts are left out.
 
-        So are, counted in ``dropped``, values that are not finite, and the positions or velocities of a message that
-        has another number of them than of names.
+        Also left out, and counted in ``dropped``, are values that are not finite, and positions or velocities of a
+        message that has a different number of them than of names.
 
         Raises:
             BagError: no such topic, several of them, or a damaged bag.
@@ -284,8 +283,8 @@ class BagReader:
             BagError: a damaged bag.
         """
         frames, last = self._static.copied(), -math.inf
-        for kind, _, message in self._read(lambda t: t.type in _TRANSFORMS and not t.topic.endswith("tf_static")):
-            frames.add(kind, message)
+        for _, _, message in self._read(lambda t: t.type in _TRANSFORMS and not t.topic.endswith("tf_static")):
+            frames.add(message)
             stamp = frames.latest(self._base)
             pose = self._pose(frames, stamp) if stamp > last else None
             if pose is not None:
@@ -303,8 +302,13 @@ class BagReader:
         ]
         _log.warning(
             "%s: no transforms lead from the frame %r to %r: %s%s; there are %s",
-            self.path, source, target, so, "".join(f"; {each}" for each in like), ", ".join(known[:12]) or "none",
-        )  # fmt: skip
+            self.path,
+            source,
+            target,
+            so,
+            "".join(f"; {each}" for each in like),
+            ", ".join(known[:12]) or "none",
+        )
 
     def _pose(self, frames: _Frames, stamp: float) -> Array | None:
         world = self._world or frames.root(self._base)
@@ -320,13 +324,13 @@ class BagReader:
             lambda t: t.topic == topic or (t.type in _TRANSFORMS and not t.topic.endswith("tf_static"))
         ):
             if name in _TRANSFORMS:
-                frames.add(name, message)
+                frames.add(message)
             else:
                 waiting.append((message, _seconds(message.header.stamp)))
             while waiting:
                 first, stamp = waiting[0]
                 ready = frames.known_at(stamp, first.header.frame_id, self._base)
-                if not ready and now - stamp < _WAIT and len(waiting) < 1000:
+                if not ready and now - stamp < _TRANSFORM_WAIT and len(waiting) < 1000:
                     break
                 waiting.popleft()
                 yield first, stamp, frames
@@ -400,13 +404,13 @@ class _Frames:
     def copied(self) -> _Frames:
         return _Frames(dict(self.parents), dict(self.still))
 
-    def add(self, kind: str, message: Any, *, static: bool = False) -> None:
+    def add(self, message: Any, *, static: bool = False) -> None:
         for each in message.transforms:
             child, parent = each.child_frame_id.lstrip("/"), each.header.frame_id.lstrip("/")
             at, turn = each.transform.translation, each.transform.rotation
             row = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w])
             norm = float(np.linalg.norm(row[3:]))
-            if not np.isfinite(row).all() or norm < _FLAT or child == parent:
+            if not np.isfinite(row).all() or norm < _FLAT_TOLERANCE or child == parent:
                 continue
             row[3:] /= norm
             if self.parents.get(child, parent) != parent:  # what was under another one does not count any more
@@ -416,7 +420,7 @@ class _Frames:
                 self.still[child] = _matrix(row)
                 continue
             stamp, rows = _seconds(each.header.stamp), self.moving.setdefault(child, deque())
-            if rows and stamp < rows[-1][0] - _KEPT:  # the clock was set back
+            if rows and stamp < rows[-1][0] - _TRANSFORM_LIFE:  # the clock was set back
                 rows.clear()
             at = len(rows)
             while at and rows[at - 1][0] > stamp:  # it is late
@@ -424,7 +428,7 @@ class _Frames:
             if at and rows[at - 1][0] == stamp:  # again
                 continue
             rows.insert(at, (stamp, row))
-            while rows[0][0] < rows[-1][0] - _KEPT:
+            while rows[0][0] < rows[-1][0] - _TRANSFORM_LIFE:
                 rows.popleft()
 
     def chain(self, frame: str) -> list[str]:
@@ -478,15 +482,15 @@ class _Frames:
             before = None
         if before is None or after is None:  # before the first, or after the last
             stamp, row = before or after or rows[0]
-            return _matrix(row) if abs(stamp - t) <= 0.5 * _GAP else None
+            return _matrix(row) if abs(stamp - t) <= 0.5 * _TRANSFORM_GAP else None
         (t0, a), (t1, b) = before, after
-        if t1 - t0 > _GAP:
+        if t1 - t0 > _TRANSFORM_GAP:
             return None
         s = (t - t0) / (t1 - t0)
         row = (1.0 - s) * a + s * b
         cos = float(a[3:] @ b[3:])
         angle = math.acos(min(abs(cos), 1.0))
-        if angle > _FLAT:  # on the shorter way
+        if angle > _FLAT_TOLERANCE:  # on the shorter way
             sign = math.copysign(1.0, cos)
             row[3:] = (math.sin((1.0 - s) * angle) * a[3:] + sign * math.sin(s * angle) * b[3:]) / math.sin(angle)
         row[3:] /= np.linalg.norm(row[3:])

@@ -31,16 +31,16 @@ from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.scene.quantities import quaternion_of
 from elastic_strips.trajectory import Trajectory
 from elastic_strips.validation import check_number, check_type
+from elastic_strips.xacro_process import MAX_BYTES
 
 from .record_file import record_robot
-from .trajectory_file import heading, nanoseconds, stamp, trajectory_document
+from .trajectory_data import heading, nanoseconds, stamp, trajectory_document
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag2 import Writer
     from rosbags.typesys.store import Typestore
 
-_MAX_URDF = 8_000_000
 _CUBE, _SPHERE, _CYLINDER, _CUBE_LIST, _TRIANGLES, _DELETE_ALL = 1, 2, 3, 6, 11, 3  # of visualization_msgs/Marker
 _GREY = {"r": 0.6, "g": 0.6, "b": 0.65, "a": 0.9}
 _BASE, _NAME, _ARRAY = 1, 2, 3  # kinds of fields in rosbags: plain, a message, of fixed length
@@ -48,18 +48,23 @@ _Rule: TypeAlias = tuple[int, Any]
 
 
 def write_bag(
-    path: str | os.PathLike[str], motion: Trajectory | Record, *, robot: RobotModel | None = None,
-    scene: Scene | World | None = None, frame: str = "map", period: float = 0.05,
-) -> Path:  # fmt: skip
+    path: str | os.PathLike[str],
+    motion: Trajectory | Record,
+    *,
+    robot: RobotModel | None = None,
+    scene: Scene | World | None = None,
+    frame: str = "map",
+    period: float = 0.05,
+) -> Path:
     """Write a motion and its obstacles as one MCAP file.
 
     Args:
-        path: the file; one that is there is replaced in one step.
-        motion: a trajectory, or the record of a drive: what was driven, and the obstacles as they moved.
-        robot: of a record; the recorded one where None.
+        path: the file; an existing one is replaced in one step.
+        motion: a trajectory, or the record of a drive with the obstacles as they moved.
+        robot: the robot of a record; the recorded one where None.
         scene: obstacles; those of the record where None.
         frame: ``frame_id`` of the world.
-        period: between two messages of what changes [s].
+        period: time between two messages of things that change [s].
 
     Raises:
         InputError: the file cannot be written, the motion begins before time 0, or the robot is not that of the record.
@@ -96,10 +101,12 @@ def _driven(robot: RobotModel, times: Array, coordinates: Array, frame: str) -> 
     if not robot.space.planar:
         return {}
     poses = [
-        {"header": {"stamp": stamp(t), "frame_id": frame},
-         "pose": {"position": {"x": x, "y": y, "z": 0.0}, "orientation": heading(yaw)}}
+        {
+            "header": {"stamp": stamp(t), "frame_id": frame},
+            "pose": {"position": {"x": x, "y": y, "z": 0.0}, "orientation": heading(yaw)},
+        }
         for t, (x, y, yaw) in zip(times.tolist(), coordinates[:, :3].tolist(), strict=True)
-    ]  # fmt: skip
+    ]
     return {"path": {"header": {"stamp": stamp(float(times[0])), "frame_id": frame}, "poses": poses}}
 
 
@@ -108,7 +115,7 @@ def _write(
 ) -> None:
     start = float(times[0])
     if robot.urdf_path is not None and os.path.isfile(robot.urdf_path):
-        text = read_input(robot.urdf_path, "URDF file", _MAX_URDF, InputError).decode("utf-8", "replace")
+        text = read_input(robot.urdf_path, "URDF file", MAX_BYTES, InputError).decode("utf-8", "replace")
         bag.add(start, "/robot_description", "std_msgs/msg/String", {"data": text})
     if "path" in document:
         bag.add(start, "/plan", "nav_msgs/msg/Path", document["path"])
@@ -157,9 +164,10 @@ class _Links:
 def _transform(pose: Array, t: float, parent: str, child: str) -> Document:
     place = _pose(pose)
     return {
-        "header": {"stamp": stamp(t), "frame_id": parent}, "child_frame_id": child,
+        "header": {"stamp": stamp(t), "frame_id": parent},
+        "child_frame_id": child,
         "transform": {"translation": place["position"], "rotation": place["orientation"]},
-    }  # fmt: skip
+    }
 
 
 def _pose(pose: Array) -> dict[str, dict[str, float]]:
@@ -169,7 +177,7 @@ def _pose(pose: Array) -> dict[str, dict[str, float]]:
 
 
 def _markers(obstacle: Obstacle) -> list[Document]:
-    """What draws an obstacle."""
+    """The marker that draws an obstacle."""
     spec: dict[str, Any] = dict(obstacle.spec)
     place = _pose(obstacle.pose)
 
@@ -231,7 +239,7 @@ class _Bag:
         self.writer.write(self._connections[topic], nanoseconds(t), data)
 
     def _maker(self, kind: str) -> Callable[[Mapping[str, object]], object]:
-        """What makes a message of plain data."""
+        """A function that makes a message of plain data."""
         if kind not in self._makers:
             fields = [(name, self._field(rule)) for name, rule in self._store.fielddefs[kind][1]]
             message: Any = self._store.types[kind]
@@ -239,7 +247,7 @@ class _Bag:
         return self._makers[kind]
 
     def _field(self, rule: _Rule) -> Callable[[Any], object]:
-        """What makes a field's value of plain data, or of None."""
+        """A function that makes a field's value of plain data, or of None."""
         kind, of = int(rule[0]), rule[1]
         if kind == _NAME:
             make = self._maker(of)

@@ -8,6 +8,7 @@ import logging
 import math
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -26,7 +27,7 @@ MAX_BYTES = 200_000_000
 _MAX_LINE = 2_000_000  # bytes
 _MAX_SCANS = 200_000
 _MAX_READINGS = 30_000_000
-_TURN = 2.0 * math.pi + 1e-3  # of a whole turn as it is printed: Gazebo's lasers go from 0 to 6.28319
+_WHOLE_TURN = 2.0 * math.pi + 1e-3  # of a whole turn as it is printed: Gazebo's lasers go from 0 to 6.28319
 LoggedScan = tuple[LaserScan, Array | None]
 """A scan and the base's pose (3,): x [m], y [m], yaw [rad], read-only; None where the log has none."""
 
@@ -42,18 +43,22 @@ class LaserLogError(InputError):
 
 
 def read_laser_log(
-    path: str | os.PathLike[str], *, carmen_pose: str = "laser", carmen_range_max: float = 80.0, height: float = 0.0,
+    path: str | os.PathLike[str],
+    *,
+    carmen_pose: str = "laser",
+    carmen_range_max: float = 80.0,
+    height: float = 0.0,
     mount: ArrayLike | None = None,
-) -> tuple[LoggedScan, ...]:  # fmt: skip
+) -> tuple[LoggedScan, ...]:
     """Read the scans of a log, in the file's order; docs/sensed-scenes.md describes the formats.
 
     Args:
-        path: of the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines; its
-            other messages are ignored).
+        path: the file: JSON lines, CSV with a header, or a CARMEN log (FLASER, RAWLASER and ROBOTLASER lines;
+            its other messages are ignored).
         carmen_pose: which pose of a CARMEN log counts: ``"laser"``, its (usually corrected) pose, which then also is
             the base's, or ``"odometry"``, the base's own; the difference of the two is then the laser's mount.
-        carmen_range_max: range from which on nothing was hit [m]; for FLASER lines, which do not state it.
-        height: of a laser over the floor [m], where the log does not state it.
+        carmen_range_max: range from which on nothing was hit [m], for FLASER lines, which do not state it.
+        height: height of a laser over the floor [m], where the log does not state it.
         mount: (x, y, z, yaw) of the laser on the base [m, rad], where a log of JSON lines or CSV does not state it;
             without it the laser is taken to be at the base's origin, with a warning in the log.
 
@@ -96,8 +101,10 @@ def read_laser_log(
     if unmounted and mount is None:
         _log.warning(
             "%s: %d scans do not say where the laser is mounted: it is taken to be at the base's origin, %g m up",
-            file, unmounted, height,
-        )  # fmt: skip
+            file,
+            unmounted,
+            height,
+        )
     return tuple(scans)
 
 
@@ -108,12 +115,12 @@ def _lines(stream: BinaryIO, file: Path) -> Iterator[tuple[int, str]]:
         if not data:
             return
         if len(data) > _MAX_LINE:
-            raise LaserLogError(f"{file}:{number}: the line has more than {_MAX_LINE} bytes; at most so many are read")
+            raise LaserLogError(f"{file}:{number}: the line has more than {_MAX_LINE} bytes, the most that is read")
         try:
             line = data.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError as error:
             raise LaserLogError(
-                f"{file}:{number}: byte {error.start} of the line is no UTF-8; a log is a text file"
+                f"{file}:{number}: byte {error.start} of the line is not UTF-8; a log is a text file"
             ) from None
         if line and not line.startswith("#"):
             yield number, line
@@ -122,7 +129,7 @@ def _lines(stream: BinaryIO, file: Path) -> Iterator[tuple[int, str]]:
 def _reader(
     file: Path, number: int, first: str, carmen_pose: str, carmen_range_max: float, height: float, usual: list[float]
 ) -> Callable[[str], LoggedScan | None]:
-    """What reads the lines of a log, as its first line tells."""
+    """The reader of a log's lines, chosen by the first line."""
     if first.startswith("{"):
         return lambda line: _json(line, usual)
     if first.startswith("stamp,"):
@@ -173,44 +180,66 @@ def _logged(entry: object, usual: list[float]) -> LoggedScan:
     return _scan("laser" if name is None else name.text(), numbers, ranges, mount), _pose(pose)
 
 
+@dataclass(frozen=True, slots=True)
+class _CarmenScan:
+    """What a message of a CARMEN log holds: poses (6) of laser and base, or None, and the range [m] of nothing."""
+
+    head: dict[str, float]
+    ranges: list[float]
+    poses: list[float] | None
+    range_max: float
+
+
 def _carmen(line: str, which: str, range_max: float, height: float) -> LoggedScan | None:
-    words = line.split()
-    kind, rest = words[0], words[1:]
+    kind, *rest = line.split()
     if kind == "FLASER":
-        count = _count(rest[0] if rest else "", "the number of readings")
-        if len(rest) < 1 + count + 9:
-            raise ValueError(f"FLASER with {count} readings has {len(rest)} fields; {1 + count + 9} are needed")
-        step = math.pi / (count - 1 if count % 2 else count)
-        ranges = [_float(w, "range") for w in rest[1 : 1 + count]]
-        poses = [_float(w, "pose") for w in rest[1 + count : 7 + count]]
-        head = {"stamp": _float(rest[7 + count], "ipc_timestamp"), "angle_min": -0.5 * math.pi, "angle_increment": step}
+        found = _flaser(rest, range_max)
     elif kind[:-1] in ("RAWLASER", "ROBOTLASER") and kind[-1] in "12345":
-        if len(rest) < 8:
-            raise ValueError(f"{kind} has {len(rest)} fields; at least 8 and the readings are needed")
-        start, _, step, range_max = (_float(w, "field") for w in rest[1:5])
-        count = _count(rest[7], "the number of readings")
-        ranges = [_float(w, "range") for w in rest[8 : 8 + count]]
-        after = rest[8 + count :]
-        poses = None
-        if kind[:-1] == "ROBOTLASER":
-            if len(after) not in (13, 14) or (len(after) == 14 and after[0] == "0"):  # newer logs hold remissions
-                after = after[1 + _count(after[0] if after else "", "the number of remissions", low=0) :]
-            poses = [_float(w, "pose") for w in after[:6]]
-        if len(ranges) < count or len(after) < 3 or (poses is not None and len(after) < 13):
-            raise ValueError(f"{kind} with {count} readings ends too early, with {len(rest)} fields")
-        head = {"stamp": _float(after[-3], "timestamp"), "angle_min": start, "angle_increment": step}
+        found = _newer_laser(kind, rest)
     elif kind in _IGNORED or (kind.isupper() and not kind.startswith(("FLASER", "RAWLASER", "ROBOTLASER"))):
         return None
     else:
-        raise ValueError(f"{kind[:40]!r} is no message of a CARMEN log")
+        raise ValueError(f"{kind[:40]!r} is not a message of a CARMEN log")
     mount, pose = [0.0, 0.0, height, 0.0], None
-    if poses is not None:
-        (lx, ly, la), pose = poses[:3], poses[:3] if which == "laser" else poses[3:]
+    if found.poses is not None:
+        (lx, ly, la), pose = found.poses[:3], found.poses[:3] if which == "laser" else found.poses[3:]
         if which == "odometry":
             x, y, a = pose
             c, s = math.cos(a), math.sin(a)
             mount = [c * (lx - x) + s * (ly - y), c * (ly - y) - s * (lx - x), height, la - a]
-    return _scan(kind.lower(), {**head, "range_min": 0.0, "range_max": range_max}, ranges, mount), _pose(pose)
+    head = {**found.head, "range_min": 0.0, "range_max": found.range_max}
+    return _scan(kind.lower(), head, found.ranges, mount), _pose(pose)
+
+
+def _flaser(rest: list[str], range_max: float) -> _CarmenScan:
+    """The words after ``FLASER``: count, readings, poses of laser and base, times."""
+    count = _count(rest[0] if rest else "", "the number of readings")
+    if len(rest) < 1 + count + 9:
+        raise ValueError(f"FLASER with {count} readings has {len(rest)} fields; {1 + count + 9} are needed")
+    step = math.pi / (count - 1 if count % 2 else count)
+    ranges = [_float(w, "range") for w in rest[1 : 1 + count]]
+    poses = [_float(w, "pose") for w in rest[1 + count : 7 + count]]
+    head = {"stamp": _float(rest[7 + count], "ipc_timestamp"), "angle_min": -0.5 * math.pi, "angle_increment": step}
+    return _CarmenScan(head, ranges, poses, range_max)
+
+
+def _newer_laser(kind: str, rest: list[str]) -> _CarmenScan:
+    """The words after ``RAWLASER…`` or ``ROBOTLASER…``: the laser's own numbers, readings, remissions, poses, times."""
+    if len(rest) < 8:
+        raise ValueError(f"{kind} has {len(rest)} fields; at least 8 and the readings are needed")
+    start, _, step, range_max = (_float(w, "field") for w in rest[1:5])
+    count = _count(rest[7], "the number of readings")
+    ranges = [_float(w, "range") for w in rest[8 : 8 + count]]
+    after = rest[8 + count :]
+    poses = None
+    if kind[:-1] == "ROBOTLASER":
+        if len(after) not in (13, 14) or (len(after) == 14 and after[0] == "0"):  # newer logs hold remissions
+            after = after[1 + _count(after[0] if after else "", "the number of remissions", low=0) :]
+        poses = [_float(w, "pose") for w in after[:6]]
+    if len(ranges) < count or len(after) < 3 or (poses is not None and len(after) < 13):
+        raise ValueError(f"{kind} with {count} readings ends too early, with {len(rest)} fields")
+    head = {"stamp": _float(after[-3], "timestamp"), "angle_min": start, "angle_increment": step}
+    return _CarmenScan(head, ranges, poses, range_max)
 
 
 def _scan(sensor: str, head: dict[str, float], ranges: list[float], mount: list[float]) -> LaserScan:
@@ -222,10 +251,10 @@ def _scan(sensor: str, head: dict[str, float], ranges: list[float], mount: list[
 
 
 def scan_of(sensor: str, head: dict[str, float], ranges: ArrayLike, T_base_sensor: Array) -> LaserScan:
-    """A scan of what ROS' message holds; ranges as in REP 117: beyond ``range_max`` nothing, too near no answer.
+    """A scan of the values of ROS' message; ranges as in REP 117: beyond ``range_max`` nothing, too near no answer.
 
     Raises:
-        ValueError: numbers that make no scan.
+        ValueError: the numbers do not make a scan.
     """
     r = np.array(ranges, dtype=float)
     if len(r) < 2:
@@ -233,7 +262,7 @@ def scan_of(sensor: str, head: dict[str, float], ranges: ArrayLike, T_base_senso
     low, high, step = head["range_min"], head["range_max"], head["angle_increment"]
     if not 0.0 <= low < high:
         raise ValueError(f"range_min={low:g} must be at least 0 and less than range_max={high:g}")
-    if not 0.0 < abs(step) * (len(r) - 1) <= _TURN:
+    if not 0.0 < abs(step) * (len(r) - 1) <= _WHOLE_TURN:
         raise ValueError(f"angle_increment={step:g}: {len(r)} rays of that step make no scan of at most one turn")
     if not math.isfinite(head["angle_min"]):
         raise ValueError(f"angle_min={head['angle_min']:g} must be finite")

@@ -37,12 +37,12 @@ _LEAST_NORM = 0.5  # of a quaternion; one that is not quite of length 1 is norma
 def read_moveit_scene(path: str | os.PathLike[str], *, planes: str = "blocked") -> Scene:
     """Read the obstacles of a MoveIt scene file, of the newer format or the older one without poses of objects.
 
-    Obstacles are called as the objects are; those of an object of several shapes have a number after it. A plane has no
+    Obstacles have the objects' names; those of an object of several shapes have a number after it. A plane has no
     end: it becomes a slab (`plane_slab`). Left out, with a warning in the log: colours and subframes. The file's frame
     is taken as the world.
 
     Args:
-        path: of the file.
+        path: the file.
         planes: ``"blocked"``, or ``"free"``: they are left out.
 
     Raises:
@@ -57,9 +57,9 @@ def plane_slab(coef: Array, pose: Array, name: str | None) -> Obstacle:
     """A plane as a slab of `PLANE_SIZE` behind it, about the point of it that is nearest to its pose's origin.
 
     Args:
-        coef: (4,) a, b, c, d of a x + b y + c z + d = 0 in the frame of ``pose``; behind it is where that is below 0.
-        pose: (4, 4) [m].
-        name: of the obstacle.
+        coef: (4,) a, b, c, d of a x + b y + c z + d = 0 in the frame of ``pose``; negative values are behind the plane.
+        pose: (4, 4) pose [m].
+        name: name of the obstacle.
     """
     length = float(np.linalg.norm(coef[:3]))
     normal = coef[:3] / length
@@ -140,7 +140,7 @@ class _Reader:
         return first is not None and len(next((line for line in rest if line.strip()), "").split()) > 1
 
     def _shape(self) -> Callable[..., Obstacle] | None:
-        """What makes a shape of its place and name; None where it is left out."""
+        """A function that makes a shape of its place and name; None where the shape is left out."""
         kind = self._word("a shape")
         if kind == "mesh":
             vertices, triangles = (self._count(f"the number of {what}") for what in ("vertices", "triangles"))

@@ -30,13 +30,15 @@ MAX_BYTES = 100_000_000
 _MAX_CELLS = 16_000_000
 _COMMENT = re.compile(rb"#[^\r\n]*")
 _MODES = ("trinary", "scale", "raw")
-_FULL = 100.0  # occupancy of a cell that is certainly occupied
+_FULL_OCCUPANCY = 100.0  # occupancy of a cell that is certainly occupied
 WALL_HEIGHT = 3.0
 """Height [m] of a map's walls where neither it nor the robot is known: more than mobile manipulators reach."""
-_FAR = 20_000.0  # [m] to which a map's outside is filled: robots stay within 10 km of the origin; proofs take no more
-_LEAST_EDGE = 2.0  # [m] of a map that is as large itself
-_SEAM = 0.01  # [m] a gap between two maps that is narrower is none
-_TURN = 2.0 * math.pi
+_OUTSIDE_EDGE = (
+    20_000.0  # [m] to which a map's outside is filled: robots stay within 10 km of the origin; proofs take no more
+)
+_LEAST_MAP_EDGE = 2.0  # [m] of a map that is as large itself
+_NARROWEST_GAP = 0.01  # [m] a gap between two maps that is narrower is none
+_WHOLE_TURN = 2.0 * math.pi  # [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +48,7 @@ class MapArea:
     Attributes:
         T_world_map: pose (4, 4) of its lower left corner; it stands upright.
         size: (2,) its lengths along the map's x and y [m].
-        low, high: between which heights its walls are [m].
+        low, high: heights between which its walls are [m].
     """
 
     T_world_map: Array
@@ -65,7 +67,7 @@ class MapArea:
         return local @ self.T_world_map[:2, :2].T + self.T_world_map[:2, 3]
 
     def edges(self) -> list[Obstacle]:
-        """Four boxes around it, about 19 km wide: who leaves the map, or was never on it, meets one of them."""
+        """Four boxes around it, about 19 km wide: a robot that leaves the map, or was never on it, meets one."""
         return [
             self.block(f"outside-of-map-{name}", np.array([low, (low[0], high[1]), (high[0], low[1]), high]))
             for name, (low, high) in self.beyond().items()
@@ -74,11 +76,13 @@ class MapArea:
     def beyond(self) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
         """Low and high corners [m] of rectangles around it, in its own frame; like the sails of a windmill."""
         x, y = self.size.tolist()
-        far = max(_FAR - max(x, y), _LEAST_EDGE)
+        far = max(_OUTSIDE_EDGE - max(x, y), _LEAST_MAP_EDGE)
         return {
-            "left": ((-far, -far), (0.0, y)), "right": ((x, 0.0), (x + far, y + far)),
-            "lower": ((0.0, -far), (x + far, 0.0)), "upper": ((-far, y), (x, y + far)),
-        }  # fmt: skip
+            "left": ((-far, -far), (0.0, y)),
+            "right": ((x, 0.0), (x + far, y + far)),
+            "lower": ((0.0, -far), (x + far, 0.0)),
+            "upper": ((-far, y), (x, y + far)),
+        }
 
     def block(self, name: str, outline: Array) -> Obstacle:
         """An obstacle as high as its walls over a convex outline (K, 2) in its own frame [m]."""
@@ -93,7 +97,7 @@ class MapArea:
 
 
 def outside_of(areas: Sequence[MapArea]) -> list[Obstacle]:
-    """Obstacles that stand for all that no map shows: four boxes around one map; what is left of them beside others."""
+    """Obstacles for everything that no map shows: four boxes around one map; what is left of them beside others."""
     first = areas[0]
     if len(areas) == 1:
         return first.edges()
@@ -118,9 +122,9 @@ def _without(outline: Array, hole: Array) -> list[Array]:
         along = (end - start) / np.linalg.norm(end - start)
         outward = np.array([along[1], -along[0]])
         beyond, outline = (_clipped(outline, sign * outward, sign * float(outward @ start)) for sign in (1.0, -1.0))
-        if _width(beyond) > _SEAM:
+        if _width(beyond) > _NARROWEST_GAP:
             found.append(beyond)
-        if _width(outline) <= _SEAM:
+        if _width(outline) <= _NARROWEST_GAP:
             break
     return found
 
@@ -152,34 +156,39 @@ def _width(outline: Array) -> float:
 
 
 def load_nav2_map(
-    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL,
-    low: float = 0.0, outside: str = "blocked",
-) -> Scene:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    unknown: str = "free",
+    height: float = WALL_HEIGHT,
+    lethal: float = _FULL_OCCUPANCY,
+    low: float = 0.0,
+    outside: str = "blocked",
+) -> Scene:
     """A map in Nav2's format as a scene with one obstacle, ``map``: a box from the floor up for every occupied cell.
 
     A pixel of brightness b (of 255) has the occupancy p = (255 − b) / 255, or b / 255 where ``negate`` is set. A cell
     is occupied where p ≥ ``occupied_thresh``, else free where p ≤ ``free_thresh``. Between, mode ``trinary`` says that
     it is unknown, and ``scale`` has it from 0 to 100 in proportion. A pixel that is not opaque is unknown. In mode
     ``raw`` it is b itself up to 100, and unknown above. Nav2 before 2025 took opacity for one more colour in mode
-    ``trinary``; what it had for occupied then is so, too.
+    ``trinary``; cells that it took for occupied then are occupied here, too.
 
     Neighbouring boxes are merged. A map without an occupied cell gives no obstacle ``map``. A warning in the log says
     how many cells are left out that are unknown, or between free and occupied, and which keys are not known.
 
-    A map says nothing of what is outside of it: four boxes, ``outside-of-map-left``, ``-right``, ``-lower`` and
+    A map says nothing about what is outside it: four boxes, ``outside-of-map-left``, ``-right``, ``-lower`` and
     ``-upper``, surround it, to about 19 km, so that nothing that leaves it or is beyond it is certified or planned.
 
     Args:
         path: The map's YAML file; it names the image, a PGM, PNG or BMP file. All but PGM need the extra ``ros``.
-        unknown: What unknown cells are: ``"free"``, as Nav2's planners take them by default, or ``"occupied"``.
-        height: Up to which the boxes reach [m]: as high as the robot's arm can get, or it passes over them.
-        lethal: Occupancy in (0, 100] from which on a cell of mode ``scale`` or ``raw`` is occupied; by default what
-            Nav2's static layer takes.
-        low: From which on they reach up [m].
-        outside: ``"blocked"``, or ``"free"``: without the four boxes.
+        unknown: How unknown cells count: ``"free"``, as in Nav2's planners by default, or ``"occupied"``.
+        height: Height [m] up to which the boxes reach: as high as the robot's arm can get, or it passes over them.
+        lethal: Occupancy in (0, 100] from which on a cell of mode ``scale`` or ``raw`` is occupied; by default the
+            value that Nav2's static layer takes.
+        low: Height [m] at which they begin.
+        outside: ``"blocked"``, or ``"free"``, which leaves out the four boxes.
 
     Raises:
-        MissingExtraError: The image is no PGM file, and Pillow is not installed.
+        MissingExtraError: The image is not a PGM file, and Pillow is not installed.
         ScenarioError: A file is missing, cannot be read, or does not fit; the message names file, line and key.
     """
     walls, area = read_map(path, unknown=unknown, height=height, lethal=lethal, low=low)
@@ -188,21 +197,27 @@ def load_nav2_map(
 
 
 def read_map(
-    path: str | os.PathLike[str], *, unknown: str = "free", height: float = WALL_HEIGHT, lethal: float = _FULL,
-    low: float = 0.0, at: Array | None = None, name: str = "map",
-) -> tuple[list[Obstacle], MapArea]:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    unknown: str = "free",
+    height: float = WALL_HEIGHT,
+    lethal: float = _FULL_OCCUPANCY,
+    low: float = 0.0,
+    at: Array | None = None,
+    name: str = "map",
+) -> tuple[list[Obstacle], MapArea]:
     """The walls of a map, and the area that it shows; see `load_nav2_map`.
 
     Args:
-        path, unknown, height, lethal, low: see there; heights are the world's.
+        path, unknown, height, lethal, low: as for `load_nav2_map`; heights are the world's.
         at: pose (4, 4) of the map's frame in the world, upright.
-        name: of the obstacle.
+        name: name of the obstacle.
 
     Raises:
-        MissingExtraError, ScenarioError: as there.
+        MissingExtraError, ScenarioError: as for `load_nav2_map`.
     """
     check_choice("unknown", unknown, ("free", "occupied"), ScenarioError)
-    check_number("lethal", lethal, above=0.0, high=_FULL, error=ScenarioError)
+    check_number("lethal", lethal, above=0.0, high=_FULL_OCCUPANCY, error=ScenarioError)
     check_number("height", height, unit="m", error=ScenarioError)
     check_number("low", low, unit="m", error=ScenarioError)
     root = load_yaml(path, error=ScenarioError)
@@ -213,30 +228,15 @@ def read_map(
     mode = entries["mode"].text(valid=_MODES) if "mode" in entries else "trinary"
     negate = "negate" in entries and _flag(entries["negate"])
     resolution = entries["resolution"].number(low=1e-4, high=100.0)
-    x, y, yaw = entries["origin"].vector(3).tolist()
-    if abs(yaw) > _TURN:
-        _log.warning(
-            "%s: the origin's yaw is %g rad, more than a turn: it is in radians; %g degrees would be %.6g",
-            root.source.path, yaw, yaw, math.radians(yaw),
-        )  # fmt: skip
-        yaw = math.remainder(yaw, _TURN)
+    pose = _origin(entries["origin"])
     high, free = (entries[k].number(low=0.0, high=1.0, unit="") for k in ("occupied_thresh", "free_thresh"))
     if free > high:
         entries["free_thresh"].fail(f"is {free:g}; it must not exceed 'occupied_thresh', {high:g}")
     image, opacity = _read_image(entries["image"])
     occupancy = _occupancy(image, opacity, mode, negate, free, high)
-    filled = occupancy >= lethal
-    partly, nothing = np.count_nonzero((occupancy > 0.0) & ~filled), np.isnan(occupancy)
-    if unknown == "occupied":
-        filled |= nothing
-    left_out = ((np.count_nonzero(nothing & ~filled), "unknown"), (partly, "between free and occupied"))
-    if any(count for count, _ in left_out):
-        said = ", ".join(f"{count} cells that are {what}" for count, what in left_out if count)
-        _log.warning("%s: left out: %s", root.source.path, said)
+    filled = _filled(occupancy, lethal, unknown, root.source.path)
     if np.count_nonzero(filled) > MAX_CENTERS:
         entries["image"].fail(f"{np.count_nonzero(filled)} cells are occupied; at most {MAX_CENTERS} are read")
-    pose = np.eye(4)
-    pose[:2, :2], pose[:2, 3] = ((math.cos(yaw), -math.sin(yaw)), (math.sin(yaw), math.cos(yaw))), (x, y)
     pose = entries["origin"].checked(_upright, pose if at is None else at @ pose)
     area = MapArea(pose, resolution * np.array(filled.shape[::-1], dtype=float), low, height)
     rows, columns = np.nonzero(filled[::-1])  # the first row of an image is its upper edge
@@ -251,6 +251,36 @@ def read_map(
         return [made] if len(rows) else []
 
     return root.checked(walls), area
+
+
+def _origin(node: Node) -> Array:
+    """Pose (4, 4) of a map's lower left corner in the map's frame."""
+    x, y, yaw = node.vector(3).tolist()
+    if abs(yaw) > _WHOLE_TURN:
+        _log.warning(
+            "%s: the origin's yaw is %g rad, more than a turn: it is in radians; %g degrees would be %.6g",
+            node.source.path,
+            yaw,
+            yaw,
+            math.radians(yaw),
+        )
+        yaw = math.remainder(yaw, _WHOLE_TURN)
+    pose = np.eye(4)
+    pose[:2, :2], pose[:2, 3] = ((math.cos(yaw), -math.sin(yaw)), (math.sin(yaw), math.cos(yaw))), (x, y)
+    return pose
+
+
+def _filled(occupancy: Array, lethal: float, unknown: str, path: Path) -> Mask:
+    """Which cells (rows, columns) are obstacles; the log says how many that are not quite free are none."""
+    filled = occupancy >= lethal
+    partly, nothing = np.count_nonzero((occupancy > 0.0) & ~filled), np.isnan(occupancy)
+    if unknown == "occupied":
+        filled |= nothing
+    left_out = ((np.count_nonzero(nothing & ~filled), "unknown"), (partly, "between free and occupied"))
+    if any(count for count, _ in left_out):
+        said = ", ".join(f"{count} cells that are {what}" for count, what in left_out if count)
+        _log.warning("%s: left out: %s", path, said)
+    return filled
 
 
 def _upright(pose: Array) -> Array:
@@ -270,16 +300,18 @@ def _occupancy(image: Array, opacity: Array | None, mode: str, negate: bool, low
     """Occupancy (rows, columns) from 0 to 100, and NaN where it is unknown."""
     if mode == "raw":
         value = np.rint(255.0 * image)
-        return np.where(value <= _FULL, value, np.nan)
+        return np.where(value <= _FULL_OCCUPANCY, value, np.nan)
     p = image if negate else 1.0 - image
-    between = np.full(p.shape, np.nan) if mode == "trinary" else np.rint(_FULL * (p - low) / max(high - low, 1e-9))
-    value = np.where(p >= high, _FULL, np.where(p <= low, 0.0, between))
+    between = (
+        np.full(p.shape, np.nan) if mode == "trinary" else np.rint(_FULL_OCCUPANCY * (p - low) / max(high - low, 1e-9))
+    )
+    value = np.where(p >= high, _FULL_OCCUPANCY, np.where(p <= low, 0.0, between))
     if opacity is None:
         return value
     value = np.where(opacity < 1.0, np.nan, value)
     if mode == "trinary":  # the mean of four colours, as it was
         mean = 0.75 * image + 0.25 * opacity
-        value = np.where((mean if negate else 1.0 - mean) > high, _FULL, value)
+        value = np.where((mean if negate else 1.0 - mean) > high, _FULL_OCCUPANCY, value)
     return value
 
 
@@ -290,7 +322,7 @@ def _read_image(node: Node) -> tuple[Array, Array | None]:
     if data[:2] in (b"P2", b"P5"):
         return _read_pgm(node, file, data), None
     if data[:4] != b"\x89PNG" and data[:2] != b"BM":
-        node.fail(f"{file}: is no PGM (P2 or P5), PNG or BMP image")
+        node.fail(f"{file}: is not a PGM (P2 or P5), PNG or BMP image")
     try:
         pillow = importlib.import_module("PIL.Image")
     except ModuleNotFoundError:
@@ -334,7 +366,7 @@ def _read_pgm(node: Node, file: Path, data: bytes) -> Array:
         try:
             pixels = _numbers(_COMMENT.sub(b"", data[at:]), 0, width * rows)
         except ValueError:
-            node.fail(f"{file}: the image holds something that is no number")
+            node.fail(f"{file}: the image holds something that is not a number")
     else:
         kind = np.dtype(np.uint8 if top < 256 else ">u2")
         body = data[_raster(data, at, width * rows * kind.itemsize) :]
@@ -363,7 +395,7 @@ def _raster(data: bytes, at: int, size: int) -> int:
 
 
 def _numbers(data: bytes, at: int, most: int) -> Array:
-    """At most so many numbers between blanks, from a place on; piece by piece, for a word takes ten times its bytes."""
+    """At most this many numbers between blanks, from a place on; piece by piece: a word takes ten times its bytes."""
     parts, count = [np.empty(0)], 0
     while at < len(data) and count < most:
         end = min(at + 1_000_000, len(data))

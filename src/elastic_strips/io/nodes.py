@@ -3,7 +3,7 @@
 Of YAML only plain data is read: no tags, no aliases (so no alias bombs), no duplicate keys, one document, bounded size
 and depth. Numbers are YAML 1.2's: ``1e-3`` is a number, ``yes`` a string.
 
-What does not fit is refused with file, line (of YAML), key, value and bound.
+Values that do not fit are refused with file, line (of YAML), key, value and bound.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import yaml
 from elastic_strips.arrays import Array
 from elastic_strips.errors import InputError, ScenarioError, SceneError, nearest_name
 from elastic_strips.files import read_input_text
-from elastic_strips.validation import check_number, shown
+from elastic_strips.validation import MAX_LENGTH, check_number, shown
 
 MAX_YAML_BYTES = 50_000_000
 MAX_JSON_BYTES = 20_000_000
@@ -90,7 +90,7 @@ class Node:
 
     @property
     def kind(self) -> str:
-        """What the node holds, for messages, such as ``'abc' (a string)``."""
+        """The node's value for messages, such as ``'abc' (a string)``."""
         if self.value is None:
             return "nothing"
         name = _KINDS[type(self.value)]
@@ -129,8 +129,8 @@ class Node:
 
         Args:
             valid: The keys that it may have; None: any.
-            needed: Those that it must have.
-            what: What it is a mapping of, for messages.
+            needed: The keys that it must have.
+            what: What the mapping describes, for messages.
         """
         of = f" of {what}" if what else ""
         if not isinstance(self.value, dict):
@@ -169,7 +169,7 @@ class Node:
             self.fail(f"must be true or false, not {self.kind}")
         return self.value
 
-    def number(self, *, low: float = -1e6, high: float = 1e6, unit: str = "m") -> float:
+    def number(self, *, low: float = -MAX_LENGTH, high: float = MAX_LENGTH, unit: str = "m") -> float:
         """A finite number in [low, high]."""
         if not _is_number(self.value):
             self.fail(f"must be a number, not {self.kind}")
@@ -235,7 +235,7 @@ def load_json(
     Args:
         path: The file, or the folder that holds a file called ``name``.
         name: See ``path``.
-        what: What to call the file in messages.
+        what: Name of the file in messages.
         error: Type of the error that is raised about the file or its content.
 
     Returns:
@@ -281,6 +281,17 @@ class _Collection:
     key: str
     pending: tuple[str, int] | None = None  # key and line of the dict's entry whose value comes next
 
+    def take(self, value: object, line: int) -> tuple[str, int]:
+        """Add the next value, which begins in a line; its key, and the line where that begins."""
+        if isinstance(self.value, list):
+            key = f"{self.key}[{len(self.value)}]"
+            self.value.append(value)
+            return key, line
+        assert self.pending is not None
+        name, line = self.pending
+        self.value[name], self.pending = value, None
+        return f"{self.key}.{name}" if self.key else name, line
+
 
 def _data(events: Iterable[object], source: Source) -> object:
     """Build the data from the event stream, and the source's lines; no recursion, so no depth of nesting can hurt."""
@@ -299,11 +310,7 @@ def _data(events: Iterable[object], source: Source) -> object:
         count += 1
         if count > MAX_NODES:
             source.fail(f"the file holds more than {MAX_NODES} values", line)
-        if isinstance(event, yaml.AliasEvent):
-            source.fail(f"alias *{event.anchor}: aliases are not allowed; write the value out", line)
-        tag = getattr(event, "tag", None)
-        if tag is not None:
-            source.fail(f"tag {tag}: tags are not allowed", line)
+        _refuse_references(event, source, line)
         top = stack[-1] if stack else None
         if top is not None and isinstance(top.value, dict) and top.pending is None:
             top.pending = _key(event, top, source, line)
@@ -315,14 +322,8 @@ def _data(events: Iterable[object], source: Source) -> object:
         if top is None:
             key = ""
             root.append(value)
-        elif isinstance(top.value, list):
-            key = f"{top.key}[{len(top.value)}]"
-            top.value.append(value)
         else:
-            assert top.pending is not None
-            name, line = top.pending
-            key = f"{top.key}.{name}" if top.key else name
-            top.value[name], top.pending = value, None
+            key, line = top.take(value, line)
         source.lines[key] = line
         if isinstance(value, (list, dict)):
             stack.append(_Collection(value, key))
@@ -331,6 +332,15 @@ def _data(events: Iterable[object], source: Source) -> object:
     if not root:
         source.fail("the file is empty")
     return root[0]
+
+
+def _refuse_references(event: yaml.NodeEvent, source: Source, line: int) -> None:
+    """Aliases and tags make more of a document than what is written in it."""
+    if isinstance(event, yaml.AliasEvent):
+        source.fail(f"alias *{event.anchor}: aliases are not allowed; write the value out", line)
+    tag = getattr(event, "tag", None)
+    if tag is not None:
+        source.fail(f"tag {tag}: tags are not allowed", line)
 
 
 def _key(event: yaml.NodeEvent, owner: _Collection, source: Source, line: int) -> tuple[str, int]:

@@ -17,7 +17,7 @@ _ENTRY = struct.Struct("<4s4H2LH")  # how a zip file ends
 
 
 class NpyError(ValueError):
-    """No array, or one that is damaged or too large; the message says why."""
+    """Not an array, or one that is damaged or too large; the message says why."""
 
 
 def read_npy(stream: IO[bytes], size: int, limit: int) -> NDArray[np.generic]:
@@ -26,10 +26,11 @@ def read_npy(stream: IO[bytes], size: int, limit: int) -> NDArray[np.generic]:
     Args:
         stream: binary stream at the array's beginning.
         size: bytes from there to the end.
-        limit: most bytes that the array may have.
+        limit: largest size [bytes] that the array may have.
 
     Raises:
-        NpyError: no such format, Python objects or fields instead of numbers, fewer or more bytes than the shape says.
+        NpyError: another format, Python objects or fields instead of numbers, or fewer or more bytes than the shape
+            says.
     """
     try:
         version = np.lib.format.read_magic(stream)
@@ -59,22 +60,23 @@ class NpzArrays(Mapping[str, NDArray[np.generic]]):
     """The arrays of a ``.npz`` file by name, each read when it is looked up; their total size is bounded.
 
     Raises:
-        NpyError: compressed otherwise than numpy does it, or too large in all.
-        zipfile.BadZipFile: no zip file, or a damaged one.
+        NpyError: not compressed as by numpy, or too large in all.
+        zipfile.BadZipFile: not a zip file, or a damaged one.
     """
 
     def __init__(self, stream: BinaryIO, size: int, limit: int) -> None:
         """Read the list of the members.
 
         Args:
-            stream: the file; size: its bytes.
-            limit: most bytes [B] that the arrays may have together, uncompressed.
+            stream: the file.
+            size: its size [bytes].
+            limit: largest size [bytes] of all arrays together, uncompressed.
         """
         _check_directory(stream, size)
         try:
             self._archive = zipfile.ZipFile(stream)
         except NotImplementedError as problem:  # a version of the format that zipfile does not know
-            raise NpyError(f"is no archive of numpy's: {problem}") from None
+            raise NpyError(f"is not an archive of numpy's: {problem}") from None
         self._limit = self._left = limit
         self._members = {
             info.filename.removesuffix(".npy"): info

@@ -18,25 +18,24 @@ import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.errors import InputError, SceneError, nearest_name
-from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Voxels, World
 from elastic_strips.scene.motion import MAX_SPEED, Keyframes, Motion, Twist, UnknownMotion
 from elastic_strips.scene.obstacle import Obstacle, check_name
 from elastic_strips.scene.quantities import (
-    MAX_LENGTH,
-    MIN_LENGTH,
     check_points,
     check_quaternion,
     check_sizes,
     quaternion_of,
 )
+from elastic_strips.validation import MAX_LENGTH, MIN_LENGTH
 
 from .nodes import Node
 from .point_cloud import LARGE_MESH, read_points, warn_of_units
 
 MAX_ROWS = 4_000_000
-"""Most poses of moving pieces that a record's world is made of: their number times the control rows."""
+"""Largest number of poses of moving pieces in a record's world: their number times the control rows."""
 
 _log = logging.getLogger(__name__)
 _COMMON = ("shape", "name", "at", "quat", "rpy", "motion", "appears", "vanishes")
@@ -135,12 +134,12 @@ def _motion_document(motion: Motion, name: str | None) -> Document:
 
 
 def obstacle_entries(obstacle: Obstacle, folder: Path) -> Document:
-    """What `obstacle_from_node` reads, for a scene file in that folder.
+    """The entry that `obstacle_from_node` reads, for a scene file in that folder.
 
     Twists are written with their pose at time 0. Meshes that came from a file are written as that file's relative path.
 
     Raises:
-        SceneError: a motion that scene files do not know.
+        SceneError: a motion that scene files cannot hold.
     """
     motion, pose = obstacle.motion, obstacle.pose
     spec = dict(obstacle.spec)
@@ -214,8 +213,13 @@ def warn_of_degrees(what: str, *angles: float) -> None:
     """Say in the log that one of the angles [rad] of a pose is more than a turn: it may well be in degrees."""
     most = max(angles, key=abs)
     if abs(most) > 2.0 * math.pi + 1e-6:
-        _log.warning("%s: %g rad is more than a turn: angles are in radians; %g degrees would be %.6g", what, most,
-                     most, math.radians(most))  # fmt: skip
+        _log.warning(
+            "%s: %g rad is more than a turn: angles are in radians; %g degrees would be %.6g",
+            what,
+            most,
+            most,
+            math.radians(most),
+        )
 
 
 def quaternion_of_rpy(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
@@ -235,9 +239,9 @@ class PieceDocument(TypedDict):
     """A convex shape.
 
     Attributes:
-        name: Of the obstacle; ``name#k`` of one of its pieces.
-        shape: As in a scene file.
-        size: As in URDF: [x, y, z] of a box, [radius] of a sphere, [radius, length] of a cylinder, capsule (length
+        name: Name of the obstacle; ``name#k`` for one of its pieces.
+        shape: Shape as in a scene file.
+        size: Size as in URDF: [x, y, z] of a box, [radius] of a sphere, [radius, length] of a cylinder, capsule (length
             without the caps) or cone, and the vertices [[x, y, z], …] of a convex hull.
         pose: [x, y, z, qx, qy, qz, qw].
     """
@@ -303,7 +307,7 @@ def obstacle_from_piece(piece: PieceDocument, motion: Motion | None = None) -> O
         motion: if given, it says where the obstacle is, and the document's pose does not count.
 
     Raises:
-        InputError: it cannot be made; a damaged document raises what damaged data raise (KeyError, TypeError, …).
+        InputError: it cannot be made; a damaged document raises the errors of damaged data (KeyError, TypeError, …).
     """
     place: Document = {"at": piece["pose"][:3], "quat": piece["pose"][3:]} if motion is None else {"motion": motion}
     make, keys = _SIMPLE[piece["shape"]]
@@ -316,7 +320,7 @@ def world_documents(world: World, time: Array) -> tuple[list[TrackedPiece], list
 
     Args:
         world: the obstacles.
-        time: (T,) when moving ones are looked at [s].
+        time: (T,) times at which moving ones are recorded [s].
 
     Returns:
         Documents of the pieces; the names of the obstacles that move (M), their positions (T, M, 3) [m] and quaternions
@@ -349,13 +353,13 @@ def world_documents(world: World, time: Array) -> tuple[list[TrackedPiece], list
 
 
 def world_from_documents(documents: Sequence[TrackedPiece], time: Array, position: Array, quaternion: Array) -> World:
-    """The world of what `world_documents` gave: convex obstacles that follow the recorded poses.
+    """The world of the documents of `world_documents`: convex obstacles that follow the recorded poses.
 
     Args:
-        documents: of the pieces, as they were read: what is damaged is found here.
-        time: (T,) of the poses [s].
-        position: (T, M, 3) of the obstacles that move [m].
-        quaternion: (T, M, 4) of these.
+        documents: the pieces' documents as they were read; damage in them is found here.
+        time: (T,) times of the poses [s].
+        position: (T, M, 3) positions of the obstacles that move [m].
+        quaternion: (T, M, 4) their quaternions.
 
     Raises:
         InputError: the documents are damaged, or an obstacle cannot be made.

@@ -29,10 +29,10 @@ from elastic_strips.validation import check_number
 _log = logging.getLogger(__name__)
 MAX_BYTES = 100_000_000
 _MAX_NODES = 20_000_000
-_LEVELS = 16
-_LEAST_EDGE, _MOST_EDGE = 1e-4, 100.0  # [m] of a cell
-_SLACK = 1e-9  # [m] by which a cell has to be between two heights
-_DEEPEST = 1 << 3 * _LEVELS  # codes from here on belong to the last level, which has no children
+_TREE_LEVELS = 16
+_LEAST_CELL, _LARGEST_CELL = 1e-4, 100.0  # [m] of a cell
+_HEIGHT_SLACK = 1e-9  # [m] by which a cell has to be between two heights
+_DEEPEST = 1 << 3 * _TREE_LEVELS  # codes from here on belong to the last level, which has no children
 _HEADS = {b"# Octomap OcTree binary file": True, b"# Octomap OcTree file": False}
 _COLOURS = {"OcTree": 0, "OcTreeStamped": 0, "ColorOcTree": 3}  # kinds of .ot files, and their bytes of colour
 _Codes = npt.NDArray[np.int64]
@@ -41,20 +41,25 @@ _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z i
 
 
 def read_octomap(
-    path: str | os.PathLike[str], *, occupied: float = 0.5, low: float | None = None, high: float | None = None,
-    at: ArrayLike | None = None, name: str = "octomap",
-) -> Scene:  # fmt: skip
+    path: str | os.PathLike[str],
+    *,
+    occupied: float = 0.5,
+    low: float | None = None,
+    high: float | None = None,
+    at: ArrayLike | None = None,
+    name: str = "octomap",
+) -> Scene:
     """Read the occupied space of an octree: one obstacle of voxels for each size of cells that it has.
 
-    What is unknown counts as free; a warning in the log says how much of the map that is. Colours are left out.
+    Unknown space counts as free; a warning in the log says how much of the map that is. Colours are left out.
 
     Args:
-        path: of the file; its first line says which format it has.
+        path: the file; its first line says which format it has.
         occupied: probability from which on a cell of an ``.ot`` file is occupied; a ``.bt`` file says only whether.
-        low, high: what is below or above is left out [m], in the world: the floor under the robot, the ceiling. A cell
-            that is partly there stays, or the smallest cells of it that are.
+        low, high: heights in the world [m] below and above which cells are left out: the floor under the robot, the
+            ceiling. A cell that is partly between them stays, or its smallest cells that are.
         at: pose (4, 4) of the map's frame in the world.
-        name: of the obstacle; where there are several, the edge of their cells follows.
+        name: name of the obstacle; where there are several, the edge of their cells follows.
 
     Raises:
         SceneError: no such file, another or a damaged format, nothing occupied, more cells than a scene may hold.
@@ -66,28 +71,33 @@ def read_octomap(
     binary, kind, size, resolution, begin = _header(file, data)
     log_odds = math.log(occupied / (1.0 - occupied))
     full, free, nodes = (
-        _read_bt(file, data, begin, size) if binary
-        else _read_ot(file, data, begin, size, _COLOURS[kind], log_odds)
-    )  # fmt: skip
+        _read_bt(file, data, begin, size) if binary else _read_ot(file, data, begin, size, _COLOURS[kind], log_odds)
+    )
     if nodes != size:
         _fail(file, f"the tree has {nodes} nodes; its header says {size}")
     return Scene(_obstacles(str(file), full, free, resolution, low, high, at, name, not binary and _COLOURS[kind] > 0))
 
 
 def octree_obstacles(
-    data: bytes, where: str, *, binary: bool, kind: str, resolution: float, at: ArrayLike | None = None,
+    data: bytes,
+    where: str,
+    *,
+    binary: bool,
+    kind: str,
+    resolution: float,
+    at: ArrayLike | None = None,
     name: str = "octomap",
-) -> list[Obstacle]:  # fmt: skip
+) -> list[Obstacle]:
     """The occupied space of an octree in a message (``octomap_msgs/Octomap``), whose data have no header.
 
     Args:
         data: the nodes.
-        where: what to call it in messages.
-        binary: whether they are as in a ``.bt`` file.
-        kind: of tree.
+        where: its name in messages.
+        binary: whether the data are as in a ``.bt`` file.
+        kind: kind of the tree.
         resolution: edge of the smallest cells [m].
         at: pose (4, 4) of its frame in the world.
-        name: as of `read_octomap`.
+        name: as for `read_octomap`.
 
     Raises:
         SceneError: damaged data, or another kind of tree.
@@ -96,22 +106,27 @@ def octree_obstacles(
     if data[:10] == b"# Octomap ":  # as messages were before 2013
         binary, kind, _, resolution, begin = _header(file, data)
         data = data[begin:]
-    check_number(f"{where}: resolution", resolution, low=_LEAST_EDGE, high=_MOST_EDGE, unit="m", error=SceneError)
+    check_number(f"{where}: resolution", resolution, low=_LEAST_CELL, high=_LARGEST_CELL, unit="m", error=SceneError)
     if kind not in _COLOURS and not binary:
         _fail(file, f"trees of the kind {kind[:40]!r} are not read; valid: {', '.join(_COLOURS)}")
     most = min(_MAX_NODES, len(data))  # a node has at least two bytes
-    full, free, _ = (
-        _read_bt(file, data, 0, most) if binary else _read_ot(file, data, 0, most, _COLOURS[kind], 0.0)
-    )  # fmt: skip
+    full, free, _ = _read_bt(file, data, 0, most) if binary else _read_ot(file, data, 0, most, _COLOURS[kind], 0.0)
     if not len(full):
         return []
     return _obstacles(where, full, free, resolution, None, None, at, name, False)
 
 
 def _obstacles(
-    where: str, full: _Codes, free: _Codes, resolution: float, low: float | None, high: float | None,
-    at: ArrayLike | None, name: str, colours: bool,
-) -> list[Obstacle]:  # fmt: skip
+    where: str,
+    full: _Codes,
+    free: _Codes,
+    resolution: float,
+    low: float | None,
+    high: float | None,
+    at: ArrayLike | None,
+    name: str,
+    colours: bool,
+) -> list[Obstacle]:
     """Obstacles of the occupied leaves; a warning says what is left out."""
     pose = np.eye(4) if at is None else check_pose(at)
     cells, left_out = _cells(full, resolution), 0
@@ -129,11 +144,11 @@ def _obstacles(
             raise SceneError(f"{where}: {error}") from None
     if not obstacles:
         raise SceneError(
-            f"{where}: nothing in the map is occupied ({left_out} cells are outside of low={low} and high={high})"
+            f"{where}: nothing in the map is occupied ({left_out} cells are outside low={low} and high={high})"
         )
     unknown = _unknown(known)
     dropped = [f"{unknown:.3g} m³ of unknown space, which counts as free"] if unknown > 0.0 else []
-    dropped += [f"{left_out} occupied cells outside of low={low} and high={high}"] if left_out else []
+    dropped += [f"{left_out} occupied cells outside low={low} and high={high}"] if left_out else []
     dropped += [f"{len(full) + len(free)} colours"] if colours else []
     if dropped:
         _log.warning("%s: left out: %s", where, ", ".join(dropped))
@@ -159,7 +174,7 @@ def _between(
         while True:
             spread = 0.5 * edge * float(np.abs(height[:3]).sum())
             middle = todo @ height[:3] + height[3]
-            inside = (middle + spread > low + _SLACK) & (middle - spread < high - _SLACK)
+            inside = (middle + spread > low + _HEIGHT_SLACK) & (middle - spread < high - _HEIGHT_SLACK)
             whole = inside & (middle - spread >= low) & (middle + spread <= high)
             left_out += int((~inside).sum())
             if edge < 1.5 * resolution:
@@ -181,7 +196,7 @@ def _header(file: Path, data: bytes) -> tuple[bool, str, int, float, int]:
     first = data[:100].split(b"\n", 1)[0].strip()
     if first not in _HEADS:
         begin = " or ".join(repr(head.decode()) for head in _HEADS)
-        _fail(file, f"is no octree of OctoMap: it must begin with {begin}, not {first[:40]!r}")
+        _fail(file, f"is not an octree of OctoMap: it must begin with {begin}, not {first[:40]!r}")
     entries: dict[str, str] = {}
     at = 0
     while at < len(data) and len(entries) < 100:
@@ -201,9 +216,10 @@ def _header(file: Path, data: bytes) -> tuple[bool, str, int, float, int]:
                 resolution = float(res)
             except ValueError:
                 resolution = math.nan
-            if not _LEAST_EDGE <= resolution <= _MOST_EDGE:
+            if not _LEAST_CELL <= resolution <= _LARGEST_CELL:
                 _fail(
-                    file, f"the header's res is {res[:40]!r}; an edge of {_LEAST_EDGE:g} … {_MOST_EDGE:g} m is needed"
+                    file,
+                    f"the header's res is {res[:40]!r}; an edge of {_LEAST_CELL:g} … {_LARGEST_CELL:g} m is needed",
                 )
             return _HEADS[first], kind, int(size), resolution, at
         if words and not words[0].startswith("#"):
@@ -252,7 +268,7 @@ def _depth_first(file: Path, masks: list[int]) -> _Codes:
         codes.append(code)
         if mask:
             if code >= _DEEPEST:
-                _fail(file, f"node {len(codes)} is deeper than {_LEVELS} levels")
+                _fail(file, f"node {len(codes)} is deeper than {_TREE_LEVELS} levels")
             code <<= 3
             todo += [code | child for child in _CHILDREN[mask]]
     if todo:
@@ -269,7 +285,7 @@ def _cells(codes: _Codes, resolution: float) -> list[tuple[float, Array]]:
         key = np.zeros((len(of_level), 3), np.int64)
         for bit in range(depth):
             key |= ((of_level[:, None] >> (3 * bit + np.arange(3))) & 1) << bit
-        edge = resolution * 2.0 ** (_LEVELS - depth)
+        edge = resolution * 2.0 ** (_TREE_LEVELS - depth)
         found.append((edge, (key + 0.5 - 0.5 * 2.0**depth) * edge))
     return found
 

@@ -1,7 +1,7 @@
 """Path files: configurations along a robot's path, with or without times, in the formats that planners write.
 
 ==================  ==========================================================================================
-JSON, YAML          JointTrajectory, or what holds one (RobotTrajectory, DisplayTrajectory, what MoveIt prints)
+JSON, YAML          JointTrajectory, or a message with one (RobotTrajectory, DisplayTrajectory, MoveIt's output)
 CSV                 a line of names, then numbers; or numbers alone
 NPZ, NPY            arrays called positions, path, q or qs, with times (or t, ts) and joint_names, where there are any
 text                what OMPL prints: ``printAsMatrix``, or ``print`` with its states in brackets
@@ -36,20 +36,11 @@ from elastic_strips.validation import check_choice, check_number
 
 from .nodes import MAX_JSON_BYTES, Source, load_json
 from .npy_source import NpyError, NpzArrays, read_npy
+from .path_checks import check_times
 from .path_message import message_table, parse_documents
-from .path_table import (
-    BASE_NAMES,
-    RATES,
-    TIMES,
-    Angles,
-    PathTable,
-    check_times,
-    is_unit,
-    known_name,
-    of_base,
-    of_robot,
-    place_table,
-)
+from .path_names import TIMES, is_unit, known_name, of_base, of_robot
+from .path_placing import place_table
+from .path_table import BASE_NAMES, RATES, Angles, PathTable
 
 _MAX_BYTES = 50_000_000
 _MAX_ROWS = 200_000
@@ -68,19 +59,19 @@ _OMPL = re.compile(r"path with \d+ states|State\s*\[")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathFile(Summary):
-    """What a path file holds.
+    """The content of a path file.
 
     Attributes:
         q: (N, nq) configurations.
         times: (N,) when each is reached [s], or None.
         notes: what was assumed, and what was left out.
         rows: (N, nv) values of the coordinates as the file has them, or None where it has (cos, sin) of angles.
-        robot: whose columns these are, and with whose held joints the file was compared; `certify` takes no other's.
+        robot: robot of the columns, with whose held joints the file was compared; `certify` takes no other robot.
         held: joints [rad or m] that the robot holds still and that the file does not name: nothing says whether the
-            file's robot has them there. Without wheels, which are alike wherever they are.
+            file's robot has them there. Wheels do not count, which look the same wherever they are.
         rates: whether the file has velocities or accelerations, by which it may be executed as splines.
-        doubts: why ``q`` may not be what the file's robot does; `certify` calls no such path certified.
-        time_doubts: the same of ``times``; they count among obstacles that move.
+        doubts: why the file's robot may not follow ``q``; `certify` calls no such path certified.
+        time_doubts: the same for ``times``; these count among obstacles that move.
     """
 
     q: Array
@@ -110,24 +101,24 @@ def load_path(
 ) -> PathFile:
     """Read a robot's path.
 
-    Joints that the file does not name stay at home, with a note; joints that the robot does not plan are left out. What
-    moves in the file and not here, or is held elsewhere here, a base that can move and that the file does not place:
-    such things are doubts. ``docs/formats.md`` lists all of them.
+    Joints that the file does not name stay at home, with a note; joints that the robot does not plan are left out.
+    Joints that move in the file and not here, or are held elsewhere here, and a base that can move and that the file
+    does not place: such things are doubts. ``docs/formats.md`` lists all of them.
 
     Args:
         path: the file; its name's ending says its format: ``.json``, ``.yaml``, ``.yml``, ``.csv``, ``.npz``,
             ``.npy``; anything else is text.
-        robot: whose path it is.
-        base_at: where the base stands, x, y [m], yaw [rad], of what the file does not say.
+        robot: the robot of the path.
+        base_at: where the base stands, x, y [m], yaw [rad], as far as the file does not say.
         angles: unit of angles where the file names none: ``"rad"`` or ``"deg"``; None: radians, with a doubt where
             they turn by more than two turns.
-        ignore: names of columns, of arrays (NPZ), of keys (messages) that do not matter.
+        ignore: names of columns, arrays (NPZ) or keys (messages) that do not matter.
         starts_at: when the first configuration is reached [s], in the scene's time; the others follow as in the file.
 
     Raises:
-        ConfigurationError: the file is missing, too large, or not sound; or its columns or values do not fit the robot.
+        ConfigurationError: the file is missing, too large or damaged; or its columns or values do not fit the robot.
             The message names file and place.
-        ParameterError: unknown ``angles``, or a ``starts_at`` that is no number.
+        ParameterError: unknown ``angles``, or a ``starts_at`` that is not a number.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -177,9 +168,9 @@ def write_path(
 
     Args:
         path: the file.
-        robot: whose path it is.
-        q: configurations (N, nq), or rows (N, nv), or what has either. Angles are written as values that run on, so
-            that they go the way that the path goes.
+        robot: the robot of the path.
+        q: configurations (N, nq), or rows (N, nv), or an object with either. Angles are written as continuous values,
+            so that they go the way that the path goes.
         times: (N,) when each is reached [s], or None.
 
     Raises:
@@ -203,6 +194,28 @@ def _row(k: int) -> tuple[str, int | None]:
     return f"configuration {k}", None
 
 
+@dataclass(slots=True)
+class _Taken:
+    """What is taken of a file of arrays.
+
+    Attributes:
+        name: of the array of rows.
+        rows: (N, C) numbers.
+        when: name of the array of times, or None; times: (N,) [s], or None.
+        names: (C,) of the columns, or None.
+        beside: array → (N,) one number for each configuration.
+        doubts: what is said of arrays that are left out.
+    """
+
+    name: str
+    rows: Array
+    when: str | None
+    times: Array | None
+    names: tuple[str, ...] | None
+    beside: dict[str, Array] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
+
+
 def _arrays(
     file: Path, robot: RobotModel, source: Source, ignore: tuple[str, ...]
 ) -> tuple[PathTable, tuple[str, ...]]:
@@ -213,29 +226,7 @@ def _arrays(
                 rows = _numbers(read_npy(stream, size, _MAX_BYTES), source)
                 return PathTable(source, None, _upright(rows, robot.nv, None), _row), ignore
             arrays = NpzArrays(stream, size, _MAX_BYTES)
-            name = next((n for n in _POSITIONS if n in arrays), None)
-            if name is None:
-                source.fail(
-                    f"has the arrays {', '.join(sorted(arrays)) or 'none'}; one of {', '.join(_POSITIONS)} is needed"
-                )
-            rows = _numbers(arrays[name], source)
-            when = next((n for n in TIMES if n in arrays), None)
-            times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
-            named = _names_of(arrays, rows.shape, robot, source)
-            names = None if named is None else tuple(str(n) for n in arrays[named].reshape(-1))
-            rows = _upright(rows, len(names) if names is not None else robot.nv, times)
-            doubts, beside = [], {}
-            for other in sorted(set(arrays) - {name, when, named, *ignore} - _RATES):
-                values = arrays[other]
-                if values.dtype.kind not in "fiu":
-                    continue
-                if values.size in (1, len(rows)):
-                    beside[other] = np.broadcast_to(values.reshape(-1).astype(float), len(rows))
-                elif _tells(other, values, rows):
-                    doubts.append(
-                        f"the array {other} is left out, for the path is {name}. Say that it does not matter (--ignore "
-                        "NAME, ignore=), or make it columns of that with joint_names"
-                    )
+            taken = _take(arrays, robot, source, ignore)
         except (NpyError, ValueError, OSError, zipfile.BadZipFile, zlib.error) as problem:
             if isinstance(problem, ConfigurationError):
                 raise
@@ -243,24 +234,64 @@ def _arrays(
     asked = [each for each in ignore if each in arrays]
     notes = (f"not looked at, as was asked: {', '.join(asked)}",) if asked else ()
     notes = (*notes, RATES) if set(arrays) & _RATES - set(ignore) else notes
-    if names is None and beside and rows.shape[1] == robot.nv:
-        names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
+    if taken.names is None and taken.beside and taken.rows.shape[1] == robot.nv:
+        taken.names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
         notes = (*notes, "columns without names: taken in the robot's order")
-    if names is not None and len(names) == rows.shape[1]:  # one number for each configuration is one column more
-        columns = dict(zip(names, rows.T, strict=True))
-        for other, values in beside.items():
-            if other not in columns or np.abs(values - columns[other]).max() > LIMIT_TOLERANCE:
-                names, rows = (*names, other), np.column_stack((rows, values))
-    elif names is None:
-        doubts += [
-            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, for the path is {name}"
-            for other, values in beside.items()
-            if np.ptp(values) > LIMIT_TOLERANCE or (of_robot(other, robot) and bool(values.any()))
-        ]
+    _add_beside(taken, robot)
     table = PathTable(
-        source, names, rows, _row, times, from_start=when == "time_from_start", notes=notes, doubts=tuple(doubts)
+        source,
+        taken.names,
+        taken.rows,
+        _row,
+        taken.times,
+        from_start=taken.when == "time_from_start",
+        notes=notes,
+        doubts=tuple(taken.doubts),
     )
     return table, tuple(each for each in ignore if each not in asked)
+
+
+def _take(arrays: NpzArrays, robot: RobotModel, source: Source, ignore: tuple[str, ...]) -> _Taken:
+    """Rows, times and names among the arrays, and what stands beside them."""
+    name = next((n for n in _POSITIONS if n in arrays), None)
+    if name is None:
+        source.fail(f"has the arrays {', '.join(sorted(arrays)) or 'none'}; one of {', '.join(_POSITIONS)} is needed")
+    rows = _numbers(arrays[name], source)
+    when = next((n for n in TIMES if n in arrays), None)
+    times = None if when is None else _numbers(arrays[when].reshape(-1, 1), source)[:, 0]
+    named = _names_of(arrays, rows.shape, robot, source)
+    names = None if named is None else tuple(str(n) for n in arrays[named].reshape(-1))
+    rows = _upright(rows, len(names) if names is not None else robot.nv, times)
+    taken = _Taken(name, rows, when, times, names)
+    for other in sorted(set(arrays) - {name, when, named, *ignore} - _RATES):
+        values = arrays[other]
+        if values.dtype.kind not in "fiu":
+            continue
+        if values.size in (1, len(rows)):
+            taken.beside[other] = np.broadcast_to(values.reshape(-1).astype(float), len(rows))
+        elif _tells(other, values, rows):
+            taken.doubts.append(
+                f"the array {other} is left out, for the path is {name}. Say that it does not matter (--ignore NAME, "
+                "ignore=), or make it columns of that with joint_names"
+            )
+    return taken
+
+
+def _add_beside(taken: _Taken, robot: RobotModel) -> None:
+    """One number for each configuration is one column more, where columns have names; else it may be a doubt."""
+    names, rows = taken.names, taken.rows
+    if names is None:
+        taken.doubts += [
+            f"the array {other} ({values.min():.6g} to {values.max():.6g}) is left out, for the path is {taken.name}"
+            for other, values in taken.beside.items()
+            if np.ptp(values) > LIMIT_TOLERANCE or (of_robot(other, robot) and bool(values.any()))
+        ]
+    elif len(names) == rows.shape[1]:
+        columns = dict(zip(names, rows.T, strict=True))
+        for other, values in taken.beside.items():
+            if other not in columns or np.abs(values - columns[other]).max() > LIMIT_TOLERANCE:
+                names, rows = (*names, other), np.column_stack((rows, values))
+        taken.names, taken.rows = names, rows
 
 
 def _names_of(arrays: NpzArrays, shape: tuple[int, ...], robot: RobotModel, source: Source) -> str | None:
@@ -301,80 +332,106 @@ def _numbers(array: np.ndarray, source: Source) -> Array:
     return np.asarray(array, dtype=float)
 
 
+class _Lines:
+    """The lines of a table of text, numbered from 1: what holds something, and comments apart.
+
+    Raises:
+        ConfigurationError: there are none.
+    """
+
+    def __init__(self, text: str, source: Source) -> None:
+        lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+        self.source = source
+        self.comments = [(n, line.lstrip()[1:]) for n, line in lines if line.lstrip().startswith("#")]
+        self.rows = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
+        if not self.rows:
+            source.fail("is empty; a path has at least two configurations")
+        self.first = self.rows[0][0]
+        self.delimiter = next((d for d in (";", "\t", ",") if d in self.rows[0][1]), None)
+
+    def split(self, number: int, line: str) -> list[str]:
+        """The cells of a line."""
+        if len(line) > _MAX_LINE:
+            self.source.fail(f"a line of {len(line)} characters; at most {_MAX_LINE} are read", number)
+        try:
+            if self.delimiter:
+                parts = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True))
+            else:
+                parts = line.split()
+        except (csv.Error, StopIteration) as problem:
+            self.source.fail(f"is not a line of a table: {problem}", number)
+        return [part.strip() for part in parts]
+
+    def take_head(self, robot: RobotModel) -> tuple[list[str] | None, tuple[str, ...], list[str]]:
+        """Names of the columns where there are any, their units, and the first line's cells; both lines are taken."""
+        head = self.split(*self.rows[0])
+        if len(head) > 1 and head[-1] == "":  # a separator at the end of each line
+            head.pop()
+        if _is_number(head[0], self.delimiter):
+            above = [self.split(n, line) for n, line in self.comments if n < self.first][-1:]
+            if above and len(above[0]) == len(head) and any(known_name(name, robot) for name in above[0]):
+                return above[0], (), head
+            return None, (), head
+        units: tuple[str, ...] = ()
+        del self.rows[0]
+        below = self.split(*self.rows[0])[: len(head)] if self.rows else []
+        if any(map(is_unit, below)) and all(is_unit(part) or part in ("", "-") for part in below):
+            units = tuple("" if part == "-" else part for part in below)
+            del self.rows[0]
+        return head, units, head
+
+    def numbers(self, width: int, names: list[str] | None) -> tuple[list[list[float]], bool]:
+        """The rows, and whether commas are decimal points in any of them."""
+        rows, comma = [], False
+        if width * len(self.rows) > _MAX_NUMBERS:
+            self.source.fail(f"has {len(self.rows)} lines of {width} columns; at most {_MAX_NUMBERS} numbers are read")
+        for number, line in self.rows:
+            parts = self.split(number, line)
+            if len(parts) == width + 1 and parts[-1] == "":
+                parts = parts[:-1]
+            if len(parts) != width:
+                self.source.fail(f"has {len(parts)} columns, not {width}", number)
+            if self.delimiter != "," and "," in line:
+                comma = True
+                if "." in line:
+                    self.source.fail("has numbers with points and with commas", number)
+                parts = [part.replace(",", ".") if _WITH_COMMA.fullmatch(part) else part for part in parts]
+            try:
+                if "_" in (said := "".join(parts)) or not said.isascii():  # Python takes them for parts of numbers
+                    raise ValueError
+                rows.append([float(part) for part in parts])
+            except ValueError:
+                wrong = next((k for k, p in enumerate(parts) if not re.fullmatch(_NUMBER, p)), 0)
+                called = f", {names[wrong][:40]}" if names is not None else ""
+                self.source.fail(f"{parts[wrong][:40]!r} is not a number (column {wrong + 1}{called})", number)
+        return rows, comma
+
+
 def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
     """Numbers separated by commas, semicolons or blanks, with or without a line of names before them.
 
     A comment in front of the numbers is a line of names where it has as many as there are columns, and one of them is
     the robot's: NumPy writes them so.
     """
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
-    comments = [(n, line.lstrip()[1:]) for n, line in lines if line.lstrip().startswith("#")]
-    lines = [(n, line) for n, line in lines if not line.lstrip().startswith("#")]
-    if not lines:
-        source.fail("is empty; a path has at least two configurations")
-    first = lines[0][1]
-    delimiter = next((d for d in (";", "\t", ",") if d in first), None)
-
-    def split(line: str, number: int) -> list[str]:
-        if len(line) > _MAX_LINE:
-            source.fail(f"a line of {len(line)} characters; at most {_MAX_LINE} are read", number)
-        try:
-            parts = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True)) if delimiter else line.split()
-        except (csv.Error, StopIteration) as problem:
-            source.fail(f"is no line of a table: {problem}", number)
-        return [part.strip() for part in parts]
-
-    head = split(first, lines[0][0])
-    if len(head) > 1 and head[-1] == "":  # a separator at the end of each line
-        head.pop()
-    names: list[str] | None = None
-    units: tuple[str, ...] = ()
-    if not _is_number(head[0], delimiter):
-        names, lines = head, lines[1:]
-        below = split(lines[0][1], lines[0][0])[: len(names)] if lines else []
-        if any(map(is_unit, below)) and all(is_unit(part) or part in ("", "-") for part in below):
-            units = tuple("" if part == "-" else part for part in below)
-            lines = lines[1:]
-    else:
-        above = [split(line, n) for n, line in comments if n < lines[0][0]][-1:]
-        if above and len(above[0]) == len(head) and any(known_name(name, robot) for name in above[0]):
-            names = above[0]
+    lines = _Lines(text, source)
+    names, units, head = lines.take_head(robot)
     width = len(names) if names is not None else len(head)
-    rows, numbers, comma = [], [], False
-    if width * len(lines) > _MAX_NUMBERS:
-        source.fail(f"has {len(lines)} lines of {width} columns; at most {_MAX_NUMBERS} numbers are read")
-    for number, line in lines:
-        parts = split(line, number)
-        if len(parts) == width + 1 and parts[-1] == "":
-            parts = parts[:-1]
-        if len(parts) != width:
-            source.fail(f"has {len(parts)} columns, not {width}", number)
-        if delimiter != "," and "," in line:
-            comma = True
-            if "." in line:
-                source.fail("has numbers with points and with commas", number)
-            parts = [part.replace(",", ".") if _WITH_COMMA.fullmatch(part) else part for part in parts]
-        try:
-            if "_" in (said := "".join(parts)) or not said.isascii():  # Python takes them for parts of numbers
-                raise ValueError
-            rows.append([float(part) for part in parts])
-        except ValueError:
-            wrong = next((k for k, p in enumerate(parts) if not re.fullmatch(_NUMBER, p)), 0)
-            called = f", {names[wrong][:40]}" if names is not None else ""
-            source.fail(f"{parts[wrong][:40]!r} is not a number (column {wrong + 1}{called})", number)
-        numbers.append(number)
+    rows, comma = lines.numbers(width, names)
     if not rows:
         source.fail("has no configurations")
-    table = np.array(rows, dtype=float).reshape(len(rows), width)
     if names is None and width > 2 and head == [str(k) for k in range(width)]:
-        source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are no configuration", lines[0][0])
-    notes = ("commas are decimal points",) if comma else ()
-    if comma and any("." in line for _, line in lines):
+        source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are not a configuration", lines.first)
+    if comma and any("." in line for _, line in lines.rows):
         source.fail("has numbers with points and with commas")
-    found = None if names is None else tuple(names)
+    numbers = [number for number, _ in lines.rows]
     return PathTable(
-        source, found, table, lambda k: (f"configuration {k}", numbers[k]), units=units, notes=notes
-    )  # fmt: skip
+        source,
+        None if names is None else tuple(names),
+        np.array(rows, dtype=float).reshape(len(rows), width),
+        lambda k: (f"configuration {k}", numbers[k]),
+        units=units,
+        notes=("commas are decimal points",) if comma else (),
+    )
 
 
 def _is_number(text: str, delimiter: str | None) -> bool:

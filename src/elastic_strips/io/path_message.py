@@ -1,14 +1,14 @@
 """IO room, path messages: the trajectories of a ROS message, one after the other, as one table of numbers.
 
-JointTrajectory and MultiDOFJointTrajectory, and what holds some: RobotTrajectory, DisplayTrajectory, a plan's response,
-a goal, lists of these. A start state (``trajectory_start``, ``start_state``) is the first row where the path does not
-begin there, and says where the joints are that no trajectory names.
+JointTrajectory and MultiDOFJointTrajectory, and messages with some: RobotTrajectory, DisplayTrajectory, a plan's
+response, a goal, lists of these. A start state (``trajectory_start``, ``start_state``) is the first row where the path
+does not begin there, and says where the joints are that no trajectory names.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -19,20 +19,22 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 
 from .nodes import Node, Source, parse_yaml
-from .path_table import MAX_NAME, RATES, PathTable, heading_of, of_something_else, words_of
+from .path_columns import heading_of
+from .path_names import MAX_NAME, of_something_else, words_of
+from .path_table import RATES, PathTable
 
 _STARTS = ("trajectory_start", "start_state")
 _HALVES = ("joint_trajectory", "multi_dof_joint_trajectory")
 _BASE_JOINT = re.compile(r"(?:.*[_/])?(?:base|world|virtual|planar|odom|position|mobile|root|map)\w*(?:/\w*)?", re.I)
 _WORLDS = ("", "world", "map", "odom", "odom_combined")
-"""Frames of a base's poses that are taken for the world."""
+"""Frames of a base's poses that count as the world."""
 _UNREAD = {
     "poses", "pose", "position", "positions", "transforms", "waypoints", "path", "states", "base", "odom", "odometry",
     "gripper",
 }  # fmt: skip
 """Words in keys of what says where something is; what else a message has is of no path."""
 _SHAPES = {"primitive", "mesh", "plane", "subframe", "constraint", "constraints"}
-_JOIN = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
+_JOIN_TOLERANCE = 1e-3  # [rad or m] by which one trajectory may begin beside where the one before has ended
 _MOST_DOCUMENTS = 100
 
 
@@ -79,7 +81,7 @@ def parse_documents(text: str, source: Source) -> list[Node]:
 
 @dataclass(slots=True)
 class _Found:
-    """What a document has: its parts, and the lists beside them that are not read."""
+    """What the documents have: its parts, and the lists beside them that are not read."""
 
     parts: list[_Part] = field(default_factory=list)
     unread: list[Node] = field(default_factory=list)
@@ -92,83 +94,124 @@ def message_table(roots: list[Node], source: Source, ignore: Collection[str] = (
         ConfigurationError: there is none, one does not begin where the one before has ended, or a pose of the base is
             not on the floor.
     """
-    found = _Found()
-    for root in roots:
-        _look(root, found)
+    found = _look(roots)
     parts = found.parts
     trajectories = [part for part in parts if not part.start]
     if not trajectories:
         source.fail("has no JointTrajectory: a mapping with joint_names and points is needed")
-    names = list(dict.fromkeys(name for part in parts for name in part.names))
-    column = {name: k for k, name in enumerate(names)}
-    now = np.full(len(names), np.nan)
-    rows, nodes, times = [], [], []
+    names = _all_names(parts)
+    doubts = [doubt for part in parts for doubt in part.doubts] + _doubt_of_unread(found, ignore)
     timed = all(part.times is not None for part in trajectories)
-    clock = 0.0
+    joined = _joined(parts, names, timed)
+    several = len(trajectories) > 1
     keys = {_key(node) for node in found.unread}
-    left = tuple(name for name in ignore if name not in keys)
-    unread = [node for node in found.unread if _key(node) not in ignore]
-    if any(part.heading for part in parts):  # the same once more, as write_trajectory has it
-        unread = [node for node in unread if not _same_drive(node, parts)]
-    doubts = [doubt for part in parts for doubt in part.doubts]
-    if unread:
-        shown = ", ".join(node.key for node in unread[:5])
-        doubts.append(
-            f"the file says more of where something is, which is not read: {shown}. Make it a trajectory, or say that "
-            f"it does not matter (--ignore {_key(unread[0])}, ignore=)"
-        )
-    for part in parts:
-        at = [column[name] for name in part.names]
-        table = np.tile(now, (len(part.rows), 1))
-        table[:, at] = part.rows
-        if part.heading is not None:
-            k = column[part.heading]
-            before = table[0, k] if np.isnan(now[k]) else now[k]
-            table[:, k] = np.unwrap(np.concatenate(([before], table[:, k])))[1:]
-        if rows:
-            gap = np.nan_to_num(np.abs(table[0] - now))
-            worst = int(gap.argmax()) if len(gap) else 0
-            beside, unknown = gap.max(initial=0.0), [name for name in part.names if np.isnan(now[column[name]])]
-            if not (parts[0].start and len(rows) == 1):
-                if beside > _JOIN:
-                    part.node.fail(
-                        f"begins with {names[worst]} at {table[0, worst]:.6g}, and the one before ends at "
-                        f"{now[worst]:.6g}; trajectories of one file follow each other"
-                    )
-            elif beside <= LIMIT_TOLERANCE and (unknown or part.times is None or part.times[0] == 0.0):
-                for done in (rows, nodes, times):
-                    done.clear()  # the path begins where the start state is
-            elif unknown:
-                doubts.append(f"the start state is not where the path begins, and has no {', '.join(unknown[:8])}")
-        rows += list(table)
-        nodes += part.nodes
-        if timed:
-            stamps = np.zeros(1) if part.times is None else part.times
-            times += (clock + stamps).tolist()
-            clock = times[-1]
-        now = table[-1].copy()
-    table = _filled(np.array(rows))
-    several = timed and len(trajectories) > 1
     notes = [note for part in parts for note in part.notes]
-    if len(trajectories) > 1:
+    if several:
         notes.append(f"{len(trajectories)} trajectories, one after the other")
-    if len(left) < len(tuple(ignore)):
-        notes.append(f"not looked at, as was asked: {', '.join(name for name in ignore if name not in left)}")
+    if ignored := [name for name in ignore if name in keys]:
+        notes.append(f"not looked at, as was asked: {', '.join(ignored)}")
     result = PathTable(
         source,
-        tuple(names),
-        table,
-        lambda k: (nodes[k].key or "the document", nodes[k].line),
-        np.array(times) if timed else None,
+        names,
+        _filled(np.array(joined.rows)),
+        lambda k: (joined.nodes[k].key or "the document", joined.nodes[k].line),
+        np.array(joined.times) if timed else None,
         from_start=True,
         metres=True,
         stamp=trajectories[0].stamp,
-        start=frozenset(names) - {name for part in trajectories for name in part.names},
+        start=frozenset(names).difference(_all_names(trajectories)),
         notes=tuple(dict.fromkeys(notes)),
-        doubts=tuple(dict.fromkeys(doubts)),
-        time_doubts=("the file does not say when the trajectories after the first begin",) if several else (),
+        doubts=tuple(dict.fromkeys(doubts + joined.doubts)),
+        time_doubts=("the file does not say when the trajectories after the first begin",) if timed and several else (),
     )
-    return result, left
+    return result, tuple(name for name in ignore if name not in keys)
+
+
+def _all_names(parts: Sequence[_Part]) -> tuple[str, ...]:
+    """The names of several parts, each once."""
+    return tuple(dict.fromkeys(name for part in parts for name in part.names))
+
+
+def _doubt_of_unread(found: _Found, ignore: Collection[str]) -> list[str]:
+    """One doubt where lists that are not read, and not in ``ignore``, say where something is; else none."""
+    unread = [node for node in found.unread if _key(node) not in ignore]
+    if any(part.heading for part in found.parts):  # the same once more, as write_trajectory has it
+        unread = [node for node in unread if not _same_drive(node, found.parts)]
+    if not unread:
+        return []
+    shown = ", ".join(node.key for node in unread[:5])
+    return [
+        f"the file says more about where something is, which is not read: {shown}. "
+        f"Make it a trajectory, or say that it does not matter (--ignore {_key(unread[0])}, ignore=)"
+    ]
+
+
+@dataclass(slots=True)
+class _Joined:
+    """Trajectories one after the other: a row (C,) for each configuration, its node and its time [s]."""
+
+    rows: list[Array] = field(default_factory=list)
+    nodes: list[Node] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+
+    def clear(self) -> None:
+        """Begin anew."""
+        for done in (self.rows, self.nodes, self.times):
+            done.clear()
+
+
+def _joined(parts: Sequence[_Part], names: Sequence[str], timed: bool) -> _Joined:
+    """The parts in their order; each begins where the one before has ended.
+
+    Raises:
+        ConfigurationError: one does not.
+    """
+    column = {name: k for k, name in enumerate(names)}
+    now = np.full(len(names), np.nan)
+    done, clock = _Joined(), 0.0
+    for part in parts:
+        rows = _whole_rows(part, column, now)
+        gap = np.nan_to_num(np.abs(rows[0] - now))
+        if parts[0].start and len(done.rows) == 1:
+            unknown = [name for name in part.names if np.isnan(now[column[name]])]
+            _leave_start(done, part, unknown, gap.max(initial=0.0) <= LIMIT_TOLERANCE)
+        elif done.rows and gap.max(initial=0.0) > _JOIN_TOLERANCE:
+            worst = int(gap.argmax())
+            part.node.fail(
+                f"begins with {names[worst]} at {rows[0, worst]:.6g}, and the one before ends at "
+                f"{now[worst]:.6g}; trajectories of one file follow each other"
+            )
+        done.rows += list(rows)
+        done.nodes += part.nodes
+        if timed:
+            stamps = np.zeros(1) if part.times is None else part.times
+            done.times += (clock + stamps).tolist()
+            clock = done.times[-1]
+        now = rows[-1].copy()
+    return done
+
+
+def _whole_rows(part: _Part, column: Mapping[str, int], now: Array) -> Array:
+    """Rows (N, C) of a part in which what it does not name stays where it is ``now`` (C,), and headings have turns."""
+    rows = np.tile(now, (len(part.rows), 1))
+    rows[:, [column[name] for name in part.names]] = part.rows
+    if part.heading is not None:
+        k = column[part.heading]
+        before = rows[0, k] if np.isnan(now[k]) else now[k]
+        rows[:, k] = np.unwrap(np.concatenate(([before], rows[:, k])))[1:]
+    return rows
+
+
+def _leave_start(done: _Joined, part: _Part, unknown: Sequence[str], there: bool) -> None:
+    """Go from the start state to the first trajectory: the start state is no row where the path begins ``there``.
+
+    ``unknown`` are the joints of the trajectory of which the start state says nothing.
+    """
+    if there and (unknown or part.times is None or part.times[0] == 0.0):
+        done.clear()
+    elif unknown:
+        done.doubts.append(f"the start state is not where the path begins, and has no {', '.join(unknown[:8])}")
 
 
 def _key(node: Node) -> str:
@@ -198,37 +241,53 @@ def _filled(table: Array) -> Array:
     return table
 
 
-def _look(root: Node, found: _Found) -> None:
-    """Start states and trajectories in the order of the document; a message's start state before its trajectories."""
-    todo = [root]
+def _look(roots: Sequence[Node]) -> _Found:
+    """Start states and trajectories in the order of the documents; a message's start state before its trajectories."""
+    found = _Found()
+    todo = list(reversed(roots))
     while todo:
         node = todo.pop()
         if isinstance(node.value, list):
             todo += [entry for entry in reversed(node.items()) if isinstance(entry.value, (list, dict))]
         elif isinstance(node.value, dict):
             entries = node.mapping()
-            halves = [entries[h] if h in entries and isinstance(entries[h].value, dict) else None for h in _HALVES]
-            if any(halves):
-                found.parts += _robot_trajectory(node, *halves)
-                used = _HALVES
-            elif isinstance(node.value.get("points"), list) and "joint_names" in node.value:
-                poses = any(isinstance(p, dict) and "transforms" in p for p in node.value["points"])
-                found.parts += _robot_trajectory(node, *((None, node) if poses else (node, None)))
-                used = ("points", "joint_names")
-            else:
-                used = _STARTS
-                for key in _STARTS:
-                    if key in entries and isinstance(entries[key].value, dict):
-                        found.parts += _robot_state(entries[key])
+            used = _take_parts(node, entries, found)
             for key, entry in reversed(entries.items()):
-                words = set(words_of(key))
-                if key in used or not isinstance(entry.value, (list, dict)) or words & _SHAPES:
+                if key in used or not isinstance(entry.value, (list, dict)) or _SHAPES.intersection(words_of(key)):
                     continue
-                mine = "gripper" in words or not of_something_else(key)
-                if words & _UNREAD and mine and _is_told(entry.value):
+                if _says_where(key) and _is_told(entry.value):
                     found.unread.append(entry)
                 else:
                     todo.append(entry)
+    return found
+
+
+def _take_parts(node: Node, entries: Mapping[str, Node], found: _Found) -> Collection[str]:
+    """Take a message's own trajectory, or else its start states; and which of its keys that used."""
+    halves = [_inner(entries, half) for half in _HALVES]
+    if any(halves):
+        found.parts += _robot_trajectory(node, *halves)
+        return _HALVES
+    points = entries["points"].value if "points" in entries else None
+    if isinstance(points, list) and "joint_names" in entries:
+        poses = any(isinstance(p, dict) and "transforms" in p for p in points)
+        found.parts += _robot_trajectory(node, *((None, node) if poses else (node, None)))
+        return "points", "joint_names"
+    for state in (_inner(entries, key) for key in _STARTS):
+        if state is not None:
+            found.parts += _robot_state(state)
+    return _STARTS
+
+
+def _inner(entries: Mapping[str, Node], key: str) -> Node | None:
+    """The mapping under a key; None where there is none."""
+    return entries[key] if key in entries and isinstance(entries[key].value, dict) else None
+
+
+def _says_where(key: str) -> bool:
+    """Whether a key's name says that it tells where the robot, or its gripper, is."""
+    words = set(words_of(key))
+    return bool(words & _UNREAD) and ("gripper" in words or not of_something_else(key))
 
 
 def _is_told(value: list[object] | dict[str, object]) -> bool:
@@ -260,9 +319,16 @@ def _robot_trajectory(node: Node, joints: Node | None, base: Node | None) -> Ite
         times = two.times if one.times is None else one.times
         rows = np.hstack((two.rows, one.rows))
         yield _Part(
-            [*two.names, *one.names], rows, times, one.nodes, node, two.heading,
-            doubts=two.doubts, notes=(*one.notes, *two.notes), stamp=one.stamp or two.stamp,
-        )  # fmt: skip
+            [*two.names, *one.names],
+            rows,
+            times,
+            one.nodes,
+            node,
+            two.heading,
+            doubts=two.doubts,
+            notes=(*one.notes, *two.notes),
+            stamp=one.stamp or two.stamp,
+        )
     else:
         yield halves[0]
 
@@ -274,15 +340,13 @@ def _joint_part(node: Node) -> _Part | None:
         return None
     rows = np.array([p["positions"].vector(len(names)) for p in points])
     rates = any(p.value.get(key) for p in points for key in ("velocities", "accelerations"))
-    return _Part(
-        names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node)
-    )  # fmt: skip
+    return _Part(names, rows, _times(points), points, node, notes=(RATES,) if rates else (), stamp=_stamp(node))
 
 
 def _stamp(node: Node) -> float:
     """Stamp of a message's header [s]; 0 where there is none."""
-    header = node.mapping().get("header")
-    stamp = header.value.get("stamp") if header is not None and isinstance(header.value, dict) else None
+    header = _inner(node.mapping(), "header")
+    stamp = None if header is None else header.value.get("stamp")
     if header is None or not isinstance(stamp, (dict, int, float)) or not stamp:
         return 0.0
     return _seconds(header["stamp"], most=1e10)
@@ -315,9 +379,8 @@ def _base_part(node: Node) -> _Part | None:
     if not doubts and base is None:
         doubts += _placed_elsewhere(transforms[0], names)
     notes = []
-    header = node.mapping().get("header")
-    frame = header.value.get("frame_id", "") if header is not None and isinstance(header.value, dict) else ""
-    frame = str(frame or "").strip("/")
+    header = _inner(node.mapping(), "header")
+    frame = "" if header is None else str(header.value.get("frame_id") or "").strip("/")
     if base is not None and frame.rsplit("/", 1)[-1] not in _WORLDS:
         doubts.append(
             f"the base's poses are in the frame {frame!r}, and nothing says where that is; of the world they are in "
@@ -328,9 +391,16 @@ def _base_part(node: Node) -> _Part | None:
     rows = np.array([[] if base is None else _planar(t[base]) for t in transforms])
     own = [] if base is None else _pose_names(names[base])
     return _Part(
-        own, rows, _times(points), points, node, own[2] if own else None,
-        doubts=tuple(doubts), notes=tuple(notes), stamp=_stamp(node),
-    )  # fmt: skip
+        own,
+        rows,
+        _times(points),
+        points,
+        node,
+        own[2] if own else None,
+        doubts=tuple(doubts),
+        notes=tuple(notes),
+        stamp=_stamp(node),
+    )
 
 
 def _pose_names(joint: str) -> list[str]:
@@ -367,35 +437,45 @@ def _placed_elsewhere(transforms: list[Node], names: list[str]) -> list[str]:
 
 def _robot_state(node: Node) -> Iterator[_Part]:
     """A RobotState: where joints and base are at the start."""
+    entries = {key: entry for key, entry in node.mapping().items() if entry.value}
     names: list[str] = []
     row: list[float] = []
     doubts: tuple[str, ...] = ()
     heading = None
-    entries = node.mapping()
-    if "joint_state" in entries and entries["joint_state"].value:
-        state = entries["joint_state"]
-        names = [entry.text() for entry in state["name"].items()] if "name" in state.mapping() else []
-        if len(set(names)) < len(names):
-            state["name"].fail("names a joint twice")
-        row = state["position"].vector(len(names)).tolist() if names else []
-    if "multi_dof_joint_state" in entries and entries["multi_dof_joint_state"].value:
-        state = entries["multi_dof_joint_state"]
-        joints = _names(state) if "joint_names" in state.mapping() else []
-        base = _base_of(state, joints) if joints else None
-        if base is None and joints:
-            doubts = tuple(_placed_elsewhere(_transforms(state["transforms"], joints), joints))
-        elif base is not None:
-            own = [name for name in _pose_names(joints[base]) if name not in names]
-            if len(own) == 3:
-                pose = _planar(_transforms(state["transforms"], joints)[base])
-                names, row, heading = [*own, *names], [*pose, *row], own[2]
-    if "attached_collision_objects" in entries and entries["attached_collision_objects"].value:
+    if "joint_state" in entries:
+        names, row = _joint_state(entries["joint_state"])
+    if "multi_dof_joint_state" in entries:
+        own, pose, doubts = _base_state(entries["multi_dof_joint_state"], names)
+        names, row, heading = [*own, *names], [*pose, *row], own[2] if own else None
+    if "attached_collision_objects" in entries:
         doubts += (
             "the file's start state has objects that the robot carries (attached_collision_objects), and they are not "
             "looked at: give the robot what it holds (RobotModel.attached)",
         )
     if names or doubts:
         yield _Part(names, np.array([row]).reshape(1, len(names)), None, [node], node, heading, True, doubts)
+
+
+def _joint_state(state: Node) -> tuple[list[str], list[float]]:
+    """Names and positions of a JointState."""
+    names = [entry.text() for entry in state["name"].items()] if "name" in state.mapping() else []
+    if len(set(names)) < len(names):
+        state["name"].fail("names a joint twice")
+    return names, state["position"].vector(len(names)).tolist() if names else []
+
+
+def _base_state(state: Node, taken: Collection[str]) -> tuple[list[str], list[float], tuple[str, ...]]:
+    """Names and values of the base of a MultiDOFJointState, none where one of the names is ``taken``; and doubts."""
+    joints = _names(state) if "joint_names" in state.mapping() else []
+    if not joints:
+        return [], [], ()
+    base = _base_of(state, joints)
+    if base is None:
+        return [], [], tuple(_placed_elsewhere(_transforms(state["transforms"], joints), joints))
+    own = _pose_names(joints[base])
+    if not set(own).isdisjoint(taken):
+        return [], [], ()
+    return own, _planar(_transforms(state["transforms"], joints)[base]), ()
 
 
 def _times(points: list[Node]) -> Array | None:

@@ -8,7 +8,7 @@ import os
 import re
 from array import array
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 
@@ -22,22 +22,23 @@ from elastic_strips.files import open_input, read_input
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
-from elastic_strips.scene.quantities import MIN_LENGTH, check_points
+from elastic_strips.scene.quantities import check_points
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_number
+from elastic_strips.validation import MIN_LENGTH, check_number
 
 from .npy_source import NpyError, read_npy
 
 _log = logging.getLogger(__name__)
 MAX_BYTES = 200_000_000
-_MAX_POINTS = 5_000_000
+MAX_POINTS = 5_000_000
 _MAX_LISTED_BYTES = 100_000_000  # of a file that lists points: .npy, .csv, .txt, .xyz
 SUFFIXES = (".pcd", ".ply", ".txt", ".xyz")
 LARGE_CLOUD = 100.0
-"""Extent [m] from which on a cloud is suspected to be in millimetres."""
+"""Extent [m] above which a cloud is suspected to be in millimetres."""
 LARGE_MESH = 10.0
-"""The same of a mesh, which is one thing."""
+"""The same for a mesh, which is one thing."""
 _LEAST_MARGIN = 1e-6  # [m]
+_MOST_OF_A_FIELD = 10_000  # numbers that one field of a PCD file may have
 _FACES = re.compile(rb"^element\s+face\s+(\d{1,9})\s*$", re.MULTILINE)
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -79,8 +80,8 @@ def read_point_cloud(path: str | os.PathLike[str], *, scale: float = 1.0) -> Poi
     semicolons; lines that begin with ``#`` or ``//`` are comments.
 
     Args:
-        path: of the file.
-        scale: its numbers times that are metres.
+        path: the file.
+        scale: factor that makes its numbers metres.
 
     Raises:
         SceneError: no such file, another kind, damaged or cut off, no points; the message names file and line or byte.
@@ -121,11 +122,11 @@ def read_points(path: str | os.PathLike[str], *, scale: float = 1.0) -> Array:
     must have none.
 
     Args:
-        path: of the file.
-        scale: its numbers times that are metres.
+        path: the file.
+        scale: factor that makes its numbers metres.
 
     Raises:
-        SceneError: no such file, another kind, damaged, or what it holds does not fit.
+        SceneError: no such file, another kind, damaged, or its content does not fit.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -172,25 +173,27 @@ def warn_of_units(what: str, points: Array, most: float) -> None:
     if extent > most:
         _log.warning(
             "%s: is %.4g m large: lengths are in metres; are these millimetres? scale: 0.001 makes %.4g m of it",
-            what, extent, 0.001 * extent,
-        )  # fmt: skip
+            what,
+            extent,
+            0.001 * extent,
+        )
 
 
 def without_robot(points: ArrayLike | PointCloud, robot: RobotModel, q: ArrayLike, margin: float = 0.05) -> PointCloud:
     """A cloud without the points that a sensor saw on the robot itself; the log says how many there were.
 
     Args:
-        points: (n, 3) in the world [m], or a `PointCloud`.
+        points: (n, 3) points in the world [m], or a `PointCloud`.
         robot: the robot.
         q: (nq,) its configuration when they were seen.
-        margin: points within so far [m] of one of its shapes are its own.
+        margin: points within this distance [m] of one of its shapes are its own.
 
     Returns:
         The others; those that are left out are counted in ``dropped``.
 
     Raises:
         SceneError: points of another shape or not finite, a negative margin.
-        ConfigurationError: the configuration is not sound.
+        ConfigurationError: the configuration is not valid.
     """
     cloud = np.asarray(points.points if isinstance(points, PointCloud) else points)
     cloud = check_points("points", cloud, (None, 3)) if len(cloud) else np.empty((0, 3))
@@ -232,15 +235,16 @@ def cloud_scene(
     """A scene with one obstacle: a voxel for every cell of a grid that holds points, merged where possible.
 
     Args:
-        points: (n, 3) in the world [m], or a `PointCloud`.
+        points: (n, 3) points in the world [m], or a `PointCloud`.
         voxel: edge of the cells [m]; the grid has its origin at the world's.
-        low, high: points below or above are left out [m]: the floor under the robot, the ceiling; None: all count.
+        low, high: heights [m] below and above which points are left out: the floor under the robot, the ceiling; None:
+            all count.
         min_points: cells with fewer points are left out, as noise.
-        name: of the obstacle.
-        time: of the scene [s].
+        name: name of the obstacle.
+        time: time of the scene [s].
 
     Raises:
-        SceneError: points of another shape or not finite, an edge that is no length, nothing left of the cloud.
+        SceneError: points of another shape or not finite, an edge that is not a length, or nothing left of the cloud.
     """
     cloud = np.asarray(points.points if isinstance(points, PointCloud) else points)
     check_points("points", cloud, (None, 3))
@@ -257,71 +261,109 @@ def cloud_scene(
     return Scene([Voxels((cells + 0.5) * voxel, voxel, name=name)], time=time)
 
 
+@dataclass(slots=True)
+class _Element:
+    """An element of a PLY file: so many rows of fields (name, type); ``lists`` where a field is a list."""
+
+    name: str
+    count: int
+    fields: list[tuple[str, str]] = field(default_factory=list)
+    lists: bool = False
+
+    @property
+    def size(self) -> int:
+        """Bytes of all its rows, in a binary file."""
+        return self.count * np.dtype([(f"{i}", code) for i, (_, code) in enumerate(self.fields)]).itemsize
+
+
 def _ply(data: bytes) -> Array:
     words, body, lines = _header(data, b"end_header", "PLY")
     if words[0] != ["ply"]:
-        raise ValueError(":1: is no PLY file: it must begin with 'ply'")
+        raise ValueError(":1: is not a PLY file: it must begin with 'ply'")
+    order, elements = _ply_elements(words)
+    before = 0  # bytes, or lines of a text, in front of the vertices
+    for element in elements:
+        if element.name == "vertex":
+            if element.lists:
+                raise ValueError(": the PLY file's vertices hold lists; they must hold single numbers")
+            line = lines if order else lines + before
+            return _table(data, body, element.fields, element.count, order, line, before)
+        if element.lists and order:
+            raise ValueError(
+                f": the PLY file's element {element.name!r} before the vertices holds lists; put vertices first"
+            )
+        before += element.size if order else element.count
+    raise ValueError(": the PLY file has no element 'vertex'")
+
+
+def _ply_elements(words: list[list[str]]) -> tuple[str, list[_Element]]:
+    """Byte order of a PLY file, empty for text, and its elements, by the words of its header's lines."""
     order: str | None = None
-    elements: list[tuple[str, int, list[tuple[str, str]], bool]] = []
+    elements: list[_Element] = []
     for k, line in enumerate(words[1:], start=2):
         if line[0] == "format" and len(line) >= 2 and line[1] in _PLY_FORMATS:
             order = _PLY_FORMATS[line[1]]
         elif line[0] == "element" and len(line) == 3 and line[2].isdecimal():
-            elements.append((line[1], int(line[2]), [], False))
+            elements.append(_Element(line[1], int(line[2])))
         elif line[0] == "property" and elements and len(line) == 5 and line[1] == "list":
-            name, count, fields, _ = elements[-1]
-            elements[-1] = name, count, fields, True
+            elements[-1].lists = True
         elif line[0] == "property" and elements and len(line) == 3 and line[1] in _PLY_TYPES:
-            elements[-1][2].append((line[2], _PLY_TYPES[line[1]]))
+            elements[-1].fields.append((line[2], _PLY_TYPES[line[1]]))
         elif line[0] not in ("comment", "obj_info", "end_header"):
             raise ValueError(f":{k}: not understood in a PLY header: {' '.join(line)[:60]!r}")
     if order is None:
         raise ValueError(f": the PLY header names no format; valid: {', '.join(_PLY_FORMATS)}")
-    before = 0
-    for name, count, fields, lists in elements:
-        if name == "vertex":
-            if lists:
-                raise ValueError(": the PLY file's vertices hold lists; they must hold single numbers")
-            return _table(data, body, fields, count, order, lines + (before if not order else 0), before)
-        if lists and order:
-            raise ValueError(f": the PLY file's element {name!r} before the vertices holds lists; put vertices first")
-        before += count if not order else count * np.dtype([(f"{i}", t) for i, (_, t) in enumerate(fields)]).itemsize
-    raise ValueError(": the PLY file has no element 'vertex'")
+    return order, elements
+
+
+_PcdHead = dict[str, tuple[int, list[str]]]
+"""Key of a PCD header → its line, and what stands behind it."""
 
 
 def _pcd(data: bytes) -> Array:
     words, body, lines = _header(data, b"DATA", "PCD")
-    head: dict[str, tuple[int, list[str]]] = {w[0]: (k, w[1:]) for k, w in enumerate(words, 1) if w[0][0] != "#"}
-    fields_line, names = head.get("FIELDS", head.get("COLUMNS", (0, [])))  # COLUMNS, no SIZE, no TYPE: before 0.6
-    for key, found in (("FIELDS", bool(fields_line)), ("DATA", "DATA" in head)):
-        if not found:
+    head: _PcdHead = {w[0]: (k, w[1:]) for k, w in enumerate(words, 1) if w[0][0] != "#"}
+    if "FIELDS" not in head and "COLUMNS" in head:  # before 0.6
+        head["FIELDS"] = head["COLUMNS"]
+    for key in ("FIELDS", "DATA"):
+        if key not in head:
             raise ValueError(f": the PCD header has no line {key!r}")
-    kind = head["DATA"][1]
+    count, fields = _pcd_count(head), _pcd_fields(head)
+    line, kind = head["DATA"]
+    if kind == ["binary_compressed"]:
+        return _columns(data, body, fields, count)
+    if kind not in (["ascii"], ["binary"]):
+        valid = "ascii, binary, binary_compressed"
+        raise ValueError(f":{line}: PCD files with DATA {' '.join(kind)[:40]!r} are not read; valid: {valid}")
+    return _table(data, body, fields, count, "" if kind == ["ascii"] else "<", lines, 0)
+
+
+def _pcd_count(head: _PcdHead) -> int:
+    """How many points a PCD file has, by its header: POINTS, or WIDTH times HEIGHT."""
+    number = head.get("POINTS", (0, []))[1]
+    if not number and "WIDTH" in head and "HEIGHT" in head:
+        number = [str(int(_whole(head["WIDTH"])) * int(_whole(head["HEIGHT"])))]
+    if len(number) != 1 or not number[0].isdecimal():
+        raise ValueError(": the PCD header does not say how many POINTS there are")
+    return int(number[0])
+
+
+def _pcd_fields(head: _PcdHead) -> list[tuple[str, str]]:
+    """Names and types of the numbers that each point of a PCD file has; before 0.6 there is no SIZE and no TYPE."""
+    fields_line, names = head["FIELDS"]
     (size_line, sizes), (type_line, types), (_, counts) = (
         head.get(key, (fields_line, [usual] * len(names)))
         for key, usual in (("SIZE", "4"), ("TYPE", "F"), ("COUNT", "1"))
     )
-    number = head.get("POINTS", (0, []))[1] or None
-    if number is None and "WIDTH" in head and "HEIGHT" in head:
-        number = [str(int(_whole(head["WIDTH"])) * int(_whole(head["HEIGHT"])))]
-    if number is None or len(number) != 1 or not number[0].isdecimal():
-        raise ValueError(": the PCD header does not say how many POINTS there are")
     if not len(names) == len(counts) == len(sizes) == len(types):
         raise ValueError(f":{size_line}: FIELDS, SIZE, TYPE and COUNT of a PCD file must have equally many entries")
     fields: list[tuple[str, str]] = []
     for name, size, letter, count in zip(names, sizes, types, counts, strict=True):
         code = _PCD_TYPES.get((letter, int(size) if size.isdecimal() else 0))
-        if code is None or not count.isdecimal() or not 1 <= int(count) <= 10_000:
+        if code is None or not count.isdecimal() or not 1 <= int(count) <= _MOST_OF_A_FIELD:
             raise ValueError(f":{type_line}: field {name!r} of type {letter!r}, size {size!r} is not understood")
         fields += [(name if i == 0 else f"{name}[{i}]", code) for i in range(int(count))]
-    if kind not in (["ascii"], ["binary"], ["binary_compressed"]):
-        valid = "ascii, binary, binary_compressed"
-        raise ValueError(
-            f":{head['DATA'][0]}: PCD files with DATA {' '.join(kind)[:40]!r} are not read; valid: {valid}"
-        )
-    if kind == ["binary_compressed"]:
-        return _columns(data, body, fields, int(number[0]))
-    return _table(data, body, fields, int(number[0]), "" if kind == ["ascii"] else "<", lines, 0)
+    return fields
 
 
 def _viewpoint(data: bytes) -> str:
@@ -383,7 +425,7 @@ def _xyz(data: bytes) -> Array:
         comment = text.startswith(("#", "//"))
         return [] if comment else text.replace(",", " ").replace(";", " ").split(None, 3)[:3]
 
-    return _listed(data, words, "begin with", _MAX_POINTS)
+    return _listed(data, words, "begin with", MAX_POINTS)
 
 
 def _listed(data: bytes, words: Callable[[str], list[str]], verb: str, most: int) -> Array:
@@ -427,7 +469,7 @@ def _header(data: bytes, last: bytes, kind: str) -> tuple[list[list[str]], int, 
         if line.strip().startswith(last):
             words = [w if w != ["#"] or kind == "PCD" else ["comment"] for w in words]
             return words, at, len(words)
-    raise ValueError(f": is no {kind} file, or its header is cut off: it has no line {last.decode()!r}")
+    raise ValueError(f": is not a {kind} file, or its header is cut off: it has no line {last.decode()!r}")
 
 
 def _table(
@@ -474,8 +516,8 @@ def _float(word: bytes) -> float:
 
 def _places(fields: list[tuple[str, str]], count: int) -> list[int]:
     """Which fields x, y and z are."""
-    if count > _MAX_POINTS:
-        raise ValueError(f": the file has {count} points; at most {_MAX_POINTS} are read")
+    if count > MAX_POINTS:
+        raise ValueError(f": the file has {count} points; at most {MAX_POINTS} are read")
     names = [name for name, _ in fields]
     for axis in "xyz":
         if axis not in names:

@@ -109,7 +109,7 @@ _PLANNING = tuple(f.name for f in fields(PlanningRows) if f.name not in ("phases
 
 
 def _key(name: str) -> str:
-    """What a field of the control rows is called in files."""
+    """Name of a field of the control rows in files."""
     return "chart" if name == "coordinates" else name
 
 
@@ -121,7 +121,7 @@ def check_record_file(path: str | os.PathLike[str]) -> Path:
     """The path, if a record can be written there.
 
     Raises:
-        InputError: as of `check_writable`, or a suffix that is neither ``.npz`` nor ``.csv``.
+        InputError: as for `check_writable`, or a suffix that is neither ``.npz`` nor ``.csv``.
     """
     target = check_writable(path)
     if target.suffix.lower() not in (".npz", ".csv"):
@@ -152,7 +152,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
     An obstacle of several pieces is several obstacles, ``name#0``, ``name#1``, ….
 
     Raises:
-        RecordError: no such file, no record, another version, an array that is missing or does not fit, a file that
+        RecordError: no such file, not a record, another version, an array that is missing or does not fit, a file that
             is cut off or damaged; the message names the file and what is wrong with it.
     """
     file = Path(path)
@@ -161,7 +161,7 @@ def read_record(path: str | os.PathLike[str]) -> Record:
             if stream.read(2) != b"PK":
                 if file.suffix.lower() == ".csv":
                     raise RecordError("a .csv file holds the control rows alone; a .npz file holds the whole record")
-                raise RecordError("is no record, and no .npz file at all")
+                raise RecordError("is not a record, nor a .npz file at all")
             loaded = NpzArrays(stream, size, MAX_ARRAY_BYTES)
             return _unpacked(_metadata(loaded), loaded)
         except zipfile.BadZipFile as error:
@@ -192,8 +192,31 @@ def record_robot(record: Record, robot: str | None = None) -> RobotModel:
 
 def _packed(record: Record) -> bytes:
     documents, names, position, quaternion = world_documents(record.world, record.control.time)
+    text = _metadata_text(record, names, documents)
+    arrays: dict[str, npt.NDArray[np.generic]] = {
+        "metadata": np.array(text),
+        **{f"control_{_key(name)}": getattr(record.control, name) for name in _CONTROL},
+        **{f"planning_{name}": getattr(record.planning, name) for name in _PLANNING},
+        "track_position": position,
+        "track_quaternion": quaternion,
+    }
+    size = sum(array.nbytes for array in arrays.values())
+    if size > MAX_ARRAY_BYTES or len(text) > MAX_TEXT:
+        _log.warning(
+            "the record's arrays have %d bytes and its metadata %d characters; read_record takes at most %d and %d",
+            size,
+            len(text),
+            MAX_ARRAY_BYTES,
+            MAX_TEXT,
+        )
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+def _metadata_text(record: Record, names: list[str], documents: list[TrackedPiece]) -> str:
+    """What a record holds besides arrays, as JSON."""
     configuration, velocity = _row_columns(record)
-    planning = record.planning
     metadata = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -205,7 +228,7 @@ def _packed(record: Record) -> bytes:
         "locked": {name: float(value) for name, value in record.locked.items()},
         "goal": None if record.goal is None else record.goal.tolist(),
         "states": list(record.states),
-        **{name: list(getattr(planning, name)) for name in _TABLES},
+        **{name: list(getattr(record.planning, name)) for name in _TABLES},
         "columns": {
             "chart": configuration,
             "velocity": velocity,
@@ -219,30 +242,14 @@ def _packed(record: Record) -> bytes:
         "metadata": dict(record.metadata),
     }
     try:
-        text = json.dumps(metadata, allow_nan=False)
+        return json.dumps(metadata, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise RecordError(f"metadata must be plain JSON values: {error}") from None
-    arrays: dict[str, npt.NDArray[np.generic]] = {
-        "metadata": np.array(text),
-        **{f"control_{_key(name)}": getattr(record.control, name) for name in _CONTROL},
-        **{f"planning_{name}": getattr(planning, name) for name in _PLANNING},
-        "track_position": position,
-        "track_quaternion": quaternion,
-    }
-    size = sum(array.nbytes for array in arrays.values())
-    if size > MAX_ARRAY_BYTES or len(text) > MAX_TEXT:
-        _log.warning(
-            "the record's arrays have %d bytes and its metadata %d characters; read_record takes at most %d and %d",
-            size, len(text), MAX_ARRAY_BYTES, MAX_TEXT,
-        )  # fmt: skip
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-    return stream.getvalue()
 
 
 def _metadata(loaded: _Arrays) -> Document:
     if "metadata" not in loaded:
-        raise RecordError("holds no array 'metadata': it is no record")
+        raise RecordError("holds no array 'metadata': it is not a record")
     text = loaded["metadata"]
     if text.nbytes > 4 * MAX_TEXT:
         raise RecordError(f"the metadata have {text.nbytes // 4} characters; at most {MAX_TEXT} are read")
@@ -251,7 +258,7 @@ def _metadata(loaded: _Arrays) -> Document:
     except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise RecordError(f"is no record (format {FORMAT!r})")
+        raise RecordError(f"is not a record (format {FORMAT!r})")
     if document.get("version") != FORMAT_VERSION:
         raise RecordError(f"has format version {document.get('version')!r}; this program reads {FORMAT_VERSION}")
     return document

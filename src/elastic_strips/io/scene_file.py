@@ -46,8 +46,8 @@ _log = logging.getLogger(__name__)
 VERSION = 1
 _MOST_FILES = 100  # of a scene
 _SIZED = ("box", "sphere", "cylinder", "capsule", "cone")
-_THICK, _LONG = 1.0, 100.0  # [m] a scene in millimetres has hardly anything thinner, and something longer
-_DEEPEST = 8  # scene files that name each other
+_THICK_METRES, _LONG_METRES = 1.0, 100.0  # a scene in millimetres has hardly anything thinner, and something longer
+_DEEPEST_INCLUDE = 8  # scene files that name each other
 _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
 _ROBOTS = (".urdf", ".xacro")
@@ -59,9 +59,12 @@ _SCENARIO_KEYS = (
 
 
 def read_scene(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
-    q: Array | None = None, options: SceneOptions | None = None,
-) -> Scene:  # fmt: skip
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    robot: RobotModel | None = None,
+    q: Array | None = None,
+    options: SceneOptions | None = None,
+) -> Scene:
     """Read a scene file: the obstacles that exist at the file's time.
 
     Files of other programs are read, too: MoveIt's ``.scene`` and planning scenes (YAML, JSON), OctoMap's ``.bt`` and
@@ -69,8 +72,9 @@ def read_scene(
 
     Args:
         path: The file, or several, whose obstacles are one scene.
-        robot: For whom: walls of maps become as high as it reaches; without it they are `WALL_HEIGHT` high.
-        q: (nq,) Where it stood when clouds were seen.
+        robot: The robot that the scene is for: walls of maps become as high as it reaches; without it they are
+            `WALL_HEIGHT` high.
+        q: (nq,) Its configuration when clouds were seen.
         options: How files of other programs are read: see `SceneOptions`.
 
     Raises:
@@ -81,12 +85,16 @@ def read_scene(
 
 
 def read_world(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
-    q: Array | None = None, options: SceneOptions | None = None,
-) -> World:  # fmt: skip
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    robot: RobotModel | None = None,
+    q: Array | None = None,
+    options: SceneOptions | None = None,
+) -> World:
     """Read a scene file: all obstacles, and when they appear and vanish; or one of others, as `read_scene` does.
 
-    What a robot holds in a planning scene is no obstacle, and left out with a warning: `read_scene_file` has it.
+    Objects that a robot holds in a planning scene are not obstacles, and are left out with a warning: `read_scene_file`
+    has them.
 
     Args:
         path, robot, q, options: See `read_scene`.
@@ -102,16 +110,19 @@ def read_world(
 
 
 def read_scene_file(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, robot: RobotModel | None = None,
-    q: Array | None = None, options: SceneOptions | None = None,
-) -> SceneFile:  # fmt: skip
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    robot: RobotModel | None = None,
+    q: Array | None = None,
+    options: SceneOptions | None = None,
+) -> SceneFile:
     """All that a scene's files say: the obstacles over time, what the robot holds, and the area that maps show.
 
     Args:
         path, robot, q, options: See `read_scene`.
 
     Raises:
-        SceneError: As there.
+        SceneError: As for `read_scene`.
     """
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
@@ -135,9 +146,11 @@ def read_scene_file(
 
 
 def _parts(
-    paths: Sequence[str | os.PathLike[str]], kinds: Sequence[tuple[str, Node | None]], said: SceneOptions,
+    paths: Sequence[str | os.PathLike[str]],
+    kinds: Sequence[tuple[str, Node | None]],
+    said: SceneOptions,
     reading: Reading,
-) -> SceneFile:  # fmt: skip
+) -> SceneFile:
     """All files as one scene."""
     parts = []
     for each, (kind, root) in zip(paths, kinds, strict=True):
@@ -151,7 +164,7 @@ def _parts(
 def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, reading: Reading) -> SceneFile:
     """One file of a scene."""
     here = os.path.realpath(path)
-    if here in reading.within or len(reading.within) >= _DEEPEST:
+    if here in reading.within or len(reading.within) >= _DEEPEST_INCLUDE:
         chain = " → ".join(Path(name).name for name in (*reading.within, here))
         raise SceneError(f"{path}: scene files name each other: {chain}")
     reading.read.append(here)
@@ -168,7 +181,7 @@ def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, readi
     found = _scene_from_node(root, inner)
     if "at" in options:
         if found.held or found.areas:
-            raise SceneError(f"{path}: 'at' has to be said of its sources: maps and what a robot holds are among them")
+            raise SceneError(f"{path}: 'at' has to be given for its sources: maps or held objects are among them")
         found = replace(found, world=placed(found.world, pose_from(options["at"])))
     return found
 
@@ -177,18 +190,21 @@ def _warn_of_millimetres(path: Path, scene: Scene) -> None:
     """Say in the log that all that is in a scene is thick, and something as large as a street."""
     lengths = [np.ravel(np.asarray(v, dtype=float)) for o in scene if o.shape in _SIZED for v in o.spec.values()]
     least, most = (f(np.concatenate(lengths)) if lengths else 0.0 for f in (np.min, np.max))
-    if least >= _THICK and most >= _LONG:
+    if least >= _THICK_METRES and most >= _LONG_METRES:
         _log.warning(
             "%s: nothing in it is thinner than %.4g m, and something is %.4g m large: lengths are in metres; are these "
-            "millimetres?", path, least, most,
-        )  # fmt: skip
+            "millimetres?",
+            path,
+            least,
+            most,
+        )
 
 
 def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
     """What a mapping node says, as a scene file or a scenario's ``scene`` holds it; no boxes around maps yet."""
     entries = node.mapping(("version", "time", "obstacles", "sources"), what="a scene")
     if not any(key in entries and entries[key].value is not None for key in ("obstacles", "sources")):
-        node.fail("the key 'obstacles' is missing of a scene; or 'sources', files that hold some")
+        node.fail("a scene needs the key 'obstacles', or 'sources', files that hold some")
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
     time = entries["time"].number(low=-1e9, high=1e9, unit="s") if "time" in entries else 0.0
@@ -356,17 +372,17 @@ class ScenarioSpec:
         name: Name of the scenario.
         description: One or more sentences, or "".
         robot: Name of a known robot, or the absolute path of a URDF file.
-        robot_options: What else ``load_robot`` is to be told of it, by its arguments' names; paths are absolute.
+        robot_options: Further arguments of ``load_robot`` by name; paths are absolute.
         base: "diff_drive", "omni", "fixed", or None for the robot's own.
         preset: "default", "paper" or None.
         params: Overrides of parameters by name; not checked here.
-        scene: What exists at the scene's time.
+        scene: The obstacles that exist at the scene's time.
         world: All obstacles, and when they appear and vanish.
         start: Start of the strip.
         goal: Goal of the strip.
         seed: Seed of everything random.
         path: The file.
-        source: All that the scene's files say.
+        source: Everything in the scene's files.
     """
 
     name: str
@@ -422,7 +438,7 @@ def _pose_on(node: Node, found: SceneFile) -> PoseSpec:
     pose = _pose(node)
     if len(found.outside([(pose.x, pose.y)])):
         node.fail(
-            f"({pose.x:g}, {pose.y:g}) is outside of the map, of which nothing is known; 'outside: free' takes it"
+            f"({pose.x:g}, {pose.y:g}) is outside the map, where all is unknown; 'outside: free' allows it all the same"
         )
     return pose
 

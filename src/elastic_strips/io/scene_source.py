@@ -1,4 +1,4 @@
-"""IO room, sources of scenes: what other programs write, read with what is said of how: a pose, heights, a grid.
+"""IO room, sources of scenes: files of other programs, read with options: a pose, heights, a grid.
 
 A source is a map of Nav2, an octree, a point cloud, a scene of MoveIt, or a scene file of this library's own.
 """
@@ -29,7 +29,8 @@ from .nav2_map import WALL_HEIGHT, MapArea, outside_of, read_map
 from .nodes import Node
 from .obstacle_document import warn_of_degrees
 from .octomap import read_octomap
-from .planning_scene import PlanningScene, is_planning_scene, load_message, planning_scene_of
+from .planning_message import is_planning_scene, load_message, planning_scene_of
+from .planning_scene import PlanningScene
 from .point_cloud import PointCloud, cloud_scene, read_point_cloud, read_points, warn_of_dropped, without_robot
 
 _log = logging.getLogger(__name__)
@@ -39,7 +40,7 @@ _SUFFIXES = {
     ".scene": MOVEIT, ".bt": OCTREE, ".ot": OCTREE,
     **dict.fromkeys((".pcd", ".ply", ".xyz", ".txt", ".csv", ".npy"), CLOUD),
 }  # fmt: skip
-_HALF_TURN = 1e-6  # of the product of two quaternions, below which they are half a turn apart
+_HALF_TURN_PRODUCT = 1e-6  # of the product of two quaternions, below which they are half a turn apart
 _MESHES = (".stl", ".obj", ".dae")
 _LISTED = (".csv", ".npy")
 OF_KIND: Mapping[str, tuple[str, ...]] = {
@@ -50,25 +51,26 @@ OF_KIND: Mapping[str, tuple[str, ...]] = {
     MESSAGE: ("at", "planes"),
     OWN: ("at",),
 }
-"""What can be said of how a source is read, by its kind."""
+"""The options of reading a source, by its kind."""
 
 
 class SceneOptions(TypedDict, total=False):
-    """What is said of how the files of other programs are read; each is of some kinds only, see `OF_KIND`.
+    """How the files of other programs are read; each option is for some kinds only, see `OF_KIND`.
 
     Attributes:
         at: pose of the file's frame in the world: x, y, z; x, y, z, yaw; x, y, z, qx, qy, qz, qw; or a matrix (4, 4).
         low, high: heights in the world [m]: walls of a map are between them (by default from the floor to as high as
-            the robot reaches, `WALL_HEIGHT` where it is not known); of octrees and clouds what is beyond is left out.
-        unknown: what a map's unknown cells are: ``"free"`` (default) or ``"occupied"``.
+            the robot reaches, `WALL_HEIGHT` where it is not known); the parts of octrees and clouds beyond are left
+            out.
+        unknown: how a map's unknown cells count: ``"free"`` (default) or ``"occupied"``.
         lethal: occupancy from which on a map's cell is occupied, see `load_nav2_map`.
-        outside: what is outside of a map: ``"blocked"`` (default) or ``"free"``.
+        outside: how space outside a map counts: ``"blocked"`` (default) or ``"free"``.
         occupied: probability from which on an octree's cell is occupied.
         voxel: edge of the grid's cells that a cloud becomes [m].
-        scale: a cloud's numbers times that are metres.
+        scale: factor that makes a cloud's numbers metres.
         min_points: cells of a cloud with fewer points are left out.
-        own_points: a cloud's points within so far [m] of the robot, where it stands, are its own and left out.
-        planes: what a MoveIt scene's planes are: ``"blocked"`` (default) or ``"free"``.
+        own_points: a cloud's points within this distance [m] of the robot, where it stands, are its own and left out.
+        planes: how a MoveIt scene's planes count: ``"blocked"`` (default) or ``"free"``.
     """
 
     at: ArrayLike
@@ -87,14 +89,14 @@ class SceneOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SceneFile(Summary):
-    """All that a scene's files say.
+    """Everything in a scene's files.
 
     Attributes:
         world: the obstacles, and when they appear and vanish.
-        held: planning scenes of which the robot holds something.
-        areas: what the maps show that are among the sources, where what is outside of them does not count as free.
-        assumed_height: height [m] up to which walls of maps were taken to reach, as neither a file nor the robot said.
-        unplaced: planning scenes whose frame was taken as the world, as no robot was known that may have it.
+        held: planning scenes with objects that the robot holds.
+        areas: areas of the maps among the sources, if the outside of them does not count as free.
+        assumed_height: height [m] that was assumed for walls of maps, because neither a file nor the robot gave one.
+        unplaced: planning scenes whose frame was taken as the world, because no robot was known that may have it.
     """
 
     world: World
@@ -105,14 +107,14 @@ class SceneFile(Summary):
 
     @property
     def held_names(self) -> tuple[str, ...]:
-        """What the robot holds, each with the link that holds it."""
+        """The held objects, each with the link that holds it."""
         return tuple(f"{thing.name} (at {thing.link})" for scene in self.held for thing in scene.attached)
 
     def held_by(self, robot: RobotModel) -> RobotModel:
         """The robot with all that it holds; see `PlanningScene.held_by`.
 
         Raises:
-            RobotError, ConfigurationError: as there.
+            RobotError, ConfigurationError: as for `PlanningScene.held_by`.
         """
         for scene in self.held:
             robot = scene.held_by(robot)
@@ -129,12 +131,12 @@ class SceneFile(Summary):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """For whom scenes are read.
+    """The context in which scenes are read.
 
     Attributes:
-        robot: whose arm walls of maps have to be as high as.
-        q: (nq,) where it stood when clouds were seen.
-        within: files that are being read, of which this one is a part.
+        robot: the robot as high as whose reach walls of maps have to be.
+        q: (nq,) its configuration when clouds were seen.
+        within: files being read that contain this one.
         read: all files of the scene so far.
     """
 
@@ -145,10 +147,10 @@ class Reading:
 
 
 def kind_of(path: Path) -> tuple[str, Node | None]:
-    """What a file is, and its document where it is YAML or JSON.
+    """Kind of a file, and its document if it is YAML or JSON.
 
     Raises:
-        SceneError: it cannot be read, or is none of them.
+        SceneError: it cannot be read, or is of another kind.
     """
     suffix = path.suffix.lower()
     if suffix in _SUFFIXES:
@@ -164,10 +166,10 @@ def kind_of(path: Path) -> tuple[str, Node | None]:
 
 
 def pose_from(at: ArrayLike) -> Array:
-    """Pose (4, 4) of what `SceneOptions` has as ``at``.
+    """Pose (4, 4) of the option ``at`` of `SceneOptions`.
 
     Raises:
-        SceneError: it is none of these.
+        SceneError: it has none of these forms.
     """
     if np.ndim(at) == 2:
         return check_pose(at)
@@ -184,10 +186,10 @@ def pose_from(at: ArrayLike) -> Array:
 
 
 def check_options(kind: str, options: SceneOptions, where: str) -> None:
-    """Refuse what cannot be said of a kind of source.
+    """Refuse options that are not for a kind of source.
 
     Raises:
-        SceneError: there is such an option, or a choice that is none.
+        SceneError: there is such an option, or an unknown choice.
     """
     for key in options:
         if key not in OF_KIND[kind]:
@@ -196,7 +198,7 @@ def check_options(kind: str, options: SceneOptions, where: str) -> None:
                 raise SceneError(
                     f"{where}: unknown option {shown(key)}{nearest_name(key, SceneOptions.__annotations__)}"
                 )
-            raise SceneError(f"{where}: is {kind}; {key!r} can be said of {', '.join(whose)}")
+            raise SceneError(f"{where}: is {kind}; {key!r} is for {', '.join(whose)}")
     for key in ("outside", "planes"):
         check_choice(key, options.get(key, "blocked"), ("blocked", "free"), SceneError)
     for key in ("low", "high", "own_points"):
@@ -204,11 +206,11 @@ def check_options(kind: str, options: SceneOptions, where: str) -> None:
 
 
 def read_foreign(path: Path, kind: str, root: Node | None, options: SceneOptions, reading: Reading) -> SceneFile:
-    """What a file of another program holds; edges of maps are not among the obstacles yet.
+    """The content of a file of another program; edges of maps are not among the obstacles yet.
 
     Raises:
         SceneError: it cannot be read.
-        MissingExtraError: of a map whose image is no PGM file, where Pillow is not installed.
+        MissingExtraError: a map whose image is not a PGM file, and Pillow is not installed.
     """
     check_options(kind, options, str(path))
     pose = pose_from(options["at"]) if "at" in options else None
@@ -233,9 +235,7 @@ def read_foreign(path: Path, kind: str, root: Node | None, options: SceneOptions
     if pose is not None:
         message = replace(message, attached=message.attached_at(pose))
     unplaced = (message,) if pose is None and reading.robot is None else ()
-    return SceneFile(
-        placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced
-    )  # fmt: skip
+    return SceneFile(placed(World(message.scene), pose), (message,) if message.attached else (), unplaced=unplaced)
 
 
 def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading) -> SceneFile:
@@ -248,9 +248,13 @@ def _map(path: Path, options: SceneOptions, pose: Array | None, reading: Reading
         high = assumed = WALL_HEIGHT
     try:
         walls, area = read_map(
-            path, unknown=options.get("unknown", "free"), lethal=options.get("lethal", 100.0), at=pose,
-            low=options.get("low", 0.0), height=high,
-        )  # fmt: skip
+            path,
+            unknown=options.get("unknown", "free"),
+            lethal=options.get("lethal", 100.0),
+            at=pose,
+            low=options.get("low", 0.0),
+            height=high,
+        )
     except ScenarioError as error:
         raise SceneError(str(error)) from None
     areas = (area,) if options.get("outside", "blocked") == "blocked" else ()
@@ -278,7 +282,7 @@ def _cloud(path: Path, options: SceneOptions, pose: Array | None, reading: Readi
         points = without_robot(points, reading.robot, reading.q, options["own_points"]).points
     kept = points[(points[:, 2] >= options.get("low", -math.inf)) & (points[:, 2] <= options.get("high", math.inf))]
     if len(kept) < len(points):
-        _log.warning("%s: left out: %d points outside of low and high", path, len(points) - len(kept))
+        _log.warning("%s: left out: %d points outside low and high", path, len(points) - len(kept))
     if not len(kept):
         raise SceneError(f"{path}: nothing is left of {len(cloud.points)} points")
     return cloud_scene(kept, options["voxel"], min_points=options.get("min_points", 1))
@@ -308,7 +312,7 @@ def _turned(obstacle: Obstacle, pose: Array) -> Motion:
     if isinstance(motion, Keyframes):
         times, at, quats = motion.times, motion.positions @ turn.T + pose[:3, 3], motion.quats
         if quats is not None:  # else the obstacle keeps its own orientation
-            half = np.flatnonzero(np.abs((quats[1:] * quats[:-1]).sum(axis=1)) < _HALF_TURN)
+            half = np.flatnonzero(np.abs((quats[1:] * quats[:-1]).sum(axis=1)) < _HALF_TURN_PRODUCT)
             if len(half):  # which way round must not depend on rounding: a keyframe in the middle says it
                 middle = quats[half] + quats[half + 1]
                 middle /= np.linalg.norm(middle, axis=1)[:, None]
@@ -347,13 +351,15 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
     heights = [part.assumed_height for part in parts if part.assumed_height is not None]
     return SceneFile(
         World(Scene(obstacles, time=own.scene.time), appears, vanishes),
-        tuple(held for part in parts for held in part.held), tuple(area for part in parts for area in part.areas),
-        min(heights, default=None), tuple(scene for part in parts for scene in part.unplaced),
-    )  # fmt: skip
+        tuple(held for part in parts for held in part.held),
+        tuple(area for part in parts for area in part.areas),
+        min(heights, default=None),
+        tuple(scene for part in parts for scene in part.unplaced),
+    )
 
 
 def bounded(found: SceneFile) -> SceneFile:
-    """The same with what stands for the outside of its maps."""
+    """The same with obstacles that stand for the outside of its maps."""
     if not found.areas:
         return found
     world = joined([SceneFile(World(Scene(outside_of(found.areas))))], found.world).world

@@ -22,7 +22,7 @@ class Cluster:
     Attributes:
         points: (n, 2) in the world's plane, counter-clockwise about the sensor [m].
         origin: (2,) of the sensor [m].
-        hidden: whether the thing may go on, unseen, beyond its first or last point: something nearer covers it, a
+        hidden: whether the thing may continue, unseen, beyond its first or last point: something nearer covers it, a
             reading is missing, or the field of view ends there.
     """
 
@@ -41,7 +41,7 @@ def clusters_of(rays: ScanRays, params: SceneEstimatorParams) -> tuple[Cluster, 
 
     On a surface that meets the ray at the angle λ = ``break_angle``, the next point after range r, at an angle Δ, is
     r·sin Δ / sin(λ − Δ) away; beyond that and three standard deviations of the range a new cluster begins. Missing
-    readings are passed over, free ones separate.
+    readings are skipped, free ones separate.
     """
     hit = np.flatnonzero(rays.hits)
     if not len(hit):
@@ -74,7 +74,7 @@ def clusters_of(rays: ScanRays, params: SceneEstimatorParams) -> tuple[Cluster, 
 
 
 def _covered(rays: ScanRays, ray: int, step: int) -> bool:
-    """Whether what ends at a ray may go on beyond: the next ray is shorter, unknown, or not there."""
+    """Whether a thing that ends at a ray may continue beyond: the next ray is shorter, unknown, or does not exist."""
     beside, count = ray + step, len(rays.ranges)
     if not 0 <= beside < count:
         if not rays.closed:
@@ -88,14 +88,14 @@ ROUND, STRAIGHT, OTHER = "round", "straight", "other"
 
 @dataclass(frozen=True, slots=True)
 class ClusterShape:
-    """What a cluster is taken for.
+    """The shape that a cluster is taken for.
 
     Attributes:
         kind: ``"round"``, ``"straight"`` or ``"other"``.
         center: (x, y) of a circle or a box [m].
-        radius: of the circle, or of the one about the box [m]; without padding.
-        size: (length, depth) of the box [m]; of a circle its diameter, twice.
-        yaw: of the box's length [rad].
+        radius: radius of the circle, or of the one about the box [m]; without padding.
+        size: (length, depth) of the box [m]; for a circle both are its diameter.
+        yaw: direction of the box's length [rad].
     """
 
     kind: str
@@ -146,7 +146,7 @@ def fit_circle(points: Array) -> tuple[float, float, float]:
 
 
 def fit_shape(cluster: Cluster, params: SceneEstimatorParams) -> ClusterShape:
-    """A circle or one box that holds a cluster's points, and plausibly the back of the thing."""
+    """A circle or one box that holds a cluster's points and, plausibly, the back of the thing."""
     points = cluster.points
     tolerance = 3.0 * params.range_noise
     chord = points[-1] - points[0]
@@ -192,8 +192,8 @@ def _split_points(points: Array, tolerance: float) -> list[tuple[int, int]]:
 def cluster_obstacles(cluster: Cluster, params: SceneEstimatorParams, name: str) -> tuple[Obstacle, ...]:
     """Upright solids, from the floor to ``params.height``, that hold a cluster's points and their padding.
 
-    One for what is round, straight, or small and bulging towards the sensor; else (a room's corner, a curved wall) one
-    box for every straight piece: ``name``, or ``name.0``, ``name.1``, ….
+    There is one for a cluster that is round, straight, or small and bulging towards the sensor; otherwise (a room's
+    corner, a curved wall) one box for every straight piece: ``name``, or ``name.0``, ``name.1``, ….
     """
     shape = fit_shape(cluster, params)
     bulging = cluster.extent <= params.max_mover_size and _bulges(cluster)
@@ -247,7 +247,7 @@ def _circle(cluster: Cluster, params: SceneEstimatorParams, off: float, length: 
 
 
 def _box(points: Array, yaw: float, cluster: Cluster, params: SceneEstimatorParams, kind: str) -> ClusterShape:
-    """Box along ``yaw`` that holds the points, and as much behind them as the parameters say."""
+    """Box along ``yaw`` that holds the points and the space behind them that the parameters say."""
     c, s = math.cos(yaw), math.sin(yaw)
     u, v = points @ (c, s), points @ (-s, c)
     u0, u1, v0, v1 = float(u.min()), float(u.max()), float(v.min()), float(v.max())

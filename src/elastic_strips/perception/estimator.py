@@ -1,4 +1,4 @@
-"""Scene estimator: readings in, scenes out: a map of what is at rest, and tracks of what moves."""
+"""Scene estimator: readings in, scenes out: a map of things at rest, and tracks of things that move."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from .tracking import TrackedObstacle, Tracker
 
 @dataclass(frozen=True, slots=True)
 class EstimatorReport:
-    """What the last reading did.
+    """The effect of the last reading.
 
     Attributes:
-        sensor: whose reading it was; empty before the first.
-        time: of it [s].
-        hits, nothing, no_answer: how many of its ranges met something, met nothing, and say nothing.
+        sensor: sensor of the reading; empty before the first.
+        time: time of the reading [s].
+        hits, nothing, no_answer: numbers of its ranges that met something, met nothing, and say nothing.
         tracks, movers: how many things are followed, and how many of them move.
     """
 
@@ -43,22 +43,22 @@ class EstimatorReport:
 class SceneEstimator:
     """Workspace: turns the readings of one robot's sensors into scenes. One per thread.
 
-    What is seen is an obstacle of the map first. Small things that turn out to move leave it and become cylinders with
-    a velocity; they go back into it when they stop.
+    Everything that is seen is an obstacle of the map first. Small things that turn out to move leave it and become
+    cylinders with a velocity; they go back into it when they stop.
 
-    Rings of sonars and infrared sensors look at other heights than the laser, and see what it does not (glass): they
-    have a layer of their own, ``near-3-5``, which the laser does not clear. Nothing is tracked by them.
+    Rings of sonars and infrared sensors look at other heights than the laser, and see things that it does not (glass):
+    they have a layer of their own, ``near-3-5``, which the laser does not clear. Nothing is tracked by them.
 
     Args:
-        params: how.
+        params: parameters of the scenes.
 
     Attributes:
         map, near: the layers of lasers and of rings.
-        tracker: of what may move.
-        movers: what moves, at the time of the newest scan.
-        possibly_moving: what has moved and may set off again, or begins to; in the map too, and in scenes with
-            `UnknownMotion`.
-        report: what the last reading did.
+        tracker: tracks things that may move.
+        movers: moving things, at the time of the newest scan.
+        possibly_moving: things that have moved and may set off again, or begin to move; in the map too, and in scenes
+            with `UnknownMotion`.
+        report: effect of the last reading.
     """
 
     def __init__(self, params: SceneEstimatorParams | None = None) -> None:
@@ -76,7 +76,7 @@ class SceneEstimator:
 
     @property
     def times(self) -> dict[str, float]:
-        """Sensor → time of its newest reading [s]; a sensor that has died is one whose time stands still."""
+        """Sensor → time of its newest reading [s]; the time of a sensor that has died stands still."""
         return dict(self._newest)
 
     def update(self, reading: Reading, base_pose: ArrayLike) -> EstimatorReport:
@@ -122,17 +122,17 @@ class SceneEstimator:
         return self.report
 
     def scene(self, t: float | None = None) -> Scene:
-        """The newest scene: what is at rest, the movers with their velocities, and what possibly moves.
+        """The newest scene: things at rest, movers with their velocities, and things that possibly move.
 
-        Its ``time`` is the newest scan's.
+        Its ``time`` is that of the newest scan.
 
-        Readings of rings do not make a scene newer, for they say nothing of movers, unless there is no laser at all;
-        whether all lasers are alive, `times` says.
+        Readings of rings do not make a scene newer, since they say nothing about movers, unless there is no laser at
+        all; `times` says whether all lasers are alive.
 
         Static obstacles that have not changed are the same objects as before; a mover keeps its name and its solid.
 
         Args:
-            t: now [s]; None: the time of the scene.
+            t: present time [s]; the time of the scene where None.
 
         Raises:
             ParameterError: there was no reading yet, or ``t`` is before the scene's time.
@@ -164,11 +164,11 @@ class SceneEstimator:
 def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:
     """The scene that a single scan shows, without a history: nothing moves.
 
-    Every cluster becomes upright solids that hold what was seen, padded: a cylinder where it is round, a thin box where
-    it is straight, else a box or several; ``"seen-0"``, ``"seen-1"``, … counter-clockwise.
+    Every cluster becomes padded upright solids that hold its points: a cylinder where it is round, a thin box where
+    it is straight, otherwise one or several boxes; ``"seen-0"``, ``"seen-1"``, … counter-clockwise.
 
     Args:
-        scan: of a level sensor.
+        scan: scan of a level sensor.
         base_pose: (x [m], y [m], yaw [rad]) of the base when it was measured.
         params: how clusters become solids.
 

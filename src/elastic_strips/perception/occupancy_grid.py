@@ -1,4 +1,4 @@
-"""Occupancy grid: what is at rest, as log-odds of cells of the floor, and as obstacles tile by tile."""
+"""Occupancy grid: things at rest, as log-odds of cells of the floor, and as obstacles tile by tile."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ _MAX_CELLS = 60_000_000
 
 
 class OccupancyGrid:
-    """Workspace: what scans say about cells of the floor, and obstacles made of it.
+    """Workspace: the evidence of scans about cells of the floor, and obstacles made of it.
 
-    The grid grows with what is seen. Rays free the cells that they pass, up to `SceneEstimatorParams.carve_margin`
+    The grid grows with the seen area. Rays free the cells that they pass, up to `SceneEstimatorParams.carve_margin`
     before their ends; where they end, every cell that the padded point touches is hit. A scan counts once per cell,
     and where it both hits and frees a cell, it hits it. A cell that is hit is an obstacle at once, however often it was
     free before; it takes some scans to be free again.
 
-    The grids of the base methods (`sim.baselines.certainty_grid`) stay apart: they are windows that move with the base
-    and forget what leaves them, and follow the rules of their papers, by which every reading counts.
+    The grids of the base methods (`workshop.baselines.certainty_grid`) stay apart: they are windows that move with the
+    base and forget what leaves them, and follow the rules of their papers, by which every reading counts.
 
     Args:
-        params: how.
-        name: of the layer: what its obstacles' names begin with.
+        params: parameters of the map.
+        name: name of the layer, with which its obstacles' names begin.
 
     Attributes:
-        log_odds: (X, Y) of being occupied.
+        log_odds: (X, Y) log-odds of being occupied.
         filled: (X, Y) whether a cell is an obstacle: on above ``occupied``, off below −``floor`` / 2.
         seen: (X, Y) whether anything is known.
         corner: indices of the first cell, multiples of the tile; cell (i, j) begins at (corner + (i, j)) · cell [m].
@@ -61,7 +61,7 @@ class OccupancyGrid:
         """Take a scan in.
 
         Args:
-            rays: of the scan; rays of which nothing is known change nothing.
+            rays: rays of the scan; rays about which nothing is known change nothing.
             ignored: (R,) rays whose ends are not of the static world; they free what they pass.
         """
         p = self.params
@@ -74,8 +74,8 @@ class OccupancyGrid:
     def add_ring(self, ring: RangeRing, base_pose: ArrayLike, ignored: Mask | None = None) -> None:
         """Take a round of cone sensors in: something is somewhere on an arc, and nothing nearer is in the cone.
 
-        Ranges beyond ``sonar_range`` free their cones up to there and hit nothing. That a sonar hears nothing frees
-        nothing: smooth walls send its sound elsewhere.
+        Ranges beyond ``sonar_range`` free their cones up to there and hit nothing. A sonar that hears nothing frees
+        nothing, because smooth walls send its sound elsewhere.
 
         Args:
             ring: the round.
@@ -101,7 +101,7 @@ class OccupancyGrid:
             self._integrate(origin, direction, reach, ring.range_min, ends)
 
     def forget(self, points: Array) -> None:
-        """Free the cells about points (n, 2) [m]: what was there has moved on."""
+        """Free the cells about points (n, 2) [m]: the thing that was there has moved on."""
         if len(points):
             i, j = self._touched(points)
             self._change(i, j, np.full(len(i), -self.params.floor), at_once=True)
@@ -140,7 +140,7 @@ class OccupancyGrid:
     def obstacles(self) -> tuple[Obstacle, ...]:
         """One `Voxels` for each tile with occupied cells, ``map-3-5``, and for each with blocked ones, ``unseen-3-5``.
 
-        An obstacle stays the same object as long as no cell of its tile changes; what becomes free, or
+        An obstacle stays the same object as long as no cell of its tile changes; a cell that becomes free, or
         occupied next to it, changes it with a delay (``settle_delay``), so that not
         every scan makes new obstacles.
         """

@@ -12,52 +12,56 @@ from elastic_strips.validation import Bound, Count, NonNegative, Positive, check
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneEstimatorParams:
-    """How readings become obstacles; lengths [m], times [s], angles [rad].
+    """How readings become obstacles; lengths in [m], times in [s], angles in [rad].
 
-    A planar scan says nothing about height: whatever it meets is assumed to reach from the floor up to ``height``.
-    What lies wholly above or below the scan's plane is not seen at all; see
+    A planar scan says nothing about height: whatever it meets is assumed to reach from the floor to ``height``.
+    Things that lie wholly above or below the scan's plane are not seen at all; see
     :func:`~elastic_strips.sim.evaluation.seen_obstacles`.
 
     Attributes:
-        height: of all sensed obstacles, from the floor (z = 0) up; at least that of the robot with its arm stretched.
+        height: height of all sensed obstacles, from the floor (z = 0) up; at least that of the robot with its arm
+            stretched.
         range_noise: standard deviation of a range.
         pose_noise: standard deviation of the base's position estimate from scan to scan.
-        padding: by which everything sensed is grown to each side, for the noise; at most a cell of the map.
+        padding: length by which everything sensed is grown to each side, for the noise; at most a cell of the map.
         break_angle: neighbouring points belong together where their line meets the ray at more than this angle.
         min_points: clusters of fewer points are not tracked (they are in the map all the same).
-        max_round_radius: rounder and larger things are no cylinders.
-        max_mover_size: what is seen to be larger does not move.
-        unseen_depth: straight things are that deep behind what is seen of them, or as deep as they are long.
-        wall_thickness: the same, of things longer than ``max_mover_size``.
+        max_round_radius: round things with a larger radius do not become cylinders.
+        max_mover_size: things that are seen to be larger do not move.
+        unseen_depth: straight things are this deep behind their visible side, or as deep as they are long.
+        wall_thickness: the same for things longer than ``max_mover_size``.
         gate: squared Mahalanobis distance up to which a cluster may be a track's (two degrees of freedom).
         mover_acceleration: standard deviation of movers' acceleration [m/s²].
-        max_speed: of movers [m/s].
-        min_speed: what is slower stands [m/s].
-        significance: a mover's speed is at least so many of its standard deviations.
-        history: to be a mover, a thing must be where an earlier scan, so long ago, saw nothing, or the other way.
+        max_speed: largest speed of movers [m/s].
+        min_speed: things that are slower stand [m/s].
+        significance: a mover's speed is at least this many of its standard deviations.
+        history: to be a mover, a thing must be where a scan this long ago saw nothing, or the other way round.
         confirm_hits: scans with a cluster until a track is confirmed.
-        lost_misses: scans in a row that see through a track until it is lost.
-        coast_time: how long a track that is hidden is foreseen.
-        rest_time: a mover that has not moved significantly for so long goes back into the map.
-        recent_motion_time: for so long after that it may set off again: until then the scene has it as a thing of
-            unknown motion as well; recent_motion_speed: at most so fast, until it is seen to move [m/s].
-        motion_onset_time: what is where nothing was, or not any more where it was, is in the scene as a thing of
-            unknown motion too, before its velocity is known, and for so long after that was last seen;
-            motion_onset_speed: at most so fast [m/s].
-        shape_change: a mover keeps its shape until its radius has changed by more.
-        cell: edge of the map's cells; tile: edge of the tiles that the map's obstacles consist of.
-        hit, miss: log-odds that a scan adds to cells that it hits, and takes from those it sees through.
-        floor, top: bounds of the log-odds (the floor is −floor); occupied: cells above it
+        lost_misses: number of scans in a row that see through a track until it is lost.
+        coast_time: how long the motion of a hidden track is predicted.
+        rest_time: a mover that has not moved significantly for this long goes back into the map.
+        recent_motion_time: how long after that it may set off again: until then the scene has it as a thing of
+            unknown motion as well.
+        recent_motion_speed: its largest speed meanwhile, until it is seen to move [m/s].
+        motion_onset_time: a thing that is where nothing was, or no longer where it was, is in the scene as a thing of
+            unknown motion too, before its velocity is known, and for this long after that was last seen.
+            motion_onset_speed: its largest speed meanwhile [m/s].
+        shape_change: a mover keeps its shape until its radius has changed by more than this.
+        cell: edge of the map's cells.
+        tile: edge of the tiles that the map's obstacles consist of.
+        hit, miss: log-odds that a scan adds to cells that it hits, and subtracts from those that it sees through.
+        floor, top: bounds of the log-odds (the floor is −floor).
+        occupied: cells above it
             become obstacles, until they are below −floor / 2.
         settle_delay: a tile in which cells became free, or cells next to its obstacle's own became occupied, but
-            nothing else happened, keeps its obstacle that much longer.
-        carve_range: free space beyond that range is not looked at.
-        unseen: what cells are that have never been seen: ``"free"`` or ``"blocked"``.
-        unseen_radius: of a disc about the base; with ``"blocked"``, unseen cells in it become obstacles.
-        robot_radius: cells that close to the base count as seen and free: the robot stands there.
-        body_radius: cells that a disc of this radius about the base touches are free, whatever was seen there: it is
-            full of the robot. What came near and went away unseen would keep the robot from moving for ever.
-        sonar_range: sonars are believed up to there; beyond, their arcs are too wide.
+            nothing else happened, keeps its obstacle for this much longer.
+        carve_range: beyond this range free space is not noted.
+        unseen: state of cells that have never been seen: ``"free"`` or ``"blocked"``.
+        unseen_radius: radius of a disc about the base; with ``"blocked"``, unseen cells in it become obstacles.
+        robot_radius: cells this close to the base count as seen and free: the robot stands there.
+        body_radius: cells that a disc of this radius about the base touches are free, whatever was seen there: the disc
+            is full of the robot. A thing that came near and went away unseen would keep the robot from moving for ever.
+        sonar_range: range up to which sonars are believed; beyond it their arcs are too wide.
     """
 
     height: Positive = 1.5
@@ -120,5 +124,5 @@ class SceneEstimatorParams:
 
     @property
     def carve_margin(self) -> float:
-        """Rays free nothing within this distance [m] of where they end: noise, padding and a cell."""
+        """Rays free nothing within this distance [m] of their ends: noise, padding and a cell."""
         return 2.0 * self.range_noise + self.padding + 1.5 * self.cell

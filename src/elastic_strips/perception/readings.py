@@ -1,4 +1,4 @@
-"""Readings: what range sensors measure, as frozen values, and the rays of a scan in the world."""
+"""Readings: measurements of range sensors as frozen values, and the rays of a scan in the world."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.summary import Summary
 
 NOTHING = np.inf
-"""A range at which nothing is, as far as the sensor reaches."""
+"""The range of a ray that meets nothing as far as the sensor reaches."""
 NO_ANSWER = np.nan
-"""A range of which nothing is known: dropped out, or the robot itself is in the way."""
+"""The range of a ray about which nothing is known: it dropped out, or the robot itself is in the way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -49,7 +49,7 @@ class LaserScan(Summary):
         return np.isfinite(self.ranges)
 
     def points(self) -> Array:
-        """(H, 3) where rays met something, in the base's frame [m]."""
+        """(H, 3) points where rays met something, in the base's frame [m]."""
         at = self.hits
         r, a = self.ranges[at], self.angles[at]
         local = np.stack((r * np.cos(a), r * np.sin(a), np.zeros_like(r)), axis=1)
@@ -66,7 +66,7 @@ class RangeRing(Summary):
         time: when it was measured [s].
         T_base_sensor: (S, 4, 4) poses of the sensors in the base's frame; each looks along its x axis.
         ranges: (S,) [m]; ``NOTHING`` where nothing is within ``range_max``, ``NO_ANSWER`` where nothing is known.
-        half_angle: of the cone that a sensor sees [rad]; the range does not say where in it something is.
+        half_angle: half angle of the cone that a sensor sees [rad]; the range does not say where in it something is.
         range_min, range_max: shortest and longest range that a sensor can tell [m].
     """
 
@@ -91,7 +91,7 @@ class RangeRing(Summary):
         return np.isfinite(self.ranges)
 
     def points(self) -> Array:
-        """(H, 3) on the axes of the sensors that see something, at their ranges, in the base's frame [m]."""
+        """(H, 3) points on the axes of the sensors that see something, at their ranges, in the base's frame [m]."""
         at = self.hits
         T = self.T_base_sensor[at]
         return T[:, :3, 3] + self.ranges[at, None] * T[:, :3, 0]
@@ -109,7 +109,7 @@ def _freeze(reading: LaserScan | RangeRing, name: str, shape: tuple[int, ...]) -
     object.__setattr__(reading, name, array)
 
 
-_LEVEL = math.cos(math.radians(5.0))
+_LEVEL_COSINE = math.cos(math.radians(5.0))  # of the tilt up to which a scan counts as level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,13 +117,13 @@ class ScanRays:
     """A planar scan in the world.
 
     Attributes:
-        time: of the scan [s].
-        origin: (2,) where its rays start [m].
-        height: of its plane over the floor [m].
+        time: time of the scan [s].
+        origin: (2,) point where its rays start [m].
+        height: height of its plane over the floor [m].
         direction: (R, 2) unit vectors along the rays.
         bearing: (R,) their angles, ascending, not wrapped [rad].
         ranges: (R,) as in the scan [m].
-        range_min, range_max: of the sensor [m].
+        range_min, range_max: shortest and longest range of the sensor [m].
         closed: whether the rays go all the way round.
     """
 
@@ -159,11 +159,11 @@ class ScanRays:
         return distance, ray, inside & (distance >= self.range_min) & (distance <= self.range_max)
 
     def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
-        """Which of the points (n, 2) the scan sees through, and which it could not see, for something is before them.
+        """Which of the points (n, 2) the scan sees through, and which it could not see, because something is in front.
 
         Rays within half of ``margin`` to either side of a point, and the next ones, must all end more than ``margin``
-        [m] behind it for the point to be free. A point is hidden where the ray to it ends that much before it, or says
-        nothing, or there is none.
+        [m] behind it for the point to be free. A point is hidden where the ray to it ends that far in front of it, or
+        says nothing, or does not exist.
         """
         distance, ray, inside = self.locate(points)
         step = (self.bearing[-1] - self.bearing[0]) / (len(self.bearing) - 1)
@@ -182,7 +182,7 @@ class ScanRays:
 
 
 def pose_matrix(base_pose: ArrayLike) -> Array:
-    """T_world_base (4, 4) of a base's pose (x [m], y [m], yaw [rad]) on the floor; `ParameterError` if it is none."""
+    """T_world_base (4, 4) of a base's pose (x [m], y [m], yaw [rad]) on the floor; else `ParameterError`."""
     try:
         x, y, yaw = (float(v) for v in np.asarray(base_pose, dtype=float).tolist())
     except (TypeError, ValueError):
@@ -197,7 +197,7 @@ def rays_of(scan: LaserScan, base_pose: ArrayLike) -> ScanRays:
     """Lay a scan out in the world.
 
     Args:
-        scan: of a level sensor, the right way up or upside down.
+        scan: scan of a level sensor, the right way up or upside down.
         base_pose: (x [m], y [m], yaw [rad]) of the base when it was measured.
 
     Raises:
@@ -205,7 +205,7 @@ def rays_of(scan: LaserScan, base_pose: ArrayLike) -> ScanRays:
             ascend.
     """
     T = pose_matrix(base_pose) @ scan.T_base_sensor
-    if abs(T[2, 2]) < _LEVEL:
+    if abs(T[2, 2]) < _LEVEL_COSINE:
         raise ParameterError(f"the laser {scan.sensor!r} is tilted; only level scans say where in the plane things are")
     if len(scan.angles) < 2 or not (np.diff(scan.angles) > 0.0).all():
         raise ParameterError(f"the scan of {scan.sensor!r} needs at least two rays, their angles ascending")

@@ -1,4 +1,4 @@
-"""Tracking: things followed from scan to scan with Kalman filters: what moves, what is at rest, what is lost."""
+"""Tracking: things followed from scan to scan with Kalman filters, and whether they move, rest or are lost."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from .clusters import OTHER, ROUND, Cluster, ClusterShape, fit_shape
 from .params import SceneEstimatorParams
 from .readings import ScanRays
 
-_KEPT_POINTS = 64
-_SLACK = 0.01
-"""A mover's solid is made that much larger [m] than it has to be, so that it need not be made anew at once."""
+_KEPT_POINTS = 64  # of a thing
+_SOLID_SLACK = 0.01
+"""A mover's solid is made this much larger [m] than it has to be, so that it need not be made anew at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedObstacle:
-    """A mover as the sensors have it: an upright cylinder with a velocity, and how sure both are.
+    """A mover as the sensors see it: an upright cylinder with a velocity, and how certain both are.
 
     Attributes:
-        name: of the track and of the obstacle, ``"track-3"``; it stays with the thing.
-        obstacle: with its pose and `Twist` at `time`, or `UnknownMotion` where that is all that is known; its solid is
-            the same object as long as its size is.
-        time: of the estimate [s].
-        position: (2,) of the cylinder's axis [m].
-        velocity: (2,) [m/s].
+        name: name of the track and of the obstacle, ``"track-3"``; it stays with the thing.
+        obstacle: obstacle with its pose and `Twist` at `time`, or with `UnknownMotion` where that is all that is known;
+            its solid is the same object as long as its size is.
+        time: time of the estimate [s].
+        position: (2,) position of the cylinder's axis [m].
+        velocity: (2,) velocity of the axis [m/s].
         position_sigma: standard deviation of the position along any direction [m].
-        velocity_sigma: the same of the velocity [m/s].
-        radius: of the cylinder, with padding [m].
-        seen: when it was last seen [s].
+        velocity_sigma: the same for the velocity [m/s].
+        radius: radius of the cylinder, with padding [m].
+        seen: time at which it was last seen [s].
     """
 
     name: str
@@ -145,7 +145,7 @@ class Track:
         self.confirmed = self.confirmed or self.hits >= params.confirm_hits
 
     def significant(self, params: SceneEstimatorParams) -> bool:
-        """Whether it is faster than what is at rest, and than its uncertainty."""
+        """Whether it is faster than things at rest, and than its uncertainty."""
         return self.speed >= max(params.min_speed, params.significance * math.sqrt(self.vv))
 
     def recently_moved(self, params: SceneEstimatorParams) -> bool:
@@ -153,7 +153,7 @@ class Track:
         return not self.moving and self.time - self.rested <= params.recent_motion_time
 
     def begins_to_move(self, params: SceneEstimatorParams) -> bool:
-        """Whether scans contradict that it stands, while its velocity is not known yet."""
+        """Whether scans show that it does not stand, while its velocity is not known yet."""
         return not self.moving and self.time - self.displaced_at <= params.motion_onset_time
 
     def past_points(self, time: float) -> Array:
@@ -166,8 +166,11 @@ class Track:
     def tracked(self, params: SceneEstimatorParams) -> TrackedObstacle:
         """The mover as a value; its solid is made anew only where its radius has changed."""
         wanted = self.radius + params.padding
-        if self.solid is None or not self.solid_radius - params.shape_change - _SLACK <= wanted <= self.solid_radius:
-            self.solid_radius = wanted + _SLACK
+        if (
+            self.solid is None
+            or not self.solid_radius - params.shape_change - _SOLID_SLACK <= wanted <= self.solid_radius
+        ):
+            self.solid_radius = wanted + _SOLID_SLACK
             self.solid = Cylinder(self.solid_radius, params.height, name=self.name, motion=Twist())
         pose = np.eye(4)
         pose[:2, 3], pose[2, 3] = self.p, 0.5 * params.height
@@ -204,13 +207,13 @@ def _noise(cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams, 
     return variance
 
 
-_FORBIDDEN = 1e6
+_FORBIDDEN_COST = 1e6
 _VIEW_STEP = 0.04
 _MAX_VIEWS = 64
-_DISPLACEMENT = 0.3
+_LOOK_BACK_DISTANCE = 0.3
 """A thing is looked for where it was this far [m] ago, or as long ago as ``history``."""
-_EVIDENCE = 0.2
-_VOTES = 2
+_LEAST_EVIDENCE = 0.2
+_LEAST_VOTES = 2
 
 
 class Tracker:
@@ -233,20 +236,20 @@ class Tracker:
 
     @property
     def movers(self) -> tuple[TrackedObstacle, ...]:
-        """What moves, by age."""
+        """The things that move, by age."""
         return tuple(t.tracked(self.params) for t in self._tracks if t.moving)
 
     @property
     def possibly_moving(self) -> tuple[TrackedObstacle, ...]:
-        """What has moved and may set off again, or begins to: with bounds of their speeds, by age."""
+        """Things that have moved and may set off again, or begin to: with bounds of their speeds, by age."""
         p = self.params
         return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
 
     def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Array:
-        """Take a ``sensor``'s scan in: assign its clusters, judge what was not seen, begin new tracks.
+        """Take a ``sensor``'s scan in: assign its clusters, judge tracks that were not seen, begin new tracks.
 
         Returns:
-            (n, 2) points in the world that turned out to belong to a mover: they are not of the static world.
+            (n, 2) points in the world that turned out to belong to a mover and not to the static world.
         """
         params = self.params
         for track in self._tracks:
@@ -285,7 +288,7 @@ class Tracker:
         from scipy.optimize import linear_sum_assignment  # late: slow to import
 
         params = self.params
-        cost = np.full((len(self._tracks), len(clusters)), _FORBIDDEN)
+        cost = np.full((len(self._tracks), len(clusters)), _FORBIDDEN_COST)
         centers = np.array([s.center for s in shapes])
         places = np.array([t.p for t in self._tracks])
         apart = np.hypot(*(places[:, None] - centers[None]).transpose(2, 0, 1))
@@ -294,10 +297,10 @@ class Tracker:
             if square < params.gate:
                 cost[k, j] = square
         rows, columns = linear_sum_assignment(cost)
-        return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN]
+        return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN_COST]
 
     def _judge(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str, moved: list[Array]) -> None:
-        """Whether a track that was just seen is a mover from now on, or none any more."""
+        """Whether a track that was just seen is a mover from now on, or no longer one."""
         params = self.params
         significant = track.confirmed and track.significant(params)
         if track.moving:
@@ -311,13 +314,13 @@ class Tracker:
             track.displaced_at = track.time
         # what has moved before needs no proof that it can
         track.votes = track.votes + 1 if significant and (displaced or track.recently_moved(params)) else 0
-        if track.votes >= _VOTES:
+        if track.votes >= _LEAST_VOTES:
             track.moving, track.moved = True, track.time
             moved.extend(points for _, points in track.points)
 
     def _displaced(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str) -> bool:
-        """Whether scans some time apart contradict that a track stands."""
-        then = rays.time - min(self.params.history, _DISPLACEMENT / max(track.speed, 1e-9))
+        """Whether scans some time apart show that a track does not stand."""
+        then = rays.time - min(self.params.history, _LOOK_BACK_DISTANCE / max(track.speed, 1e-9))
         view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
         if view is None:
             return False
@@ -326,7 +329,7 @@ class Tracker:
         for scan, points in ((view, cluster.points), (rays, was)):
             if len(points):
                 through, _ = scan.beyond(points, margin)
-                if through.sum() >= max(2.0, _EVIDENCE * len(points)):
+                if through.sum() >= max(2.0, _LEAST_EVIDENCE * len(points)):
                     return True
         return False
 
@@ -348,7 +351,7 @@ class Tracker:
             )
 
     def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float) -> None:
-        """New tracks, but for parts of movers."""
+        """New tracks, except for parts of movers."""
         if not fresh:
             return
         inside = self.of_movers(np.array([shape.center for _, shape in fresh]))

@@ -1,4 +1,4 @@
-"""Approaches: a drive to before a place that the hand is to reach, and from there straight to it."""
+"""Approaches: a drive to a pose before a place that the hand is to reach, and from there straight to it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ from .problem import Deadline, PlanningProblem
 from .report import PlanReport
 from .straight import AXES, plan_straight
 
-_COUNT = 24  # configurations that are tried, at most
-_SAID = 3  # reasons, at most
-_IN_TURNS, _LEAST = 3, 0.1  # configurations share the work that is left, and have this [s] at least
+_MOST_CONFIGURATIONS = 24  # configurations that are tried, at most
+_MOST_REASONS = 3  # reasons, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -33,10 +32,10 @@ class ApproachReport(Summary):
 
     Attributes:
         certified: whether there are both strips, and both are certified.
-        drive: plan of the strip to where the hand stands before the place; the last that was tried, or None.
-        reach: plan of the hand's straight motion from there to the place; of the last that was tried and is not
-            certified the motion back, or None.
-        reason: what happened, for people.
+        drive: plan of the strip to where the hand stands before the place; the last one that was tried, or None.
+        reach: plan of the hand's straight motion from there to the place. If the last one that was tried is not
+            certified, it is that of the motion back, or None.
+        reason: what happened, in words.
     """
 
     certified: bool
@@ -64,45 +63,45 @@ def plan_approach(
     work: float = 10.0,
     timeout: float = math.inf,
 ) -> ApproachReport:
-    """A drive to before a place, from any side that is free, and the hand's straight way to it.
+    """Plan a drive to a pose before a place, on any side that is free, and the hand's straight way to the place.
 
     Args:
         robot: the robot, with what it holds.
         scene: the obstacles about the place, without what is to be grasped there.
         start: configuration (nq,).
-        places: where the hand's frame is to come to, or several of which any will do; all of the same frame.
+        places: pose that the hand's frame is to reach, or several poses of the same frame of which any will do.
         by: (3,) the hand's straight motion to the place [m].
-        axes: of that motion: the hand's own, as it is turned at the place (``"hand"``), or those of the ``"world"``.
+        axes: axes of that motion: the hand's own, as it is turned at the place (``"hand"``), or those of the
+            ``"world"``.
         beyond: the obstacles while the robot drives, with what is to be grasped; those of ``scene`` where None.
-        params: of the drive, with the clearances to prove; as of :func:`plan_report` where None.
-        near: of the reach; as of :func:`plan_straight` where None.
-        constraint: what the drive has to satisfy, as of :func:`plan_report`.
-        seed: of random numbers.
-        work: most computing for the drives' plans, as the time [s] that :mod:`elastic_strips.work` models for it, so
-            that equal seeds give equal reports on every machine; exceeded by one plan at most.
+        params: parameters of the drive, with the clearances to prove; as for :func:`plan_report` where None.
+        near: parameters of the reach; as for :func:`plan_straight` where None.
+        constraint: constraint that the drive has to satisfy, as for :func:`plan_report`.
+        seed: seed of random numbers.
+        work: largest amount of computing for the drives' plans, as the time [s] that :mod:`elastic_strips.work` models
+            for it, so that equal seeds give equal reports on every machine; exceeded by one plan at most.
         timeout: longest time [s], exceeded by one plan at most; reports may then depend on the machine.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
-        ConfigurationError: the start is not sound, in collision or too close, or does not satisfy the constraint.
-        GoalError: no configuration has the hand at a place, or none that touches nothing.
-        ParameterError: places of several frames or of none, other axes, ``by`` is not three numbers, or a work or
+        ConfigurationError: the start is not valid, in collision or too close, or does not satisfy the constraint.
+        GoalError: no configuration has the hand at a place, or every such configuration touches something.
+        ParameterError: no places or places of several frames, unknown axes, ``by`` is not three numbers, or a work or
             timeout that is not positive.
     """
-    goals = [places] if isinstance(places, HandPose) else list(places)
-    frames = {goal.frame for goal in goals if isinstance(goal, HandPose)}
-    if len(frames) != 1 or not all(isinstance(goal, HandPose) for goal in goals):
-        raise ParameterError("places must be HandPoses of one frame, at least one")
+    goals, frame = _of_one_frame(places)
     check_choice("axes", axes, AXES)
-    motion, frame = check_array("by", by, (3,)), frames.pop()
+    motion = check_array("by", by, (3,))
     solver = PoseSolver(robot, frame)
     beyond = scene if beyond is None else beyond
     deadline = PlanningProblem(  # refuses what is wrong with it
         robot, beyond, start, start, params=params, constraint=constraint, timeout=timeout, work=work
-    ).deadline  # fmt: skip
+    ).deadline
     drive = reach = None
     reasons: list[str] = []
-    found = goal_configurations(robot, scene, start, goals, seed=seed, params=near, count=_COUNT, deadline=deadline)
+    found = goal_configurations(
+        robot, scene, start, goals, seed=seed, params=near, count=_MOST_CONFIGURATIONS, deadline=deadline
+    )
     deadline = Deadline(deadline.time_left, work)
     for k, q in enumerate(found):
         if k and deadline.over():
@@ -110,24 +109,35 @@ def plan_approach(
             break
         turn = solver.place(robot.space.to_coordinates(q)[None])[1][0]
         offset = turn @ motion if axes == "hand" else motion
-        away = plan_straight(robot, scene, q, frame, -offset, params=near)
-        reach = away
-        if not away.certified:
-            reasons.append(away.reason)
+        reach = plan_straight(robot, scene, q, frame, -offset, params=near)
+        if not reach.certified:
+            reasons.append(reach.reason)
             continue
-        there = away.strip.reversed()
-        reach = replace(away, strip=there, initial=there, report=replace(away.report, strip=there))
-        left = max(deadline.left, _LEAST)
+        reach, before = _reversed(reach), reach.strip.q[-1]
+        left, share = deadline.turn(len(found) - k)
         try:
             drive = plan_report(
-                robot, beyond, start, away.strip.q[-1], params=params, constraint=constraint, seed=seed,
-                work=left / min(_IN_TURNS, len(found) - k), timeout=max(deadline.time_left, _LEAST),
-            )  # fmt: skip
+                robot, beyond, start, before, params=params, constraint=constraint, seed=seed, work=share, timeout=left
+            )
         except ConfigurationError as error:
             reasons.append(f"before the place: {error}")
             continue
         if drive.certified:
             return ApproachReport(True, drive, reach, f"configuration {k + 1} of {len(found)}; {drive.reason}")
         reasons.append(drive.reason)
-    said = "; ".join(dict.fromkeys(reasons[-_SAID:]))
+    said = "; ".join(dict.fromkeys(reasons[-_MOST_REASONS:]))
     return ApproachReport(False, drive, reach, f"none of {len(found)} configurations has a way to it: {said}")
+
+
+def _of_one_frame(places: HandPose | Sequence[HandPose]) -> tuple[list[HandPose], str]:
+    goals = [places] if isinstance(places, HandPose) else list(places)
+    frames = {goal.frame for goal in goals if isinstance(goal, HandPose)}
+    if len(frames) != 1 or not all(isinstance(goal, HandPose) for goal in goals):
+        raise ParameterError("places must be HandPoses of one frame, at least one")
+    return goals, frames.pop()
+
+
+def _reversed(away: PlanReport) -> PlanReport:
+    """The plan of the motion to the place, from that of the motion away from it."""
+    there = away.strip.reversed()
+    return replace(away, strip=there, initial=there, report=replace(away.report, strip=there))

@@ -1,7 +1,7 @@
-"""Goals as people have them: a hand's pose, a base's, a few joints, a region, alternatives; and configurations there.
+"""Goals as people state them: a hand's pose, a base's pose, a few joints, a region, alternatives; configurations there.
 
-What reaches a goal is looked for near the start first, with the joints alone before the base, and must keep the
-clearance. Where nothing does, a :class:`GoalSearch` says why, as data: how far out of reach, or what is touched.
+Configurations are looked for near the start first, with the joints alone before the base, and must keep the
+clearance. Where none is found, a :class:`GoalSearch` says why, as data: how far out of reach, or what is touched.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from .validity import ValidityChecker
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much room
-_LEAST = 1e-3  # [m] that they keep at least, where no clearance is given
-_ENOUGH = 6  # configurations of a goal
-_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
-_ASKED = 24  # configurations that touch something, of which it is asked what
+_GOAL_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much room
+_LEAST_GOAL_MARGIN = 1e-3  # [m] that they keep at least, where no clearance is given
+_ENOUGH_CONFIGURATIONS = 6  # configurations of a goal
+_JOINT_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
+_MOST_ASKED = 24  # configurations that touch something, of which it is asked what
 _ROUNDS_IN_ALL = 400  # where work is bounded
-_YAWS, _PLACES = 16, 60  # tried, of a base whose yaw or place is free
-_HOPELESS, _FAR_OFF = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
-_SAID = 3  # goals that are named where none is reached
-_SECONDS = 2.0  # [s]
+_YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
+_HOPELESS_ROUNDS, _HOPELESS_MISS = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
+_MOST_GOALS_NAMED = 3  # goals that are named where none is reached
+_LONGEST_GOAL_SEARCH = 2.0  # [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +47,10 @@ class HandPose(Checked):
     """A frame of the robot at a pose in the world.
 
     Attributes:
-        frame: its name.
-        position: (3,) [m].
-        orientation: quaternion (x, y, z, w), or None where it may be turned as it likes.
-        within: (3,) it may be off by so much along the world's axes [m]: half the sides of a box.
+        frame: name of the frame.
+        position: (3,) its position [m].
+        orientation: quaternion (x, y, z, w), or None where any orientation will do.
+        within: (3,) how far it may be off along the world's axes [m]: half the sides of a box.
     """
 
     frame: str
@@ -75,15 +75,15 @@ class HandPose(Checked):
         axis: npt.ArrayLike = (0.0, 0.0, 1.0),
         count: int = 12,
     ) -> list[HandPose]:
-        """Poses of a frame with which a hand has hold of a point from all about an axis: grasps of what is round.
+        """Poses of a frame with which a hand holds a point from all sides of an axis: grasps of round things.
 
         Args:
-            frame: its name.
-            point: (3,) in the world [m].
-            held: (3,) where the hand holds it, in the frame [m].
-            rotations: (K, 3, 3) or (3, 3) of the frame, to begin with.
-            axis: (3,) in the world, about which each of them is turned.
-            count: by so many even angles.
+            frame: name of the frame.
+            point: (3,) point in the world [m].
+            held: (3,) place in the frame where the hand holds it [m].
+            rotations: (K, 3, 3) or (3, 3) first rotations of the frame.
+            axis: (3,) axis in the world about which each of them is turned.
+            count: number of even angles of these turns.
 
         Raises:
             ParameterError: an array of another shape, an axis without length, a count below 1.
@@ -116,9 +116,9 @@ class BasePose(Checked):
     """The base at a place of the floor, the joints as at the start.
 
     Attributes:
-        x, y: [m].
-        yaw: [rad], or None where it may stand as it likes.
-        within: (2,) it may be off by so much along x and y [m].
+        x, y: place in the world [m].
+        yaw: heading [rad], or None where any will do.
+        within: (2,) how far it may be off along x and y [m].
     """
 
     x: Finite
@@ -143,11 +143,12 @@ class GoalSearch(Summary):
     """Configurations that reach a goal.
 
     Attributes:
-        configurations: (K, nq), the nearest to the start first; none where ``reason`` says why.
+        configurations: (K, nq), the nearest to the start first; where there are none, ``reason`` says why.
         reason: what happened, in words.
-        distance: by which a hand misses the goal at least [m]; 0 where it reaches it.
-        angle: by which it is turned otherwise, then [rad].
-        touching: what stands in the way of configurations that reach it, the most frequent first: "link and obstacle".
+        distance: least distance by which a hand misses the goal [m]; 0 where it reaches it.
+        angle: angle by which it is turned differently there [rad].
+        touching: what is in the way of configurations that reach the goal, the most frequent first: "link and
+            obstacle".
     """
 
     configurations: Array
@@ -161,12 +162,14 @@ class GoalSearch(Summary):
 
 
 def is_goal_region(goal: object) -> bool:
-    """Whether a goal is something else than one configuration."""
+    """Whether a goal is something other than one configuration."""
     if isinstance(goal, (HandPose, BasePose, Mapping)):
         return True
-    return isinstance(goal, Sequence) and not isinstance(goal, str) and (
-        len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray))
-    )  # fmt: skip
+    return (
+        isinstance(goal, Sequence)
+        and not isinstance(goal, str)
+        and (len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray)))
+    )
 
 
 def find_goals(
@@ -175,34 +178,34 @@ def find_goals(
     start: npt.ArrayLike,
     goal: Goal | Sequence[Goal],
     *,
-    count: int = _ENOUGH,
+    count: int = _ENOUGH_CONFIGURATIONS,
     seed: int = 0,
     params: DeformParams | None = None,
-    timeout: float = _SECONDS,
+    timeout: float = _LONGEST_GOAL_SEARCH,
     rounds: int | None = None,
     base: bool = True,
 ) -> GoalSearch:
     """Configurations that reach a goal and touch nothing, the nearest to the start first.
 
-    Where possible they keep 3 cm to the obstacles, else the least clearance.
+    Where possible they keep 3 cm from the obstacles, otherwise the least clearance.
 
     Args:
         robot: the robot.
         scene: the obstacles.
         start: configuration (nq,).
         goal: a goal, or several of which any will do.
-        count: so many configurations at most.
-        seed: of random starts.
-        params: with the clearance to keep; 1 mm where None.
+        count: largest number of configurations.
+        seed: seed of random starts.
+        params: parameters with the clearance to keep; 1 mm where None.
         timeout: longest search [s].
-        rounds: of 16 starts each, so many at most for all goals together; None where only time bounds them. With that
-            and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
-        base: whether a base that can move may, for a hand's pose that is out of the arm's reach.
+        rounds: largest number of rounds of 16 starts each, for all goals together; None where only time bounds them.
+            With that and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
+        base: whether a base that can move may be moved for a hand's pose that is out of the arm's reach.
 
     Raises:
         RobotError: a frame that the robot does not have.
-        ConfigurationError: the start, or a goal that is a configuration, is not sound; a goal for a base that is fixed.
-        ParameterError: something that is no goal.
+        ConfigurationError: the start, or a goal that is a configuration, is not valid; a goal for a base that is fixed.
+        ParameterError: something that is not a goal.
     """
     start = robot.check_q(start, what="start")
     several: Sequence[Goal] = goal if isinstance(goal, Sequence) and is_goal_region(goal) else [goal]  # type: ignore[list-item]
@@ -250,7 +253,7 @@ class _Source:
 
     @property
     def said(self) -> str:
-        """The goal, for people."""
+        """The goal in words."""
         if isinstance(self.goal, Mapping):
             return ", ".join(f"{k} = {v:g}" for k, v in self.goal.items())
         return str(self.goal) if isinstance(self.goal, (HandPose, BasePose)) else "the configuration"
@@ -276,16 +279,21 @@ class _Source:
         """By the joints alone, and with the base, where it may move and nothing is found without."""
         robot = self._search.robot
         self.hand = hand = PoseSearch(
-            robot, goal.frame, goal.position, goal.orientation, near=self._search.start, within=goal.within,
+            robot,
+            goal.frame,
+            goal.position,
+            goal.orientation,
+            near=self._search.start,
+            within=goal.within,
             rng=self.rng,
-        )  # fmt: skip
+        )
 
         def rounds() -> Iterator[Array]:
             moves = robot.space.planar and self._search.base
-            for k in range(_ROUNDS):
+            for k in range(_JOINT_ROUNDS):
                 if moves and (self.free or self.narrow) and k > 0:
                     return
-                if moves and k >= _HOPELESS and hand.distance > _FAR_OFF:
+                if moves and k >= _HOPELESS_ROUNDS and hand.distance > _HOPELESS_MISS:
                     break
                 yield hand.round(base=False)
             for _ in range(_BASE_ROUNDS if moves and not self.free else 0):
@@ -321,10 +329,10 @@ class _Source:
         half = np.asarray(goal.within)
         places = [np.zeros(2)]
         if half.any():
-            places += list(self.rng.uniform(-half, half, (_PLACES, 2)))
+            places += list(self.rng.uniform(-half, half, (_PLACES_TRIED, 2)))
         turns = np.zeros(1)
         if goal.yaw is None:
-            turns = np.array(sorted(np.linspace(-np.pi, np.pi, _YAWS, endpoint=False), key=abs))
+            turns = np.array(sorted(np.linspace(-np.pi, np.pi, _YAWS_TRIED, endpoint=False), key=abs))
 
         def at(place: Array, turn: float) -> Array:
             row = here.copy()
@@ -338,14 +346,12 @@ class _Source:
 class _Search:
     """What configurations of goals are measured against, and what becomes of them."""
 
-    def __init__(
-        self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool
-    ) -> None:  # fmt: skip
+    def __init__(self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool) -> None:
         self.robot, self.scene, self.start, self.base = robot, scene, start, base
         self.params: DeformParams = params or DeformParams()
         self.here: Array = robot.space.to_coordinates(start)
-        clearance = _LEAST if params is None else params.clearance
-        self.wide = ValidityChecker(robot, scene, margin=max(_MARGIN, clearance))
+        clearance = _LEAST_GOAL_MARGIN if params is None else params.clearance
+        self.wide = ValidityChecker(robot, scene, margin=max(_GOAL_MARGIN, clearance))
         self.tight = ValidityChecker(robot, scene, margin=clearance, bounds=self.wide.bounds)
 
     def result(self, sources: Sequence[_Source], count: int) -> GoalSearch:
@@ -358,8 +364,8 @@ class _Search:
             if len(failures) == 1:
                 return failures[0]
             nearest = min(failures, key=lambda each: each.distance)
-            reasons = "; ".join(each.reason for each in failures[:_SAID])
-            more = f"; and {len(failures) - _SAID} more" if len(failures) > _SAID else ""
+            reasons = "; ".join(each.reason for each in failures[:_MOST_GOALS_NAMED])
+            more = f"; and {len(failures) - _MOST_GOALS_NAMED} more" if len(failures) > _MOST_GOALS_NAMED else ""
             return replace(nearest, reason=reasons + more)
         found = self.robot.space.from_coordinates(np.array(rows))
         if self.robot.space.planar:  # one that did not move stands exactly where it stood
@@ -381,7 +387,7 @@ class _Search:
             return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle)
         counted: Counter[str] = Counter()
         work = Deformer(self.robot, self.params).workspace
-        for row in source.touching[:_ASKED]:
+        for row in source.touching[:_MOST_ASKED]:
             q = self.robot.space.from_coordinates(row)
             near = nearest_things(work, self.robot, self.scene, (q, q))
             worst = min(near, key=lambda each: each.distance)
@@ -393,19 +399,26 @@ class _Search:
 
 
 def goal_configurations(
-    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, seed: int,
-    params: DeformParams | None, deadline: Deadline, count: int = _ENOUGH,
-) -> Array:  # fmt: skip
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: Goal | Sequence[Goal],
+    *,
+    seed: int,
+    params: DeformParams | None,
+    deadline: Deadline,
+    count: int = _ENOUGH_CONFIGURATIONS,
+) -> Array:
     """Configurations (K, nq) of a goal, to be planned to one after the other; looked for in a few seconds, or rounds
     where the deadline bounds work.
 
     Raises:
-        GoalError: none is free; the message says why, and ``search`` of the error has it as data.
+        GoalError: none is free; the message says why, and the error's ``search`` has it as data.
     """
-    timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_SECONDS, None)
+    timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_LONGEST_GOAL_SEARCH, None)
     search = find_goals(
         robot, scene, start, goal, count=count, seed=seed, params=params, timeout=timeout, rounds=rounds
-    )  # fmt: skip
+    )
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations

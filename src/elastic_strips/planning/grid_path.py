@@ -1,7 +1,7 @@
 """Paths over a grid: the cheapest one of the base among the obstacles seen from above, wide gaps before short paths.
 
 The robot is a disc to the grid, as narrow as the narrowest gap it could pass; where it is wider, and whether it can
-turn there, the relaxation and the certificate decide. So a path is an initial guess, no proof.
+turn there, the relaxation and the certificate decide. So a path is an initial guess and not a proof.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.coal_shapes import support
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import PlanarFootprint, RobotModel
-from elastic_strips.robot.coal_shapes import support
 from elastic_strips.robot.footprint import DIRECTIONS, outline_directions
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
@@ -26,29 +26,29 @@ from elastic_strips.work import count_work
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-FLOOR = 0.02  # [m] obstacles that lie lower are driven over
-_STEEP = 12.0  # cost of a cell at the narrowest clearance against one in the open
-_SMOOTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
+DRIVEN_OVER_HEIGHT = 0.02  # [m] obstacles that lie lower are driven over
+_NARROW_COST = 12.0  # cost of a cell at the narrowest clearance against one in the open
+_SMOOTHING_WIDTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
 MOST_CELLS = 400_000
 """Largest grid; searching it takes about a second."""
-COMFORT = 0.35
-"""Clearance [m] beyond the inner disc from which on more of it is worth nothing."""
-_RESOLUTION = 0.05  # [m] edge of a cell, where the grid is not too large
-_WIDEN = 3.0  # [m] a grid reaches so far beyond what it is about
-_COARSEST = 0.5  # [m] a larger cell says nothing about where a robot passes
-_FEW = 5_000  # cells; where there are more, a coarse grid says where to search
-_BLOCK = 3  # cells along the edge of a coarse one
-_ASIDE = 2  # coarse cells aside of the coarse path that are searched
-_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
+COMFORTABLE_CLEARANCE = 0.35
+"""Clearance [m] beyond the inner disc above which more of it is worth nothing."""
+_CELL_EDGE = 0.05  # [m] edge of a cell, where the grid is not too large
+GRID_MARGIN = 3.0  # [m] a grid reaches so far beyond what it is about
+_LARGEST_CELL = 0.5  # [m] a larger cell says nothing about where a robot passes
+_MOST_FINE_CELLS = 5_000  # cells; where there are more, a coarse grid says where to search
+_COARSE_CELLS = 3  # cells along the edge of a coarse one
+_COARSE_CELLS_ASIDE = 2  # coarse cells aside of the coarse path that are searched
+_GRID_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class GridPath(Summary):
-    """What was found on the grid.
+    """The result of a search on the grid.
 
     Attributes:
         points: (K, 2) waypoints of the base from start to goal [m], a cell apart; None where there is no path.
-        reason: why there is none, else empty.
+        reason: why there is no path; empty where there is one.
     """
 
     points: Array | None
@@ -78,7 +78,7 @@ def grid_path(
         box: low and high corner (2,) of the grid [m]; 3 m beyond start and goal where None.
         inner: radius [m] of the disc that has to fit, instead of the robot's.
         most_cells: largest size of the grid; where there would be more cells of 5 cm, they are larger.
-        over: says whether the time is over; then none is found.
+        over: a function that says whether the time is over; then no path is found.
 
     Raises:
         ParameterError: the base is fixed.
@@ -88,7 +88,7 @@ def grid_path(
     endpoints = robot.space.to_coordinates(np.stack((start, goal)))[:, :2]
     low_in, high_in = box_about(endpoints) if box is None else box
     low, shape, resolution = grid_frame(low_in, high_in, most_cells)
-    if resolution > _COARSEST:
+    if resolution > _LARGEST_CELL:
         size = resolution * (shape - 1)
         reason = f"an area of {size[0]:.0f} m × {size[1]:.0f} m is too large for a grid of {most_cells} cells"
         return GridPath(None, reason)
@@ -101,7 +101,7 @@ def grid_path(
         outside = (middle < low_in[axis]) | (middle > high_in[axis])
         np.moveaxis(clear, axis, 0)[outside] = 0.0
     inner = footprint.inner if inner is None else inner
-    path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=COMFORT)
+    path = cheapest_path(clear, low, resolution, endpoints, inner=inner, comfort=COMFORTABLE_CLEARANCE)
     if path is None:
         (x, y), (u, w) = low, low + resolution * (shape - 1)
         where = f"within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
@@ -111,7 +111,7 @@ def grid_path(
 
 def box_about(points: Array) -> tuple[Array, Array]:
     """Low and high corner (2,) [m] of a grid about positions (K, 2) of the base."""
-    return points.min(axis=0) - _WIDEN, points.max(axis=0) + _WIDEN
+    return points.min(axis=0) - GRID_MARGIN, points.max(axis=0) + GRID_MARGIN
 
 
 def grid_frame(low: Array, high: Array, most_cells: int) -> tuple[Array, Indices, float]:
@@ -121,15 +121,15 @@ def grid_frame(low: Array, high: Array, most_cells: int) -> tuple[Array, Indices
         low, high: (2,) corners [m].
         most_cells: largest number of cells; their edge is a multiple of 5 cm where there would be more.
     """
-    edge, most_cells = _RESOLUTION, max(most_cells, 16)
+    edge, most_cells = _CELL_EDGE, max(most_cells, 16)
     while True:
         first = np.floor(low / edge) * edge
         shape = np.ceil((high - first) / edge).astype(np.int64) + 1
         cells = float(shape[0]) * float(shape[1])
         if cells <= most_cells:
             return first, shape, edge
-        times = edge / _RESOLUTION
-        edge = _RESOLUTION * max(np.ceil(times * np.sqrt(cells / most_cells)), np.rint(times) + 1.0)
+        times = edge / _CELL_EDGE
+        edge = _CELL_EDGE * max(np.ceil(times * np.sqrt(cells / most_cells)), np.rint(times) + 1.0)
 
 
 def cheapest_path(
@@ -143,11 +143,11 @@ def cheapest_path(
         resolution: edge of a cell [m].
         endpoints: (2, 2) start and goal [m].
         inner: clearance below which a cell is closed [m].
-        comfort: clearance beyond ``inner`` from which on more of it is worth nothing [m].
+        comfort: clearance beyond ``inner`` above which more of it is worth nothing [m].
     """
     cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
     cost = cell_cost(clear, inner, comfort, cells, resolution)
-    about = _about_coarse_path(cost, cells) if cost.size > _FEW else None
+    about = _about_coarse_path(cost, cells) if cost.size > _MOST_FINE_CELLS else None
     route = None if about is None else _cheapest_route(np.where(about, cost, np.inf), cells)
     if route is None:
         route = _cheapest_route(cost, cells)
@@ -175,20 +175,22 @@ def _cheapest_route(cost: Array, ends: Indices) -> Indices | None:
 def _about_coarse_path(cost: Array, ends: Indices) -> Mask | None:
     """Cells (rows, columns) about the cheapest path on a coarse grid, each cell of which costs what its best one does.
 
-    So no gap is missed; where the path passes one that is none, there may be no path on the cells about it.
+    So no gap is missed. Where the coarse path passes a gap that does not exist, there may be no path on its cells.
     """
     from scipy.ndimage import binary_dilation  # late: slow to import
 
-    blocks = -(-np.array(cost.shape) // _BLOCK)
-    padded = np.full(tuple(_BLOCK * blocks), np.inf)
+    blocks = -(-np.array(cost.shape) // _COARSE_CELLS)
+    padded = np.full(tuple(_COARSE_CELLS * blocks), np.inf)
     padded[: cost.shape[0], : cost.shape[1]] = cost
-    route = _cheapest_route(padded.reshape(blocks[0], _BLOCK, blocks[1], _BLOCK).min(axis=(1, 3)), ends // _BLOCK)
+    route = _cheapest_route(
+        padded.reshape(blocks[0], _COARSE_CELLS, blocks[1], _COARSE_CELLS).min(axis=(1, 3)), ends // _COARSE_CELLS
+    )
     if route is None:
         return None
     about = np.zeros(tuple(blocks), dtype=np.bool_)
     about[route[:, 0], route[:, 1]] = True
-    about = binary_dilation(about, np.ones((3, 3), dtype=np.bool_), iterations=_ASIDE)
-    cells = np.asarray(about.repeat(_BLOCK, axis=0).repeat(_BLOCK, axis=1), dtype=np.bool_)
+    about = binary_dilation(about, np.ones((3, 3), dtype=np.bool_), iterations=_COARSE_CELLS_ASIDE)
+    cells = np.asarray(about.repeat(_COARSE_CELLS, axis=0).repeat(_COARSE_CELLS, axis=1), dtype=np.bool_)
     return cells[: cost.shape[0], : cost.shape[1]]
 
 
@@ -214,10 +216,11 @@ def owner_map(
 
     Args:
         scene: the obstacles.
-        low: (2,) middle of the first cell [m]; shape: (2,) number of cells along x and y.
+        low: (2,) middle of the first cell [m].
+        shape: (2,) number of cells along x and y.
         resolution: edge of a cell [m].
-        height: obstacles that are above it are left out [m].
-        over: says whether the time is over; then the rest of the obstacles is left out.
+        height: obstacles above this height [m] are left out.
+        over: a function that says whether the time is over; then the other obstacles are left out.
     """
     table = scene.table
     owner = np.full(tuple(shape), -1, dtype=np.intp)
@@ -225,7 +228,7 @@ def owner_map(
     center, half = table.center, table.half_extents
     high = low + resolution * (shape - 1)
     near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
-    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > FLOOR)
+    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > DRIVEN_OVER_HEIGHT)
     for row in np.flatnonzero(near).tolist():
         if over():
             break
@@ -240,15 +243,15 @@ def owner_map(
     return owner
 
 
-_UPRIGHT = 1e-9  # a half plane whose normal has a smaller part along y bounds x alone
+_UPRIGHT_NORMAL = 1e-9  # a half plane whose normal has a smaller part along y bounds x alone
 
 
 @cache
 def _half_planes() -> tuple[Indices, tuple[tuple[Mask, Array, Array], ...]]:
-    """Directions towards x, y, -x, -y; and those that bound y from above, from below and not at all: which they are,
+    """Directions towards x, y, -x, -y; and those that bound y from above, from below and not at all: their indices,
     the factor of their supports and the slope along x."""
     around, quarter = outline_directions(), DIRECTIONS // 4
-    up, down = around[:, 1] > _UPRIGHT, around[:, 1] < -_UPRIGHT
+    up, down = around[:, 1] > _UPRIGHT_NORMAL, around[:, 1] < -_UPRIGHT_NORMAL
     sides = []
     for which, scale in ((up, around[:, 1]), (down, around[:, 1]), (~(up | down), np.ones(DIRECTIONS))):
         sides.append((which, 1.0 / scale[which, None], around[which, :1] / scale[which, None]))
@@ -276,13 +279,13 @@ def _fill(owner: Indices, whose: int, reach: Array, at: Array, low: Array, resol
 def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, resolution: float) -> Array:
     """Cost of each cell per metre: 1 in the open, more near obstacles, infinite where the robot does not fit."""
     spare = np.clip((clear - inner) / comfort, 0.0, 1.0)
-    cost = 1.0 + (_STEEP - 1.0) * (1.0 - spare) ** 2
+    cost = 1.0 + (_NARROW_COST - 1.0) * (1.0 - spare) ** 2
     cost[clear < inner] = np.inf
     reach = int(np.ceil(inner / resolution))
     for i, j in endpoints:  # start and goal are known to be free; the map is coarse
         window = (slice(max(i - reach, 0), i + reach + 1), slice(max(j - reach, 0), j + reach + 1))
         closed = ~np.isfinite(cost[window]) & (clear[window] > 0.0)
-        cost[window] = np.where(closed, 4.0 * _STEEP, cost[window])
+        cost[window] = np.where(closed, 4.0 * _NARROW_COST, cost[window])
     return cost
 
 
@@ -295,7 +298,7 @@ def cell_graph(cost: Array) -> csr_array:
     padded[2:-2, 2:-2] = cost
     open_ = np.flatnonzero(np.isfinite(cost))
     count_work(batches=1, cells=len(open_))
-    steps = np.array(_MOVES + tuple((-i, -j) for i, j in _MOVES))
+    steps = np.array(_GRID_MOVES + tuple((-i, -j) for i, j in _GRID_MOVES))
     at = (open_ // columns + 2) * (columns + 4) + open_ % columns + 2
     flat = padded.ravel()
     weight = flat[at[:, None] + steps @ (columns + 4, 1)]
@@ -318,7 +321,7 @@ def smooth_path(path: Array, resolution: float) -> Array:
         return even
     aside = even - np.linspace(even[0], even[-1], len(even))  # zero at both ends: an odd continuation keeps them
     rounded = gaussian_filter1d(
-        np.vstack((-aside[:0:-1], aside, -aside[-2::-1])), _SMOOTH / step, axis=0, mode="nearest"
+        np.vstack((-aside[:0:-1], aside, -aside[-2::-1])), _SMOOTHING_WIDTH / step, axis=0, mode="nearest"
     )
     result = rounded[len(even) - 1 : 2 * len(even) - 1] + np.linspace(even[0], even[-1], len(even))
     result[0], result[-1] = path[0], path[-1]

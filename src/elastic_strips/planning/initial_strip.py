@@ -1,4 +1,4 @@
-"""Initial strips: rows along a straight line or a path of the base, how long they are relaxed, and by whom."""
+"""Initial strips: rows along a straight line or a path of the base, and how long they are relaxed."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from elastic_strips.strip.solver import project_rolling
 
 from .grid_path import resample
 from .ompl_planner import PathResult, ompl_path
-from .problem import Deadline, PlanningProblem
+from .problem import SEED_STRIDE, Deadline, PlanningProblem
 
-_TURN = 0.35  # largest turn in place between two nodes [rad]
+_LARGEST_TURN = 0.35  # largest turn in place between two nodes [rad]
 
 
 def straight_line(
@@ -37,14 +37,14 @@ def straight_line(
         robot: the robot.
         start, goal: configurations (nq,).
         spacing: largest distance between the base poses of neighbouring nodes [m].
-        most: rows at most, at least 4; with fewer than it takes, they are further apart.
+        most: largest number of rows, at least 4; if more would be needed, they are further apart.
         backward: whether it may drive backwards.
     """
     space = robot.space
     a, b = space.to_coordinates(start), space.to_coordinates(goal)
     offset = space.difference(a[None], b[None])[0]
     if robot.base_kind is BaseKind.DIFF_DRIVE and np.hypot(*(b[:2] - a[:2])) > 1e-9:
-        rows = _turn_drive_turn(robot, a, b, offset, spacing, most, backward)
+        rows = _turn_drive_turn(a, b, offset, spacing, most, backward)
     else:
         reach = np.abs(offset) * np.where(np.arange(space.nv) < space.base_nv, 1.0, 0.4)
         if space.planar:
@@ -60,9 +60,7 @@ def straight_line(
     return rows
 
 
-def _turn_drive_turn(
-    robot: RobotModel, a: Array, b: Array, offset: Array, spacing: float, most: int | None, may_back: bool
-) -> Array:
+def _turn_drive_turn(a: Array, b: Array, offset: Array, spacing: float, most: int | None, may_back: bool) -> Array:
     drive = b[:2] - a[:2]
     length = float(np.hypot(*drive))
     heading = float(np.arctan2(drive[1], drive[0]))
@@ -72,8 +70,8 @@ def _turn_drive_turn(
     drive_yaw = heading if forward <= backward + 0.5 or not may_back else back
     turn_in = float(wrap_angle(np.array(drive_yaw - a[2])))
     turn_out = float(wrap_angle(np.array(b[2] - drive_yaw)))
-    n_in = int(np.ceil(abs(turn_in) / _TURN - 1e-9))
-    n_out = int(np.ceil(abs(turn_out) / _TURN - 1e-9))
+    n_in = int(np.ceil(abs(turn_in) / _LARGEST_TURN - 1e-9))
+    n_out = int(np.ceil(abs(turn_out) / _LARGEST_TURN - 1e-9))
     joints = np.abs(offset[3:]).max(initial=0.0)
     n_drive = max(int(np.ceil(max(length / spacing, 0.4 * joints / spacing))), 4)
     if most is not None:  # the drive needs one row, and so does a turn
@@ -97,9 +95,9 @@ def _turned(row: Array, yaw: float) -> Array:
     return out
 
 
-_BEND = 1.0  # [rad] a heading that differs by less from the path's is bent into it, without a turn in place
-_LEAD = 0.8  # [m] over which it is bent
-_FOLD = 0.3  # largest motion of a joint between two rows while the base stands [rad or m]
+_LARGEST_BEND = 1.0  # [rad] a heading that differs by less from the path's is bent into it, without a turn in place
+_BEND_LENGTH = 0.8  # [m] over which it is bent
+_LARGEST_FOLD_STEP = 0.3  # largest motion of a joint between two rows while the base stands [rad or m]
 
 
 def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLike, *, spacing: float) -> Array:
@@ -113,11 +111,11 @@ def waypoint_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayL
         robot: the robot; its base must move.
         start, goal: configurations (nq,).
         path: waypoints (K, 2) [m], from the start's to the goal's position; or rows (K, nv), which stay as they
-            are but for their ends.
+            are, except for their ends.
         spacing: distance between rows [m].
 
     Raises:
-        ParameterError: neither (K, 2) nor (K, nv), not finite, fewer than two, or a fixed base.
+        ParameterError: the path is neither (K, 2) nor (K, nv), not finite, or has fewer than two rows; or a fixed base.
     """
     space = robot.space
     try:
@@ -180,7 +178,7 @@ def tucked_rows(robot: RobotModel, start: Array, goal: Array, path: npt.ArrayLik
     moves[:, : space.base_nv] = 0.0
     stands = []
     for move, row in zip(moves, folded, strict=True):
-        count = int(np.ceil(float(np.abs(move).max(initial=0.0)) / _FOLD - 1e-9))
+        count = int(np.ceil(float(np.abs(move).max(initial=0.0)) / _LARGEST_FOLD_STEP - 1e-9))
         stands.append(row + (np.arange(count)[:, None] / max(count, 1) - 1.0) * move)  # from the end's posture on
     return np.vstack((stands[0], rows, stands[1][::-1]))
 
@@ -189,11 +187,11 @@ def _bent(points: Array, yaw: float) -> Array:
     """The path (K, 2), its beginning bent so that it starts with the heading ``yaw`` where they do not differ much."""
     fine = resample(points, 0.02)
     length = 0.02 * (len(fine) - 1)
-    count = int(min(_LEAD, 0.4 * length) / 0.02)
+    count = int(min(_BEND_LENGTH, 0.4 * length) / 0.02)
     if count < 3:
         return points
     chord = fine[count] - fine[0]
-    if abs(float(wrap_angle(np.array(yaw - np.arctan2(chord[1], chord[0]))))) >= _BEND:
+    if abs(float(wrap_angle(np.array(yaw - np.arctan2(chord[1], chord[0]))))) >= _LARGEST_BEND:
         return points
     reach = float(np.hypot(*chord))
     after = fine[count + 1] - fine[count]
@@ -211,9 +209,9 @@ def _bent(points: Array, yaw: float) -> Array:
 def _turn(row: Array, yaw: float) -> Array:
     """Rows that turn in place from ``row`` to the heading ``yaw``; the row alone where that is a small bend."""
     turn = float(wrap_angle(np.array(yaw - row[2])))
-    if abs(turn) < _BEND:
+    if abs(turn) < _LARGEST_BEND:
         return row[None]
-    count = int(np.ceil(abs(turn) / _TURN)) + 1
+    count = int(np.ceil(abs(turn) / _LARGEST_TURN)) + 1
     rows = np.repeat(row[None], count, axis=0)
     rows[:, 2] += np.linspace(0.0, turn, count)
     return rows
@@ -223,10 +221,10 @@ _LINE_TICKS = 6  # most that a straight line gets
 _LINE_DEPTH = (-0.28, -0.15, -0.08, 0.0)  # a line whose nodes are deeper than this [m] after tick 0, 1, 2 … is given up
 _LINE_LINKS, _LINE_SHARE = 4, 0.5  # an arm's line that touches with more links, or for longer, is given up
 _LINE_STRIDE, _LINE_FEWEST = 8, 3  # every eighth node is looked at before the line is, where there are so many
-_TUCKED = 0.05  # [rad or m] joints that differ by less from the home posture are in it
+_TUCKED_WITHIN = 0.05  # [rad or m] joints that differ by less from the home posture are in it
 STUCK_TICKS = 6
-"""Most ticks in a row in which a strip along a path gets no clearer; one that is broken for long only grows nodes."""
-_GAIN = 1e-3  # [m] by which it must get clearer to count
+"""Ticks in a row without becoming clearer after which a strip is given up; one that stays broken only grows nodes."""
+_LEAST_GAIN_OF_CLEARANCE = 1e-3  # [m] by which it must get clearer to count
 _MOST_TICKS = 30  # of a strip along a path, until it is certified
 _EXTRA_TICKS = 4  # most ticks more of a certified strip that is still very near an obstacle
 _NEAR_ARM = 2.0  # very near an arm's strip: this many times its clearance; in a shelf everything is within ``near``
@@ -244,15 +242,15 @@ def rows_along(problem: PlanningProblem, path: npt.ArrayLike, make: Callable[...
 
 
 def path_rows(problem: PlanningProblem, path: Array) -> Iterator[tuple[Array, str]]:
-    """Rows (N, nv) to relax along a path (K, 2) of the base, with what is particular about them.
+    """Rows (N, nv) to relax along a path (K, 2) of the base, and how they differ from others.
 
     The joints move in step with the base; and, where start or goal is in another posture than home, the robot folds
-    into that one for the drive.
+    into its home posture for the drive.
     """
     robot = problem.robot
     yield rows_along(problem, path), ""
     joints = robot.space.to_coordinates(np.stack((robot.home_q, problem.start, problem.goal)))[:, robot.space.base_nv :]
-    if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED:
+    if np.abs(joints[1:] - joints[0]).max(initial=0.0) > _TUCKED_WITHIN:
         yield rows_along(problem, path, tucked_rows), " with the arm tucked"
 
 
@@ -261,7 +259,7 @@ def staged_rows(problem: PlanningProblem, path: Array, drive: Array, before: Arr
 
     Args:
         problem: start and goal, and how many nodes there may be.
-        path: (K, 2) of the base [m].
+        path: (K, 2) path of the base [m].
         drive: (2, nv) coordinates at its ends.
         before, after: rows from the start to the first of these, and from the last to the goal.
     """
@@ -281,9 +279,13 @@ def staged_rows(problem: PlanningProblem, path: Array, drive: Array, before: Arr
 def line_strip(problem: PlanningProblem) -> Strip:
     """The straight line as a strip."""
     rows = straight_line(
-        problem.robot, problem.start, problem.goal, spacing=problem.spacing, most=problem.params.max_nodes,
+        problem.robot,
+        problem.start,
+        problem.goal,
+        spacing=problem.spacing,
+        most=problem.params.max_nodes,
         backward=problem.backward,
-    )  # fmt: skip
+    )
     return Strip.from_coordinates(problem.robot, problem.satisfying(rows), ends=problem.endpoints)
 
 
@@ -304,15 +306,15 @@ def relax_path(
 ) -> DeformReport:
     """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle.
 
-    It is given up at rest, after 30 ticks, after ``stuck`` ticks in a row in which it got no clearer (None: not for
-    that), or where ``over()`` says so; the problem's deadline where None.
+    It is given up at rest, after 30 ticks, after ``stuck`` ticks in a row in which it got no clearer (None: never for
+    that), or where ``over()`` is true; ``over`` is the problem's deadline where None.
     """
     deformer, scene, over = problem.deformer, problem.scene, over or problem.deadline.over
     clearest, since = -np.inf, 0
 
     def ended(report: DeformReport) -> bool:
         nonlocal clearest, since
-        since = 0 if report.node_clearance > clearest + _GAIN else since + 1
+        since = 0 if report.node_clearance > clearest + _LEAST_GAIN_OF_CLEARANCE else since + 1
         clearest = max(clearest, report.node_clearance)
         return (report.usable and not problem.missed(report)) or (stuck is not None and since >= stuck) or over()
 
@@ -332,7 +334,7 @@ def relax_path(
 
 
 class PathSearch:
-    """What searches for certified strips share: they relax the line and paths, and time that by phase."""
+    """Base of searches for certified strips: it relaxes the line and paths, and times that by phase."""
 
     def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
         self.problem: PlanningProblem = problem
@@ -390,20 +392,34 @@ class PathSearch:
     def relax_rows(
         self, rows: Array, stuck: int | None, over: Callable[[], bool] | None = None
     ) -> tuple[Strip, DeformReport]:
-        """The strip of rows (N, nv) along a path, and what it relaxes to: :func:`relax_path`."""
+        """The strip of rows (N, nv) along a path, and the report of :func:`relax_path` on it."""
         with self.timed("relaxation"):
             strip = path_strip(self.problem, rows)
             return strip, relax_path(self.problem, strip, stuck=stuck, over=over, watch=self.watch)
 
     def ompl(
-        self, attempt: int, margin: float, timeout: float, box: tuple[Array, Array] | None, deadline: Deadline,
+        self,
+        attempt: int,
+        margin: float,
+        timeout: float,
+        box: tuple[Array, Array] | None,
+        deadline: Deadline,
         fineness: float = 1.0,
-    ) -> PathResult:  # fmt: skip
-        """A path of OMPL, another one for each ``attempt``; for the rest see :func:`ompl_path`."""
+    ) -> PathResult:
+        """A path of OMPL, a different one for each ``attempt``; for the rest see :func:`ompl_path`."""
         problem = self.problem
         with self.timed("planner"):
             return ompl_path(
-                problem.robot, problem.scene, problem.start, problem.goal, seed=problem.seed + 7919 * attempt,
-                margin=margin, timeout=timeout, spacing=problem.spacing, box=box, fineness=fineness,
-                most=problem.params.max_nodes, deadline=deadline,
-            )  # fmt: skip
+                problem.robot,
+                problem.scene,
+                problem.start,
+                problem.goal,
+                seed=problem.seed + SEED_STRIDE * attempt,
+                margin=margin,
+                timeout=timeout,
+                spacing=problem.spacing,
+                box=box,
+                fineness=fineness,
+                most=problem.params.max_nodes,
+                deadline=deadline,
+            )

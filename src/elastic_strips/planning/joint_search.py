@@ -14,33 +14,41 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.robot import Kinematics
 
-from .ompl_planner import OMPL_LOCK, ended, seed_ompl, solved, waiting
+from .ompl_planner import OMPL_LOCK, ended, real_bounds, seed_ompl, solved, waiting
 from .problem import Deadline
 from .validity import Checker
 
 PLANNERS = ("LBKPIECE1", "LBKPIECE1", "LBKPIECE1", "RRTConnect")
-"""What searches, in turns: the first is the better one in tight places, the last where there is room."""
-_RANGE = 0.6  # longest motion of a tree, in scaled units: the square root of a motion radius [m] times an angle
-_CELLS = 10.0  # of the trees' grid, from one end of the hand's reach to the other
-_SHORTCUTS = 60  # most tries to shorten a path
+"""The planners that search, in turns: the first is better in tight places, the last where there is room."""
+_LONGEST_TREE_MOTION = 0.6  # of a tree, in scaled units: the square root of a motion radius [m] times an angle
+_LEAST_SCALED_RADIUS = 0.01  # [m] how far a joint counts as moving a point of the robot, at least
+_TREE_CELLS = 10.0  # of the trees' grid, from one end of the hand's reach to the other
+_MOST_SHORTCUTS = 60  # most tries to shorten a path
 
 
 def search_joints(
-    valid: Checker, endpoints: Array, *, seed: int, planner: str, step: float, timeout: float, deadline: Deadline,
-) -> Array | None:  # fmt: skip
+    valid: Checker,
+    endpoints: Array,
+    *,
+    seed: int,
+    planner: str,
+    step: float,
+    timeout: float,
+    deadline: Deadline,
+) -> Array | None:
     """Corners (K, nv) of a path between two configurations (2, nv) with the same base, or None.
 
     Each joint counts by the square root of how far it can move a point of the robot: a shoulder's turn is longer than
-    a wrist's. A tree that has to choose where to grow looks at where the hand is, as its motion at the goal has it.
+    a wrist's. Trees grow by where the hand is, with its Jacobian at the goal.
 
     Args:
-        valid: says what is valid.
+        valid: the checker of validity.
         endpoints: valid configurations (2, nv).
-        seed: of OMPL's random numbers.
+        seed: seed of OMPL's random numbers.
         planner: one of ``PLANNERS``.
-        step: motions are looked at wherever a point may have moved by this [m].
-        timeout: longest search [s]; of work, where the deadline bounds that.
-        deadline: when all is over.
+        step: motions are checked wherever a point may have moved by this [m].
+        timeout: longest search [s]; in seconds of work if the deadline bounds work.
+        deadline: when everything must end.
     """
     if not OMPL_LOCK.acquire(timeout=waiting(deadline.within(timeout))):
         return None
@@ -52,28 +60,24 @@ def search_joints(
 
 
 def _search(
-    valid: Checker, endpoints: Array, seed: int, planner: str, step: float, search: Deadline,
+    valid: Checker,
+    endpoints: Array,
+    seed: int,
+    planner: str,
+    step: float,
+    search: Deadline,
     deadline: Deadline,
-) -> Array | None:  # fmt: skip
+) -> Array | None:
     from ompl import base as ob
     from ompl import geometric as og
 
     if search.over():
         return None
     seed_ompl(seed)
-    robot = valid.robot
-    b = robot.space.base_nv
-    count = robot.space.nv - b
-    scale = np.sqrt(np.maximum(valid.bounds.radius[b:].max(axis=1, initial=0.0), 0.01))
-    low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
-    low, high = np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
-    space = ob.RealVectorStateSpace(count)
-    bounds = ob.RealVectorBounds(count)
-    for k in range(count):
-        bounds.setLow(k, float(low[k] * scale[k]))
-        bounds.setHigh(k, float(high[k] * scale[k]))
-    space.setBounds(bounds)
-
+    b = valid.robot.space.base_nv
+    count = valid.robot.space.nv - b
+    scale = np.sqrt(np.maximum(valid.bounds.radius[b:].max(axis=1, initial=0.0), _LEAST_SCALED_RADIUS))
+    space = _scaled_space(valid, endpoints, scale)
     motion = valid.in_chart(endpoints[0], 1.0 / scale)
 
     numbers = itemgetter(*range(count)) if count > 1 else lambda state: (state[0],)  # in half of a slice's time
@@ -85,12 +89,6 @@ def _search(
         def checkMotion(self, one: Any, two: Any) -> bool:
             return motion(numbers(one), numbers(two), step)
 
-    projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
-    cells = np.abs(projection) @ ((high - low) * scale) / _CELLS
-    if (cells > 0.0).all():
-        space.registerDefaultProjection(
-            ob.RealVectorLinearProjectionEvaluator(space, cells.tolist(), np.asfortranarray(projection))
-        )
     setup = og.SimpleSetup(space)
     info = setup.getSpaceInformation()
     setup.setStateValidityChecker(lambda state: valid.at(row(state)))
@@ -102,13 +100,31 @@ def _search(
             state[k] = float(end[b + k] * scale[k])  # type: ignore[index]
     setup.setStartAndGoalStates(first, last, 1e-9)
     chosen = getattr(og, planner)(info)
-    chosen.setRange(_RANGE)
+    chosen.setRange(_LONGEST_TREE_MOTION)
     setup.setPlanner(chosen)
     if not solved(setup, valid, search):
         return None
     corners = np.array([row(state) for state in setup.getSolutionPath().getStates()])
     corners[0], corners[-1] = endpoints
     return shortened(valid, corners, scale, step, seed, lambda: ended(valid, deadline))
+
+
+def _scaled_space(valid: Checker, endpoints: Array, scale: Array) -> Any:
+    """OMPL's space of the joints, scaled, within a turn and their limits; its trees' cells are by where the hand is."""
+    from ompl import base as ob
+
+    robot, b = valid.robot, valid.robot.space.base_nv
+    low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
+    low, high = np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
+    space = ob.RealVectorStateSpace(len(scale))
+    space.setBounds(real_bounds(low * scale, high * scale))
+    projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
+    cells = np.abs(projection) @ ((high - low) * scale) / _TREE_CELLS
+    if (cells > 0.0).all():
+        space.registerDefaultProjection(
+            ob.RealVectorLinearProjectionEvaluator(space, cells.tolist(), np.asfortranarray(projection))
+        )
+    return space
 
 
 def _hand_motion(valid: Checker, coordinates: Array) -> Array:
@@ -129,11 +145,11 @@ def shortened(
     seed: int,
     over: Callable[[], bool],
 ) -> Array:
-    """A path (K, nv) without detours: between two places on it, straight, wherever that is valid and shorter."""
+    """A path (K, nv) without detours: straight between two of its places wherever that is valid and shorter."""
     b = corners.shape[1] - len(scale)
     corners = corners[np.r_[True, (np.diff(corners, axis=0) != 0.0).any(axis=1)]]
     along = _along(corners[:, b:] * scale)
-    tries = [(0.0, 1.0), *np.sort(np.random.default_rng(seed).random((_SHORTCUTS - 1, 2)), axis=1).tolist()]
+    tries = [(0.0, 1.0), *np.sort(np.random.default_rng(seed).random((_MOST_SHORTCUTS - 1, 2)), axis=1).tolist()]
     for first, last in tries:
         if len(corners) < 3 or over():
             break

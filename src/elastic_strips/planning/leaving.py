@@ -1,10 +1,10 @@
 """Leaving contact: a start that touches slightly is left along growing distance, until the robot is free.
 
 A robot that stands 2 mm in a table by calibration, or in a floor by a scan's noise, has no certified path: the first
-piece of any touches. What can be had is a short motion along which each distance that is too small grows, and along
+piece of any touches. But there may be a short motion along which each distance that is too small grows, and along
 which nothing else comes too near. It is made of small steps, each the smallest motion by which all of these distances
-grow, and then checked again from the robot's and the scene's shapes. What is between two steps is bounded by how far
-anything can have moved. It is no certificate, and is never called one: what is certified begins where the robot is
+grow, and then checked again from the robot's and the scene's shapes. Between two steps distances are bounded by how far
+anything can have moved. This is not a certificate and never called one: the certified strip begins where the robot is
 free.
 """
 
@@ -18,36 +18,36 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Document
+from elastic_strips.coal_shapes import for_penetration
 from elastic_strips.collision import BodySet, MotionBounds
+from elastic_strips.constants import GJK_EXCESS
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.coal_shapes import for_penetration
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.params import DeformParams
 from elastic_strips.summary import Summary
 
 MOST_DEPTH = 0.05
-"""Depths [m] beyond this are no slight contact."""
+"""Depths [m] beyond this are not a slight contact."""
 
-_STEP = 2.5e-4  # [m] that any point of the robot moves in a step, at most
+_LARGEST_STEP = 2.5e-4  # [m] that any point of the robot moves in a step, at most
 _MOST_STEPS = 600
-_BEYOND = 1e-3  # [m] more than is needed, where it counts as free: what is planned from there needs room
-_REACH = 0.02  # [m] beyond what is needed, that distances are known of
-_DIFFERENCE = 1e-5  # [rad or m] of numerical derivatives
-_COAL = 1e-5  # [m] accuracy of Coal's distances
-_HALVINGS = 5
+_FREE_MARGIN = 1e-3  # [m] more than is needed, where it counts as free: what is planned from there needs room
+_DISTANCE_REACH = 0.02  # [m] beyond what is needed, that distances are known of
+_DERIVATIVE_STEP = 1e-5  # [rad or m] of numerical derivatives
+_MOST_HALVINGS = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Contact(Summary):
-    """Two things that touch, or are nearer than they have to be, at the start.
+    """Two things that touch, or are nearer than they may be, at the start.
 
     Attributes:
         one: a link of the robot.
         two: an obstacle, or another link.
-        distance: [m]; negative by the depth that they are in each other.
-        needed: distance [m] that is asked for between them.
+        distance: their distance [m]; negative by the depth of penetration.
+        needed: distance [m] that is required between them.
     """
 
     one: str
@@ -61,12 +61,12 @@ class Departure(Summary):
     """The part of a plan that is not certified: how a start that touches is left.
 
     Attributes:
-        strip: from the start to the first configuration where everything has the distance that is asked for.
-        contacts: what is too near at the start, the deepest first. At each node of the strip all these distances are
-            larger than at the one before, until they are as large as is asked for.
+        strip: strip from the start to the first configuration where everything has the required distance.
+        contacts: contacts at the start, the deepest first. At each node of the strip all these distances are
+            larger than at the one before, until they are as large as required.
         depth: largest depth [m] at the start; 0 where things are too near and do not touch.
         tolerance: between two nodes nothing is nearer than at the nearer one of them by more than this [m]; so nothing
-            is deeper than at the start by more. A bound, by how far anything can move between them.
+            is deeper than at the start by more. It is a bound, from how far anything can move between them.
         travel: bound [m] on how far any point of the robot moves along the strip.
         rest: the certified strip from where the robot is free to the goal; None where none was found.
     """
@@ -92,7 +92,7 @@ class Departure(Summary):
         )
 
     def document(self) -> Document:
-        """As plain data: lengths [m], and the nodes' coordinates, from the start to where the robot is free."""
+        """The departure as plain data: lengths [m], and the nodes' coordinates from the start to where it is free."""
         return {
             "status": "left along growing distance",
             "rest": "not certified" if self.rest is None else "certified",
@@ -109,17 +109,18 @@ class Departure(Summary):
 def leave_contact(
     robot: RobotModel, scene: Scene, start: Array, depth: float, params: DeformParams
 ) -> Departure | None:
-    """How a start that touches by at most ``depth`` [m] is left; None where nothing is too near.
+    """The way out of a start that touches by at most ``depth`` [m]; None where nothing is too near.
 
     Args:
         robot: the robot.
         scene: the obstacles, standing still.
-        start: sound configuration (nq,).
-        depth: [m] largest depth that may be left.
-        params: with the clearances that are asked for.
+        start: valid configuration (nq,).
+        depth: largest depth [m] that may be left.
+        params: parameters with the required clearances.
 
     Raises:
-        ConfigurationError: something is deeper, or no motion leads out along growing distance; names the pair.
+        ConfigurationError: something is deeper, or no motion leads out along growing distance; the message names the
+            pair.
     """
     near = _Distances(robot, scene, params)
     rows = [robot.space.to_coordinates(start)]
@@ -136,7 +137,7 @@ def leave_contact(
         )
     here = begin
     for _ in range(_MOST_STEPS):
-        if all(d > near.needed(pair) + _BEYOND for pair, d in here.items() if pair in tight):
+        if all(d > near.needed(pair) + _FREE_MARGIN for pair, d in here.items() if pair in tight):
             break
         found = _step(near, rows[-1], here, set(tight))
         if found is None:
@@ -172,7 +173,7 @@ class _Distances:
         self._reach = np.linalg.norm(self.bodies.ends[:, 0] - self.bodies.ends[:, 1], axis=1) / 2 + self.bodies.radius
 
     def needed(self, pair: _Pair) -> float:
-        """Distance [m] that is asked for."""
+        """Distance [m] that is required."""
         return self.own if pair[2] < 0 else self.clearance
 
     def names(self, pair: _Pair) -> tuple[str, str]:
@@ -207,7 +208,7 @@ class _Distances:
             first, second = for_penetration(one, two)
             self._result.clear()
             distance = coal.distance(first, poses[pair[0]], second, other, self._request, self._result)
-            found[pair] = float(distance) - _COAL
+            found[pair] = float(distance) - GJK_EXCESS
         return found
 
     def _part(self, part: int, box: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
@@ -219,8 +220,8 @@ class _Distances:
         return geometry, coal.Transform3s(np.asarray(rotation), translation + rotation @ np.asarray(at))
 
     def _near(self, middle: Array) -> Iterator[_Pair]:
-        """Pairs that may be nearer than is of interest, by balls and boxes about them."""
-        table, reach = self.table, self._reach + self.clearance + _REACH
+        """Pairs that may be near enough to matter, by balls and boxes about them."""
+        table, reach = self.table, self._reach + self.clearance + _DISTANCE_REACH
         if len(table.parts):
             apart = np.abs(middle[:, None] - table.center[None]) - table.half_extents[None]
             gap = np.linalg.norm(np.maximum(apart, 0.0), axis=2)  # (bodies, parts)
@@ -236,7 +237,7 @@ class _Distances:
                         yield int(body), int(part), k
         for one, two in self.robot.self_pairs:
             between = np.linalg.norm(middle[one] - middle[two])
-            if between <= self._reach[one] + self._reach[two] + self.own + _REACH:
+            if between <= self._reach[one] + self._reach[two] + self.own + _DISTANCE_REACH:
                 yield int(one), int(two), -1
 
 
@@ -245,8 +246,8 @@ def _step(
 ) -> tuple[Array, dict[_Pair, float]] | None:
     """The next row, with its distances: all that is too near is farther, and nothing else is too near."""
     space = near.robot.space
-    watched = [p for p, d in here.items() if d <= near.needed(p) + _BEYOND + 4.0 * _STEP]
-    wanted = np.array([1.0 if p in tight and here[p] <= near.needed(p) + _BEYOND else 0.0 for p in watched])
+    watched = [p for p, d in here.items() if d <= near.needed(p) + _FREE_MARGIN + 4.0 * _LARGEST_STEP]
+    wanted = np.array([1.0 if p in tight and here[p] <= near.needed(p) + _FREE_MARGIN else 0.0 for p in watched])
     slopes = np.zeros((len(watched), space.nv))
     free = np.ones(space.nv, dtype=bool)
     if near.robot.base_kind is BaseKind.DIFF_DRIVE:
@@ -254,10 +255,10 @@ def _step(
     base = np.array([here[p] for p in watched])
     for i in np.flatnonzero(free):
         v = np.zeros(space.nv)
-        sign = -1.0 if i >= space.base_nv and row[i] + _DIFFERENCE > space.upper[i] else 1.0
-        v[i] = sign * _DIFFERENCE
+        sign = -1.0 if i >= space.base_nv and row[i] + _DERIVATIVE_STEP > space.upper[i] else 1.0
+        v[i] = sign * _DERIVATIVE_STEP
         moved = near.at(space.integrate(row[None], v[None])[0], watched)
-        slopes[:, i] = sign * (np.array([moved[p] for p in watched]) - base) / _DIFFERENCE
+        slopes[:, i] = sign * (np.array([moved[p] for p in watched]) - base) / _DERIVATIVE_STEP
     lever = near.bounds.travel(np.eye(space.nv)).max(axis=1)  # a unit of each coordinate moves a point so far at most
     scale = np.where(free, 1.0 / np.maximum(lever, 1e-3), 0.0)
     rows, least = [slopes * scale], [wanted]
@@ -270,8 +271,8 @@ def _step(
     if direction is None:
         return None
     v = direction * scale
-    v *= _STEP / float(near.bounds.travel(v[None]).max())
-    for _ in range(_HALVINGS):
+    v *= _LARGEST_STEP / float(near.bounds.travel(v[None]).max())
+    for _ in range(_MOST_HALVINGS):
         new = space.integrate(row[None], v[None])[0]
         if (new[space.base_nv :] >= space.lower[space.base_nv :]).all() and (
             new[space.base_nv :] <= space.upper[space.base_nv :]
@@ -285,9 +286,9 @@ def _step(
 
 def _allowed(near: _Distances, pair: _Pair, before: float | None, distance: float, tight: set[_Pair]) -> bool:
     """Whether a distance may be so after a step: it has grown where it is too small, else it stays large enough."""
-    if pair in tight and before is not None and before <= near.needed(pair) + _BEYOND:
+    if pair in tight and before is not None and before <= near.needed(pair) + _FREE_MARGIN:
         return distance > before
-    return distance > near.needed(pair) + _STEP
+    return distance > near.needed(pair) + _LARGEST_STEP
 
 
 def _least_motion(slopes: Array, least: Array) -> Array | None:
@@ -307,7 +308,7 @@ def _least_motion(slopes: Array, least: Array) -> Array | None:
 
 
 def _checked(near: _Distances, strip: Strip, tight: set[_Pair]) -> float:
-    """The tolerance [m] of a way out, all measured again from its nodes.
+    """The tolerance [m] of a way out, with all distances measured again from its nodes.
 
     Raises:
         ConfigurationError: a distance that is too small does not grow, or another one becomes too small.
@@ -321,12 +322,12 @@ def _checked(near: _Distances, strip: Strip, tight: set[_Pair]) -> float:
         for pair, distance in there.items():
             before = last.get(pair, np.inf)
             slack = (twice if pair[2] < 0 else half)[k - 1]
-            grows = pair in tight and (distance > before or before > near.needed(pair) + _BEYOND)
+            grows = pair in tight and (distance > before or before > near.needed(pair) + _FREE_MARGIN)
             if not grows and min(before, distance) - slack <= near.needed(pair):
                 one, two = near.names(pair)
                 raise ConfigurationError(f"start touches, and on the way out {one!r} comes too near to {two!r}")
         last = there
-    return float(twice.max()) + _COAL
+    return float(twice.max()) + GJK_EXCESS
 
 
 def joined(departure: Departure, rest: Strip) -> Strip:

@@ -22,27 +22,29 @@ from .problem import Deadline
 from .validity import Checker, ValidityChecker
 
 if TYPE_CHECKING:
+    from ompl.base import RealVectorBounds
     from ompl.geometric import SimpleSetup
 
 _JOINT_WEIGHT = 0.3  # [m/rad] of joint distances against base distances
 OMPL_LOCK = threading.Lock()
 """OMPL draws all its seeds from one generator of the process: one search at a time, or seeds mean nothing."""
-_WIDEN = 2.0  # [m] the base may go so far beyond start and goal
+_STATE_SPACE_MARGIN = 2.0  # [m] the base may go so far beyond start and goal
 _TURNING_RADIUS = 0.3  # of the Reeds–Shepp curves [m]
 _BASE_STEP = 0.07  # spacing of validity checks [m]
 _TURN_STEP = 0.14  # of a base that turns on the spot [rad]
+_BASE_RANGE, _JOINT_RANGE = 1.5, 0.6  # longest edge of a tree, of base and joints together and of joints alone
 _JOINT_STEP = 0.2  # and in joint space [rad]; what lies between is proven by the certificate, not the planner
 
 
 @dataclass(frozen=True, slots=True)
 class PathResult:
-    """What the planner found.
+    """The result of the planner.
 
     Attributes:
         rows: (N, nv) waypoints along the path, or None where none was found.
-        reason: why there is none, else empty.
-        checks: configurations checked.
-        searched: whether it was searched at all; not where an end is too near something.
+        reason: why there is no path; empty where there is one.
+        checks: number of configurations checked.
+        searched: whether there was a search at all; there is none where an end is too near something.
     """
 
     rows: Array | None
@@ -77,14 +79,14 @@ def ompl_path(
         robot: the robot.
         scene: the obstacles.
         start, goal: valid configurations (nq,).
-        seed: of OMPL's random numbers.
+        seed: seed of OMPL's random numbers.
         margin: distance to keep to obstacles [m].
-        timeout: longest search [s]; of work, where the deadline bounds that.
+        timeout: longest search [s]; in seconds of work if the deadline bounds work.
         spacing: distance between waypoints [m].
-        box: low and high corner (2,) of where the base may go [m]; 2 m beyond start and goal where None.
-        fineness: configurations on an edge are checked so many times as densely as usual.
-        most: waypoints at most.
-        deadline: until when to wait for other threads, to search and to shorten the path; none where None.
+        box: low and high corner (2,) of the area where the base may go [m]; 2 m beyond start and goal where None.
+        fineness: how many times as densely as usual configurations on an edge are checked.
+        most: largest number of waypoints.
+        deadline: end of waiting for other threads, of the search and of shortening the path; no end where None.
 
     Raises:
         ParameterError: a fineness that is not positive.
@@ -94,7 +96,7 @@ def ompl_path(
     space = robot.space
     endpoints = space.to_coordinates(np.stack((start, goal)))
     base = endpoints[:, :2]
-    low, high = (base.min(axis=0) - _WIDEN, base.max(axis=0) + _WIDEN) if box is None else box
+    low, high = (base.min(axis=0) - _STATE_SPACE_MARGIN, base.max(axis=0) + _STATE_SPACE_MARGIN) if box is None else box
     planar = space.planar
     valid = ValidityChecker(robot, scene, margin=margin, low=low if planar else None, high=high if planar else None)
     for name, q in (("start", start), ("goal", goal)):
@@ -106,7 +108,8 @@ def ompl_path(
         search = Deadline(timeout) if deadline is None else deadline.within(timeout)
         rows, left = None, search.left
         if left > 0.0:
-            rows = _search(robot, valid, endpoints, low, high, seed, search, spacing, fineness, most, deadline)
+            found = _search(valid, endpoints, (low, high), seed, fineness, search, deadline)
+            rows = None if found is None else _rows_along(found, robot, endpoints, spacing, most)
     finally:
         OMPL_LOCK.release()
         valid.count()
@@ -128,7 +131,7 @@ def ended(valid: Checker, deadline: Deadline) -> bool:
 
 
 def solved(setup: SimpleSetup, valid: Checker, search: Deadline) -> bool:
-    """Whether OMPL found a whole path; a search that only time ends has OMPL's own clock, which costs nothing."""
+    """Whether OMPL found a whole path; a search that only time ends uses OMPL's own clock, which costs nothing."""
     from ompl import base as ob
 
     until = ob.PlannerTerminationCondition(lambda: ended(valid, search)) if search.of_work else search.left
@@ -144,18 +147,22 @@ def seed_ompl(seed: int) -> None:
 
 
 def _search(
-    robot: RobotModel, valid: ValidityChecker, endpoints: Array, low: Array, high: Array, seed: int,
-    search: Deadline, spacing: float, fineness: float, most: int | None, deadline: Deadline | None,
-) -> Array | None:  # fmt: skip
-    """Rows of a path, or None; for one thread at a time."""
-    from ompl import base as ob
+    valid: ValidityChecker,
+    endpoints: Array,
+    box: tuple[Array, Array],
+    seed: int,
+    fineness: float,
+    search: Deadline,
+    deadline: Deadline | None,
+) -> SimpleSetup | None:
+    """OMPL with a path between two rows (2, nv), or None; for one thread at a time."""
     from ompl import geometric as og
 
     seed_ompl(seed)
-    planar = robot.space.planar
-    states = _state_space(robot, ob, low, high)
+    robot = valid.robot
+    states = _state_space(robot, *box)
     setup = og.SimpleSetup(states)
-    info = setup.getSpaceInformation()
+    _set_steps(states, robot, fineness)
     reader = _Reader(robot)
 
     def is_valid(state: Any) -> bool:  # when the time is over no further edge is taken, and no shortcut
@@ -164,58 +171,72 @@ def _search(
         return valid(reader.configuration(state)) if valid.native is None else valid.at(reader.row(state))
 
     setup.setStateValidityChecker(is_valid)
-    for k in range(states.getSubspaceCount()):
-        part = states.getSubspace(k)
-        parts = {part: _BASE_STEP if planar and k == 0 else _JOINT_STEP}
-        if planar and k == 0 and robot.base_kind is not BaseKind.DIFF_DRIVE:
-            # SE(2) asks its own two spaces; Reeds–Shepp curves are measured by themselves
-            parts = {part.getSubspace(0): _BASE_STEP, part.getSubspace(1): _TURN_STEP}
-        for one, step in parts.items():
-            one.setLongestValidSegmentFraction(min(step / fineness / one.getMaximumExtent(), 0.5))
     first, last = states.allocState(), states.allocState()
     reader.write(first, endpoints[0])
     reader.write(last, endpoints[1])
     setup.setStartAndGoalStates(first, last, 1e-6)
-    planner = og.RRTConnect(info)
-    planner.setRange(1.5 if planar else 0.6)
+    planner = og.RRTConnect(setup.getSpaceInformation())
+    planner.setRange(_BASE_RANGE if robot.space.planar else _JOINT_RANGE)
     setup.setPlanner(planner)
-    if not solved(setup, valid, search):
-        return None
-    path = setup.getSolutionPath()
-    simplifier = og.PathSimplifier(info)
+    return setup if solved(setup, valid, search) else None
+
+
+def _rows_along(setup: SimpleSetup, robot: RobotModel, endpoints: Array, spacing: float, most: int | None) -> Array:
+    """Rows (N, nv) along the path that OMPL found, without its detours."""
+    from ompl import geometric as og
+
+    path, reader = setup.getSolutionPath(), _Reader(robot)
+    simplifier = og.PathSimplifier(setup.getSpaceInformation())
     simplifier.reduceVertices(path, 12, 6)
     simplifier.partialShortcutPath(path, 12, 6)
     count = max(math.ceil(path.length() / spacing) + 1, 5)
     path.interpolate(count if most is None else min(count, most))
     rows = np.array([reader.row(s) for s in path.getStates()])
     rows[0], rows[-1] = endpoints
-    if planar:
+    if robot.space.planar:
         rows[:, 2] = np.unwrap(rows[:, 2])
     if most is not None and len(rows) > most:
         rows = rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
     return rows
 
 
-def _state_space(robot: RobotModel, ob: Any, low: Array, high: Array) -> Any:
+def _set_steps(states: Any, robot: RobotModel, fineness: float) -> None:
+    """Have edges looked at in steps of the base and of the joints, ``fineness`` times as densely as usual."""
+    for k in range(states.getSubspaceCount()):
+        part, of_base = states.getSubspace(k), robot.space.planar and k == 0
+        parts = {part: _BASE_STEP if of_base else _JOINT_STEP}
+        if of_base and robot.base_kind is not BaseKind.DIFF_DRIVE:
+            # SE(2) asks its own two spaces; Reeds–Shepp curves are measured by themselves
+            parts = {part.getSubspace(0): _BASE_STEP, part.getSubspace(1): _TURN_STEP}
+        for one, step in parts.items():
+            one.setLongestValidSegmentFraction(min(step / fineness / one.getMaximumExtent(), 0.5))
+
+
+def _state_space(robot: RobotModel, low: Array, high: Array) -> Any:
+    from ompl import base as ob
+
     space = robot.space
     nj = space.nv - space.base_nv
     compound = ob.CompoundStateSpace()
     if space.planar:
         drive = robot.base_kind is BaseKind.DIFF_DRIVE
         base = ob.ReedsSheppStateSpace(_TURNING_RADIUS) if drive else ob.SE2StateSpace()
-        base.setBounds(_bounds(ob, low, high))
+        base.setBounds(real_bounds(low, high))
         compound.addSubspace(base, 1.0)
     if nj:
         joints = ob.RealVectorStateSpace(nj)
         lower, upper = space.lower[space.base_nv :], space.upper[space.base_nv :]
         joints.setBounds(
-            _bounds(ob, np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi))
+            real_bounds(np.where(np.isfinite(lower), lower, -np.pi), np.where(np.isfinite(upper), upper, np.pi))
         )
         compound.addSubspace(joints, _JOINT_WEIGHT if space.planar else 1.0)
     return compound
 
 
-def _bounds(ob: Any, low: Array, high: Array) -> Any:
+def real_bounds(low: Array, high: Array) -> RealVectorBounds:
+    """OMPL's bounds of a space of real numbers."""
+    from ompl import base as ob
+
     bounds = ob.RealVectorBounds(len(low))
     for i, (least, most) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
         bounds.setLow(i, least)
@@ -281,7 +302,7 @@ def certify_path(deformer: Deformer, scene: Scene, rows: Array) -> Certificate:
     A differential drive's waypoints are first moved, as little as possible, until wheels can follow them.
 
     Args:
-        deformer: a workspace of the robot; what it knows of other strips is lost.
+        deformer: a workspace of the robot; its knowledge of other strips is lost.
         scene: the obstacles.
         rows: waypoints (N, nv).
     """

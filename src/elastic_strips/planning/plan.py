@@ -1,14 +1,15 @@
 """Plan: an initial strip, by the straight line where that relaxes to a certified strip, else by the grid or OMPL.
 
-A path that is given comes before all. The grid's path is tried with the joints in step and with the arm tucked; where
-that does not fit, so is one on which the whole robot does. The base is looked for in a box about start and goal, which
-widens as attempts fail, or within the bounds that are given.
+A given path comes first. The grid's path is tried with the joints in step and with the arm tucked; where that does not
+fit, a path is tried on which the whole robot fits. The base is looked for in a box about start and goal, which widens
+as attempts fail, or within given bounds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -30,10 +31,8 @@ from .problem import ARM, Deadline, PlanningProblem, check_kinds, one_configurat
 from .report import PlanReport
 from .search import PlanSearch
 
-_DETOUR, _ASIDE = 3.0, 5.0  # a grid's path of more than 3 times the direct one and 5 m [m] waits for OMPL
-_SHORTER_SHARE, _SHORTER = 0.25, 2.0  # of the time, and most [s], is OMPL's then
-_LEAST_SHARE = 0.1  # [s]
-_IN_TURNS = 3  # configurations of a goal share the time that is left
+_DETOUR_RATIO, _DETOUR_LENGTH = 3.0, 5.0  # a grid's path of more than 3 times the direct one and 5 m [m] waits for OMPL
+_SHORTENING_SHARE, _LONGEST_SHORTENING = 0.25, 2.0  # of the time, and most [s], is OMPL's then
 
 
 def plan_report(
@@ -59,7 +58,7 @@ def plan_report(
 ) -> PlanReport:
     """Plan an initial strip, or several that pass the obstacles on different sides, and report how it went.
 
-    Where several are asked for, the straight line, paths over a grid that differ in class, and paths of OMPL are
+    Where several are wanted, the straight line, paths over a grid that differ in class, and paths of OMPL are
     relaxed until there are enough. A fixed base has one class only.
 
     Args:
@@ -69,90 +68,123 @@ def plan_report(
         goal: configuration (nq,); or a :class:`HandPose`, a :class:`BasePose`, coordinates by name, or a list of goals
             of which any will do: then :func:`find_goals` finds configurations, and they are planned to in turns, the
             nearest to the start first, until there is a plan.
-        count: so many strips at most; with more than one they are the report's ``alternatives``.
-        seed: of the planner's random numbers.
-        params: of the relaxation, with the clearances to prove. Where None, the default preset, which asks for no more
-            clearance than half of what start and goal have (the reason says so), and looks less far about an arm.
+        count: largest number of strips; with more than one they are the report's ``alternatives``.
+        seed: seed of the planner's random numbers.
+        params: parameters of the relaxation, with the clearances to prove. Where None, the default preset, which asks
+            for no more clearance than half of what start and goal have (the reason says so), and looks less far about
+            an arm.
         timeout: longest time [s] for everything; exceeded by at most a tick of the deformer or a step of OMPL.
-        work: most computing for everything, as the time [s] that :mod:`elastic_strips.work` models for it; None where
-            only time bounds it. With that and ``timeout=math.inf`` equal seeds give equal plans on every machine.
+        work: largest amount of computing for everything, as the time [s] that :mod:`elastic_strips.work` models for it;
+            None where only time bounds it. With that and ``timeout=math.inf`` equal seeds give equal plans on every
+            machine.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave. Where None, the base is looked for
             about start and goal, ever wider as attempts fail.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         line: whether to try the straight line at all.
-        path: what to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
-        grid: whether to try what :func:`grid_path` finds before OMPL is asked; there is none for a fixed base.
-        backward: whether a differential drive may go the straight line backwards, where it turns less then. Paths over
-            the grid always go forwards; those of OMPL, the last resort, may back up.
-        constraint: what every configuration on the way, between the nodes too, has to satisfy within its tolerance,
-            such as a hand that stays level; not beside a deformer, which brings its own.
-        start_depth: [m] a start that touches by at most so much is left along growing distance, and what is planned
-            and certified begins where the robot is free: see ``departure`` of the report, which is then not certified
-            as a whole. With 0 such a start is refused. One strip only, and no constraint.
+        path: path to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
+        grid: whether to try a path of :func:`grid_path` before OMPL is asked; there is none for a fixed base.
+        backward: whether a differential drive may go along the straight line backwards, where it turns less then. Paths
+            over the grid always go forwards; those of OMPL, the last resort, may back up.
+        constraint: constraint that every configuration on the way, between the nodes too, satisfies within its
+            tolerance, such as a hand that stays level; not together with a deformer, which has its own.
+        start_depth: a start that touches by at most this much [m] is left along growing distance, and the planned and
+            certified strip begins where the robot is free: see ``departure`` of the report, which is then not certified
+            as a whole. With 0 such a start is refused. It is for one strip only, without a constraint.
         watch: called with every tick's report.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
-        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
-            satisfy the constraint; names the pair, or the distance.
-        GoalError: no configuration reaches the goal, or none that touches nothing.
+        ConfigurationError: start or goal is not valid, in collision, too far away or outside the bounds, or does not
+            satisfy the constraint; the message names the pair, or the distance.
+        GoalError: no configuration reaches the goal, or every such configuration touches something.
         ParameterError: a count, seed, timeout, bounds or start_depth outside their range, or a path of another
             shape.
     """
     count = check_count("count", count, low=1)
     start_depth = check_number("start_depth", start_depth, low=0.0, high=MOST_DEPTH, unit="m")
+    asked = deformer.params if isinstance(deformer, Deformer) else params
+    plan_anew = partial(
+        plan_report,
+        robot,
+        scene,
+        count=count,
+        seed=seed,
+        params=params,
+        bounds=bounds,
+        deformer=deformer,
+        line=line,
+        path=path,
+        grid=grid,
+        backward=backward,
+        constraint=constraint,
+        watch=watch,
+    )
     if start_depth > 0.0:
         if count > 1 or constraint is not None or (isinstance(deformer, Deformer) and deformer.constraint is not None):
             raise ParameterError(f"start_depth={start_depth:g} is for one strip (count=1) without a constraint")
         check_kinds(robot, scene)
-        asked = deformer.params if isinstance(deformer, Deformer) else params
-        asked = asked or (DeformParams() if robot.space.planar else ARM)
-        departure = leave_contact(robot, scene, one_configuration(robot, start, "start"), start_depth, asked)
+        leaving = asked or (DeformParams() if robot.space.planar else ARM)
+        departure = leave_contact(robot, scene, one_configuration(robot, start, "start"), start_depth, leaving)
         if departure is not None:
-            report = plan_report(
-                robot, scene, departure.strip.q[-1], goal, seed=seed, params=params, timeout=timeout, work=work,
-                bounds=bounds, deformer=deformer, line=line, path=path, grid=grid, backward=backward, watch=watch,
-            )  # fmt: skip
-            return _after(report, departure, deformer or Deformer(robot, asked))
+            report = plan_anew(departure.strip.q[-1], goal, timeout=timeout, work=work)
+            return _after(report, departure, deformer or Deformer(robot, leaving))
     if is_goal_region(goal):
         deadline = Deadline(timeout, work)
-        asked = deformer.params if isinstance(deformer, Deformer) else params
         goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked, deadline=deadline)
         force = deformer.constraint if isinstance(deformer, Deformer) else None
-        if constraint is not None:
-            force = ConstraintForce(robot, constraint)
-        if force is not None:
-            goals = _satisfying(robot, goals, force)
-        for k, q in enumerate(goals):
-            left = max(deadline.left, _LEAST_SHARE) / min(_IN_TURNS, len(goals) - k)
-            report = plan_report(
-                robot, scene, start, q, count=count, seed=seed, params=params, bounds=bounds,
-                timeout=left if work is None else max(deadline.time_left, _LEAST_SHARE),
-                work=None if work is None else left, deformer=deformer, line=line, path=path, grid=grid,
-                backward=backward, constraint=constraint, watch=watch,
-            )  # fmt: skip
-            if report.certified or deadline.over():
-                break
-        return replace(report, reason=f"{report.reason}; to configuration {k + 1} of {len(goals)} of the goal")
-    configuration = cast("npt.ArrayLike", goal)
+        goals = _satisfying(robot, goals, force if constraint is None else ConstraintForce(robot, constraint))
+        return _in_turns(partial(plan_anew, start), goals, deadline)
     problem = PlanningProblem(
-        robot, scene, start, configuration, params=params, deformer=deformer, bounds=bounds, seed=seed, timeout=timeout,
-        work=work, backward=backward, constraint=constraint,
-    )  # fmt: skip
+        robot,
+        scene,
+        start,
+        cast("npt.ArrayLike", goal),
+        params=params,
+        deformer=deformer,
+        bounds=bounds,
+        seed=seed,
+        timeout=timeout,
+        work=work,
+        backward=backward,
+        constraint=constraint,
+    )
     if count > 1:
-        return _several(problem, count, line, path, grid, watch)
+        return _several(problem, count, line=line, path=path, grid=grid, watch=watch)
+    return _one(problem, line=line, path=path, grid=grid, watch=watch)
+
+
+def _in_turns(plan_to: Callable[..., PlanReport], goals: Array, deadline: Deadline) -> PlanReport:
+    """Plan to configurations (K, nq), one after the other, which share the time or the work that is left."""
+    report, k = None, 0
+    for k, q in enumerate(goals):
+        time_left, share = deadline.turn(len(goals) - k)
+        report = plan_to(q, timeout=time_left, work=share) if deadline.of_work else plan_to(q, timeout=share)
+        if report.certified or deadline.over():
+            break
+    assert report is not None  # a goal has at least one configuration
+    return replace(report, reason=f"{report.reason}; to configuration {k + 1} of {len(goals)} of the goal")
+
+
+def _one(
+    problem: PlanningProblem,
+    *,
+    line: bool,
+    path: npt.ArrayLike | None,
+    grid: bool,
+    watch: Callable[[DeformReport], object] | None,
+) -> PlanReport:
+    """One strip: by the given path, the line, the grid or joint space, then OMPL; the first of them that is usable."""
     search = PlanSearch(problem, watch)
     report = search.relaxed(rows_along(problem, path), "path", "given path") if path is not None else None
     report = report or search.straight(line)
-    if report is None and grid and problem.region is not None:
-        direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
-        report = search.over_the_grid(_DETOUR * direct + _ASIDE)
-        if report is None and search.put_off:  # is there no shorter one that the base alone does not find?
-            report = search.with_ompl(min(_SHORTER_SHARE * problem.deadline.left, _SHORTER)) or search.over_the_grid(
-                np.inf
-            )
     if report is None and problem.region is None:
         report = search.of_the_joints()
+    elif report is None and problem.region is not None and grid:
+        direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
+        report = search.over_the_grid(_DETOUR_RATIO * direct + _DETOUR_LENGTH)
+        if report is None and search.put_off:  # is there no shorter one that the base alone does not find?
+            seconds = min(_SHORTENING_SHARE * problem.deadline.left, _LONGEST_SHORTENING)
+            report = search.with_ompl(seconds) or search.over_the_grid(np.inf)
     return report or search.with_ompl() or search.failed()
 
 
@@ -165,13 +197,20 @@ def _after(report: PlanReport, departure: Departure, deformer: Deformer) -> Plan
     said = "certified" if report.certified else "not certified"
     reason = f"{left}; {said} from node {first} on: {report.reason}"
     return replace(
-        report, strip=whole, initial=initial, certified=False, reason=reason, departure=left,
+        report,
+        strip=whole,
+        initial=initial,
+        certified=False,
+        reason=reason,
+        departure=left,
         report=replace(assessed, reason=reason),
-    )  # fmt: skip
+    )
 
 
-def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce) -> Array:
-    """The configurations (K, nq) of a goal that satisfy a constraint."""
+def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce | None) -> Array:
+    """The configurations (K, nq) of a goal that satisfy a constraint, if there is one."""
+    if force is None:
+        return goals
     off, constraint = force.errors_at(robot.space.to_coordinates(goals)), force.constraint
     if off.min() > constraint.tolerance:
         raise GoalError(
@@ -183,9 +222,15 @@ def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce) -> Arra
 
 
 def _several(
-    problem: PlanningProblem, count: int, line: bool, path: npt.ArrayLike | None, grid: bool,
+    problem: PlanningProblem,
+    count: int,
+    *,
+    line: bool,
+    path: npt.ArrayLike | None,
+    grid: bool,
     watch: Callable[[DeformReport], object] | None,
-) -> PlanReport:  # fmt: skip
+) -> PlanReport:
+    """Several strips that pass the obstacles on different sides."""
     given = None if path is None else rows_along(problem, path)
     search = AlternativesSearch(problem, count, line=line, given=given, grid=grid, watch=watch)
     search.run()
@@ -196,10 +241,19 @@ def _several(
         assert search.best is not None  # the straight line at least was looked at
         report, initial = search.best
     return PlanReport(
-        strip=report.strip, initial=initial, certified=bool(found), method=found[0].method if found else "none",
-        reason=search.reason, report=report, attempts=search.attempts, ticks=search.ticks,
-        seconds=problem.deadline.spent, timings=search.timings, alternatives=found, clusters=search.clusters,
-    )  # fmt: skip
+        strip=report.strip,
+        initial=initial,
+        certified=bool(found),
+        method=found[0].method if found else "none",
+        reason=search.reason,
+        report=report,
+        attempts=search.attempts,
+        ticks=search.ticks,
+        seconds=problem.deadline.spent,
+        timings=search.timings,
+        alternatives=found,
+        clusters=search.clusters,
+    )
 
 
 def plan(
@@ -229,6 +283,14 @@ def plan(
         RobotError, SceneError, ConfigurationError, GoalError, ParameterError: as :func:`plan_report`.
     """
     return plan_report(
-        robot, scene, start, goal, seed=seed, params=params, timeout=timeout, bounds=bounds, constraint=constraint,
+        robot,
+        scene,
+        start,
+        goal,
+        seed=seed,
+        params=params,
+        timeout=timeout,
+        bounds=bounds,
+        constraint=constraint,
         start_depth=start_depth,
-    ).strip  # fmt: skip
+    ).strip

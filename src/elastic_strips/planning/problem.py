@@ -1,4 +1,4 @@
-"""The problem of a planner: robot, scene, start, goal, time and bounds; refused where something is unsound."""
+"""The problem of a planner: robot, scene, start, goal, time and bounds; refused where something is not valid."""
 
 from __future__ import annotations
 
@@ -17,42 +17,47 @@ from elastic_strips.ownership import exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import OrientationConstraint, Strip
-from elastic_strips.strip.base_deformer import Workspace
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
+from elastic_strips.strip.workspace import Workspace
 from elastic_strips.validation import check_count
 from elastic_strips.work import seconds_counted
 
-from .grid_path import FLOOR
+from .grid_path import DRIVEN_OVER_HEIGHT
 from .leaving import MOST_DEPTH
 
 _log = logging.getLogger(__name__)
 _MOST_DISTANCE = 1000.0  # [m] longest path that is planned at once; what is longer is likely in millimetres
-_FAR = 200.0  # [m] a warning is logged for a goal farther away
-_ENDLESS = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
-_HUGE, _THICK = 200.0, 1.0  # [m] a warning is logged for an obstacle of such a size, unless it is a wall or a floor
-_ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
-_LEAST = 2.0  # [m] about start and goal, to turn and to back up
+_FAR_GOAL = 200.0  # [m] a warning is logged for a goal farther away
+_ENDLESS_SIZE = 4_000.0  # [m] there is no way round an obstacle of such a size, as stands for the outside of a map
+_HUGE_SIZE = 200.0  # [m] a warning is logged for an obstacle of such a size,
+_THICK_SIZE = 1.0  # [m] unless it is thinner, as a wall or a floor is
+_PASSING_ROOM = 1.0  # [m] beyond the robot that it gets to pass the outermost obstacle
+_LEAST_TURNING_ROOM = 2.0  # [m] about start and goal, to turn and to back up
+SEED_STRIDE = 7919
+"""Between the seeds of one attempt and of the next, so that attempts of neighbouring seeds differ."""
 ARM = DeformParams(influence=0.1, near=0.04)
-"""Of an arm's relaxation, by default: in a shelf everything is within 0.3 m, and not all of it need be measured."""
+"""Default parameters of an arm's relaxation: in a shelf everything is within 0.3 m and need not all be measured."""
 _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself
-_SPACING = 0.13  # [m] between the nodes of a first strip, at most
+_LEAST_TURN_TIME = 0.1  # [s] of an attempt that takes turns with others
+_SHARING_TURNS = 3  # most attempts among which what is left is divided
+_FIRST_NODE_SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
 _Box = tuple[Array, Array]
 """Low and high corner (2,) of an upright box [m]."""
 
 
 class Deadline:
-    """A point in time, ``seconds`` from now; or the point at which a thread has done so much work, or what comes first.
+    """A point in time, ``seconds`` from now; or the point at which a thread has done ``work``, if that comes first.
 
     Work ends a search at the same place on every machine, whatever else runs there.
 
     Args:
         seconds: how far ahead it is [s].
         work: how much the calling thread may compute, as the time [s] that is modelled for it
-            (:mod:`elastic_strips.work`); None where that has no bound.
+            (:mod:`elastic_strips.work`); None where work has no bound.
     """
 
     def __init__(self, seconds: float, work: float | None = None) -> None:
@@ -77,7 +82,7 @@ class Deadline:
 
     @property
     def left(self) -> float:
-        """Time [s] that is left, or modelled time of the work that is left, if that is less; negative where over."""
+        """Time [s] that is left, or modelled time of the work that is left, if that is less; negative if it is over."""
         return self.time_left if self._most is None else min(self.time_left, self._most - seconds_counted())
 
     def over(self) -> bool:
@@ -85,70 +90,82 @@ class Deadline:
         return self.left <= 0.0
 
     def within(self, seconds: float) -> Deadline:
-        """An earlier one: after so much [s], of work where that is bounded, else of time."""
+        """An earlier deadline, after this many seconds of work if that is bounded, else of time."""
         if self._most is None:
             return Deadline(min(seconds, self.left))
         return Deadline(self.time_left, min(seconds, self._most - seconds_counted()))
 
+    def turn(self, waiting: int) -> tuple[float, float]:
+        """For the next of so many attempts that take turns: the time [s] that is left, and its share of what is left.
+
+        At most three share it, so that the first ones, which are the likeliest, get enough.
+        """
+        time, left = (max(s, _LEAST_TURN_TIME) for s in (self.time_left, self.left))
+        return time, left / min(_SHARING_TURNS, waiting)
+
 
 class PlanningProblem:
-    """What is to be planned, checked.
+    """A checked planning problem.
 
     Args:
         robot: the robot.
         scene: the obstacles, as they stand.
         start, goal: configurations (nq,).
-        params: of the relaxation; where None, and there is no deformer, the default preset with no more clearance than
-            half of what start and goal have, if that is more than 0.5 mm.
+        params: parameters of the relaxation; where None, and there is no deformer, the default preset with no more
+            clearance than half of what start and goal have, if that is more than 0.5 mm.
         deformer: a workspace of the same robot to use again; its parameters count, not ``params``.
         bounds: corners ((x, y), (x, y)) [m] of a box that the base does not leave, or None.
-        seed: of random numbers.
+        seed: seed of random numbers.
         timeout: longest time for everything [s].
-        work: most work for everything, in modelled seconds; None where that has no bound.
+        work: largest amount of work for everything, in modelled seconds; None where that has no bound.
         backward: whether the straight line may be driven backwards.
-        constraint: what every configuration on the way has to satisfy, or None; not beside a deformer, which brings its
-            own.
+        constraint: constraint that every configuration on the way satisfies, or None; not together with a deformer,
+            which has its own.
 
     Attributes:
-        constraint: the same, as a force on strips.
+        constraint: the constraint as a force on strips, or None.
         endpoints: (2, nq) start and goal.
-        region: where the base is looked for; None for a fixed base.
-        deadline: when time or work is over.
-        spacing: between the nodes of a first strip [m].
+        region: region in which the base is looked for; None for a fixed base.
+        deadline: end of time or work.
+        spacing: distance between the nodes of a first strip [m].
         room: distance [m] of the robot from obstacles at the start or the goal; a lower bound where it is large.
-        eased: where less than the default clearance is asked for, how much and why; else empty.
+        eased: a phrase that says how much less than the default clearance is asked for, and why; else empty.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
-        ConfigurationError: start or goal is not sound, in collision, too far away or outside of the bounds, or does not
+        ConfigurationError: start or goal is not valid, in collision, too far away or outside the bounds, or does not
             satisfy the constraint; names the pair, or the distance.
-        ParameterError: a seed, timeout or bounds outside its range, something that is no deformer of this robot, or a
-            constraint beside a deformer.
+        ParameterError: a seed, timeout or bounds outside its range, something that is not a deformer of this robot, or
+            a constraint together with a deformer.
     """
 
     start: Array
     goal: Array
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *,
-        params: DeformParams | None = None, deformer: Deformer | None = None, bounds: npt.ArrayLike | None = None,
-        seed: int = 0, timeout: float = 10.0, work: float | None = None, backward: bool = True,
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        start: npt.ArrayLike,
+        goal: npt.ArrayLike,
+        *,
+        params: DeformParams | None = None,
+        deformer: Deformer | None = None,
+        bounds: npt.ArrayLike | None = None,
+        seed: int = 0,
+        timeout: float = 10.0,
+        work: float | None = None,
+        backward: bool = True,
         constraint: OrientationConstraint | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.seed: int = check_count("seed", seed)
         self.backward: bool = backward
-        for what, limit in (("timeout", timeout), ("work", 1.0 if work is None else work)):
-            number = isinstance(limit, (int, float, np.integer, np.floating)) and not isinstance(limit, bool)
-            if not number or not limit > 0:
-                raise ParameterError(f"{what}={limit!r} must be a number > 0 of seconds")
-        self.deadline: Deadline = Deadline(float(timeout), None if work is None else float(work))
+        seconds = _checked_seconds("timeout", timeout)
+        most_work = None if work is None else _checked_seconds("work", work)
+        self.deadline: Deadline = Deadline(seconds, most_work)
         check_kinds(robot, scene)
-        if deformer is not None and not isinstance(deformer, Deformer):
-            raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
-        if deformer is not None and not robot.same_as(deformer.robot):
-            raise ParameterError(f"deformer is of robot {deformer.robot.name!r}; it must be of {robot.name!r}")
-        if deformer is not None and constraint is not None:
-            raise ParameterError("constraint: a deformer brings its own: Deformer(robot, params, constraint=…)")
+        if deformer is not None:
+            _check_deformer(deformer, robot, constraint)
         self.robot: RobotModel = robot
         self.scene: Scene = scene
         own = DeformParams() if robot.space.planar else ARM
@@ -170,7 +187,7 @@ class PlanningProblem:
             self.constraint.check(self.endpoints, ("start", "goal"))
         if self.region is None and bounds is not None:
             raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
-        self.spacing: float = min(_SPACING, self.params.max_spacing)
+        self.spacing: float = min(_FIRST_NODE_SPACING, self.params.max_spacing)
 
     def satisfying(self, coordinates: Array) -> Array:
         """Rows (N, nv), the inner ones moved to where they satisfy the constraint if there is one."""
@@ -181,11 +198,11 @@ class PlanningProblem:
         return rows
 
     def missed(self, report: DeformReport) -> str:
-        """Where a strip does not satisfy the constraint, and by how much; empty where it does."""
+        """A phrase that says where a strip misses the constraint, and by how much; empty where it does not."""
         return "" if self.constraint is None else self.constraint.missed(report.strip)
 
     def failure(self, report: DeformReport) -> str:
-        """Why a relaxed strip is of no use; empty where it is certified, its base keeps to the bounds, and it satisfies
+        """Why a relaxed strip is unusable; empty where it is certified, its base keeps to the bounds, and it satisfies
         the constraint if there is one."""
         if not report.usable:
             return report.reason
@@ -196,6 +213,22 @@ class PlanningProblem:
         return f"the base leaves the bounds by {aside:.3f} m" if aside > 0.0 else ""
 
 
+def _checked_seconds(what: str, given: float) -> float:
+    number = isinstance(given, (int, float, np.integer, np.floating)) and not isinstance(given, bool)
+    if not number or not given > 0:
+        raise ParameterError(f"{what}={given!r} must be a number > 0 of seconds")
+    return float(given)
+
+
+def _check_deformer(deformer: Deformer, robot: RobotModel, constraint: OrientationConstraint | None) -> None:
+    if not isinstance(deformer, Deformer):
+        raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
+    if not robot.same_as(deformer.robot):
+        raise ParameterError(f"deformer is of robot {deformer.robot.name!r}; it must be of {robot.name!r}")
+    if constraint is not None:
+        raise ParameterError("constraint: a deformer brings its own: Deformer(robot, params, constraint=…)")
+
+
 def check_kinds(robot: RobotModel, scene: Scene) -> None:
     if not isinstance(robot, RobotModel):
         raise RobotError(f"robot is a {type(robot).__name__}; it must be a RobotModel, as load_robot(...) gives it")
@@ -204,27 +237,31 @@ def check_kinds(robot: RobotModel, scene: Scene) -> None:
 
 
 def check_endpoints(
-    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, params: DeformParams,
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: npt.ArrayLike,
+    params: DeformParams,
     deformer: Deformer | None = None,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Check start and goal: sound configurations (nq,) that keep the clearances of ``params``.
+) -> tuple[Array, Array]:
+    """Check start and goal: valid configurations (nq,) that keep the clearances of ``params``.
 
-    A warning is logged for what is very far away or large: lengths are in metres.
+    A warning is logged for very far goals and very large obstacles: lengths are in metres.
 
     Args:
         robot: the robot.
         scene: the obstacles, as they stand.
         start, goal: configurations (nq,).
-        params: with the clearances to keep.
-        deformer: a workspace of the robot to use again, where this is asked often; nothing of it is kept.
+        params: parameters with the clearances to keep.
+        deformer: a workspace of the robot to use again, where this is asked often; its contents are lost.
 
     Returns:
         Start and goal as arrays.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
-        ConfigurationError: names what is wrong: the entry, the pair that is too close and its distance, or how far the
-            goal is away.
+        ConfigurationError: the message names the fault: the entry, the pair that is too close and its distance, or how
+            far the goal is away.
     """
     check_kinds(robot, scene)
     ends = _checked_ends(robot, start, goal, params)
@@ -243,10 +280,10 @@ def _checked_ends(
 
 
 def one_configuration(robot: RobotModel, given: npt.ArrayLike, what: str) -> Array:
-    """A sound configuration (nq,).
+    """A valid configuration (nq,).
 
     Raises:
-        ConfigurationError: it is not sound, or several.
+        ConfigurationError: it is not valid, or there are several.
     """
     q = robot.check_q(given, what=what)
     if q.ndim != 1:
@@ -256,7 +293,7 @@ def one_configuration(robot: RobotModel, given: npt.ArrayLike, what: str) -> Arr
 
 @dataclass(frozen=True, slots=True)
 class Near:
-    """What is nearest at the start or goal: a link and an obstacle, or two links (``bound`` is ``self_clearance``)."""
+    """The nearest pair at the start or goal: a link and an obstacle, or two links (``bound`` is ``self_clearance``)."""
 
     what: str
     bound: str
@@ -265,7 +302,7 @@ class Near:
     two: str
 
     def check(self, params: DeformParams) -> None:
-        """Refuse what touches, or is nearer than the parameters have it."""
+        """Refuse a pair that touches, or is nearer than the parameters allow."""
         clearance = float(getattr(params, self.bound))
         if self.distance < 0:
             slight = self.what == "start" and -self.distance < MOST_DEPTH
@@ -303,13 +340,13 @@ def nearest_things(work: Workspace, robot: RobotModel, scene: Scene, ends: tuple
 
 
 def ease(deformer: Deformer, nearest: list[Near]) -> str:
-    """Ask for no more clearance than half of what start and goal have; says so, for people, where that is less."""
+    """Ask for no more clearance than half of what start and goal have; the text says so where that is less."""
     least, said = {"clearance": deformer.params.clearance, "self_clearance": deformer.params.self_clearance}, []
     for near in sorted(nearest, key=lambda near: near.distance):
         if _LEAST_ROOM < near.distance <= least[near.bound]:
             least[near.bound] = 0.5 * near.distance
             said.append(
-                f"proven with {1e3 * least[near.bound]:.2g} mm, for at the {near.what} {near.one!r} is "
+                f"proven with {1e3 * least[near.bound]:.2g} mm, as at the {near.what} {near.one!r} is "
                 f"{1e3 * near.distance:.2g} mm from {near.two!r}"
             )
     if said:
@@ -323,7 +360,7 @@ def _check_distance(distance: float, params: DeformParams) -> None:
             f"goal is {distance:.6g} m from start, more than the {_MOST_DISTANCE:g} m that are planned at once; "
             "lengths are in metres (are these millimetres?), and a longer way takes goals in between"
         )
-    if distance > _FAR:
+    if distance > _FAR_GOAL:
         _warn_once(
             f"goal is {distance:.6g} m from start: lengths are in metres; a strip has at most {params.max_nodes} nodes "
             "(max_nodes)"
@@ -333,7 +370,7 @@ def _check_distance(distance: float, params: DeformParams) -> None:
 def _warn_of_size(scene: Scene) -> None:
     table = scene.table
     size = 2.0 * table.half_extents
-    huge = (size.max(axis=1, initial=0.0) > _HUGE) & (size.min(axis=1, initial=np.inf) > _THICK)
+    huge = (size.max(axis=1, initial=0.0) > _HUGE_SIZE) & (size.min(axis=1, initial=np.inf) > _THICK_SIZE)
     if huge.any():
         k = int(np.argmax(np.where(huge, size.max(axis=1), 0.0)))
         x, y, z = size[k]
@@ -362,13 +399,13 @@ class Region:
 
     Attributes:
         given: the caller's bounds, or None.
-        cover: the box beyond which there is nothing to be passed; the bounds where they are given.
+        cover: the box beyond which there is nothing to pass; the bounds where they are given.
         folded: radius [m] of the disc about the base that holds the robot in the smaller of the postures at the start
             and at home.
 
     Raises:
         ParameterError: bounds of another shape, not finite, or empty.
-        ConfigurationError: start or goal is outside of the bounds.
+        ConfigurationError: start or goal is outside the bounds.
     """
 
     def __init__(
@@ -388,15 +425,19 @@ class Region:
         outer, height = np.max(postures, axis=0)
         table = scene.table
         low, high = table.center - table.half_extents, table.center + table.half_extents
-        counts = (low[:, 2] < height) & (high[:, 2] > FLOOR) & ((high - low).max(axis=1, initial=0.0) < _ENDLESS)
-        least, room = max(_LEAST, outer + _ROOM), outer + _ROOM
+        counts = (
+            (low[:, 2] < height)
+            & (high[:, 2] > DRIVEN_OVER_HEIGHT)
+            & ((high - low).max(axis=1, initial=0.0) < _ENDLESS_SIZE)
+        )
+        least, room = max(_LEAST_TURNING_ROOM, outer + _PASSING_ROOM), outer + _PASSING_ROOM
         corners = np.vstack(
             (self.endpoints - least, self.endpoints + least, low[counts, :2] - room, high[counts, :2] + room)
         )
         return np.min(corners, axis=0), np.max(corners, axis=0)
 
     def box(self, widen: float) -> _Box:
-        """The box that reaches ``widen`` [m] beyond start and goal, no further than anything is; or the bounds."""
+        """The box that reaches ``widen`` [m] beyond start and goal, no further than any obstacle; or the bounds."""
         low, high = self.cover
         if self.given is None:
             low = np.maximum(low, self.endpoints.min(axis=0) - widen)
@@ -404,7 +445,7 @@ class Region:
         return low, high
 
     def boxes(self, widen: float) -> Iterator[_Box]:
-        """Boxes that reach ``widen`` [m] beyond start and goal, then twice as far, until one is all there is."""
+        """Boxes that reach ``widen`` [m] beyond start and goal, then twice as far, until one holds everything."""
         while True:
             low, high = self.box(widen)
             yield low, high
@@ -434,6 +475,6 @@ def _checked_bounds(bounds: npt.ArrayLike, endpoints: Array) -> _Box:
     for what, at in zip(("start", "goal"), endpoints, strict=True):
         if (at < low).any() or (at > high).any():
             raise ConfigurationError(
-                f"{what}: the base at x={at[0]:.6g}, y={at[1]:.6g} m is outside of bounds={corners.tolist()}"
+                f"{what}: the base at x={at[0]:.6g}, y={at[1]:.6g} m is outside bounds={corners.tolist()}"
             )
     return low, high

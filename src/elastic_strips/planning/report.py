@@ -1,4 +1,4 @@
-"""PlanReport: how an initial strip came about."""
+"""PlanReport: the result of planning."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ from .leaving import Departure
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PlanReport(Summary):
-    """How an initial strip came about.
+    """The result of planning an initial strip, and how it was found.
 
     Attributes:
-        strip: the strip, from exactly the start to exactly the goal that were given; initial: what it was relaxed from.
-            It is certified if ``certified``, else the best that was reached, as it is.
+        strip: the strip, from exactly the given start to exactly the given goal.
+        initial: the strip that it was relaxed from.
+            ``strip`` is certified if ``certified``; otherwise it is the best that was reached, as it is.
         certified: whether every segment is certified, and the base keeps to the bounds where there are any.
         method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, ``"straight"`` (of the hand), or ``"none"`` where
             nothing was certified.
-        reason: what happened, for people; where nothing was certified, what stands in the way last, and what to try.
+        reason: what happened, in words; where nothing was certified, what was in the way last, and what to try.
         report: the last deformation report.
-        attempts: planner calls made; where several strips were asked for, paths that were relaxed.
-        ticks: deformation ticks made.
+        attempts: number of planner calls; where several strips were wanted, number of paths that were relaxed.
+        ticks: number of deformation ticks.
         seconds: from nothing to the first certified strip (or to giving up); all of it where several were asked for.
         timings: seconds by phase: line, planner, relaxation.
-        alternatives: where several strips were asked for, those of different classes that were certified, the cheapest
-            first: ``strip`` is that of the first.
-        clusters: of obstacles, among which the classes are.
-        departure: where the start touches and may (``start_depth``), how it is left: that part of the strip is not
+        alternatives: where several strips were wanted, the certified ones of different classes, the cheapest
+            first; ``strip`` is that of the first.
+        clusters: clusters of obstacles, to which the classes refer.
+        departure: the way out of a start that touches and may (``start_depth``): that part of the strip is not
             certified, so that ``certified`` is False; ``departure.rest`` is the certified strip that follows it, or
-            None. Else None.
+            None. ``departure`` is None for other starts.
     """
 
     strip: Strip
@@ -54,10 +55,17 @@ class PlanReport(Summary):
         several = {"costs": [round(a.cost, 3) for a in self.alternatives]} if self.alternatives else {}
         parts = {} if self.departure is None else {"rest certified": self.departure.rest is not None}
         return {
-            "certified": self.certified, **parts, "method": self.method, "reason": self.reason,
-            "robot": self.strip.robot.name, "nodes": len(self.strip), **several, "attempts": self.attempts,
-            "ticks": self.ticks, "seconds": self.seconds,
-        }  # fmt: skip
+            "certified": self.certified,
+            **parts,
+            "method": self.method,
+            "reason": self.reason,
+            "robot": self.strip.robot.name,
+            "nodes": len(self.strip),
+            **several,
+            "attempts": self.attempts,
+            "ticks": self.ticks,
+            "seconds": self.seconds,
+        }
 
     def _measured(self) -> dict[str, object]:
         return {"clearance": f"{self.report.clearance:.3f} m"}

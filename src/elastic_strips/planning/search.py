@@ -18,27 +18,27 @@ from .grid_path import MOST_CELLS, grid_path
 from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, staged_rows
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
-from .problem import PlanningProblem
+from .problem import SEED_STRIDE, Deadline, PlanningProblem, Region
 from .report import PlanReport
 from .validity import Checker, SatisfyingChecker, ValidityChecker
 
 _log = logging.getLogger(__name__)
-_FINEST = 4.0  # times as many samples on an edge as usual, at most
-_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
+_MOST_FINENESS = 4.0  # times as many samples on an edge as usual, at most
+_SEARCH_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 _GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
 _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
-_STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with; the certificate looks between
-_SPACING = 0.4  # [m or rad] of the nodes along a path of the joints
-_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
-_STAGINGS = 2  # tries of each posture
-_STAGE = 0.6  # [s] longest search for a path of the joints at either end of a drive
-_FIRST_SEARCH, _LONGER = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
-_WIDEN = 3.0  # [m] the first grid reaches so far beyond start and goal
+_EDGE_STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with
+_JOINT_NODE_SPACING = 0.4  # [m or rad] of the nodes along a path of the joints
+_JOINT_PATH_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
+_STAGING_TRIES = 2  # tries of each posture
+_LONGEST_STAGE_SEARCH = 0.6  # [s] longest search for a path of the joints at either end of a drive
+_FIRST_SEARCH, _SEARCH_GROWTH = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
+_FIRST_GRID_REACH = 3.0  # [m] the first grid reaches so far beyond start and goal
 
 
 class PlanSearch(PathSearch):
-    """Tries one kind of path after the other; each returns the report of a certified strip, or None."""
+    """Tries one kind of path after another; each method returns the report of a certified strip, or None."""
 
     def __init__(self, problem: PlanningProblem, watch: Callable[[DeformReport], object] | None) -> None:
         super().__init__(problem, watch)
@@ -46,7 +46,8 @@ class PlanSearch(PathSearch):
         self.scene: Scene = problem.scene
         self.deformer: Deformer = problem.deformer
         self.params: DeformParams = problem.params
-        self.deadline, self.region = problem.deadline, problem.region
+        self.deadline: Deadline = problem.deadline
+        self.region: Region | None = problem.region
         self.reasons: list[str] = []
         self.best: DeformReport | None = None
         self.hit: str = ""  # what was last in the way
@@ -104,7 +105,7 @@ class PlanSearch(PathSearch):
         """A path (K, 2) on the smallest grid that has one."""
         problem = self.problem
         none = "the time was over before the grid was searched"
-        for box in self.region.boxes(_WIDEN) if self.region else ():
+        for box in self.region.boxes(_FIRST_GRID_REACH) if self.region else ():
             if over():
                 break
             self.attempts += 1
@@ -112,9 +113,15 @@ class PlanSearch(PathSearch):
             cells = int(min(MOST_CELLS, _CELLS_PER_SECOND * max(self.deadline.left, 0.0)))
             with self.timed("planner"):
                 found = grid_path(
-                    self.robot, self.scene, problem.start, problem.goal,
-                    box=box, inner=inner, most_cells=cells, over=over,
-                )  # fmt: skip
+                    self.robot,
+                    self.scene,
+                    problem.start,
+                    problem.goal,
+                    box=box,
+                    inner=inner,
+                    most_cells=cells,
+                    over=over,
+                )
             if found.points is not None:
                 return found.points
             none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
@@ -122,8 +129,8 @@ class PlanSearch(PathSearch):
         return None
 
     def _validity(self) -> tuple[ValidityChecker, SatisfyingChecker | None]:
-        """What the joints' paths are checked by, and with the constraint where there is one."""
-        margin = max(min(_MARGIN, 0.5 * self.problem.room), self.params.clearance)
+        """The checker of the joints' paths, with the constraint where there is one."""
+        margin = max(min(_JOINT_PATH_MARGIN, 0.5 * self.problem.room), self.params.clearance)
         valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=self.deformer.workspace.bounds)
         constraint = self.problem.constraint
         return valid, None if constraint is None else SatisfyingChecker(valid, constraint)
@@ -131,7 +138,7 @@ class PlanSearch(PathSearch):
     def in_stages(self, path: Array) -> PlanReport | None:
         """A path (K, 2) of the base in one posture; before and after it, where the base stands, the joints find theirs.
 
-        It is tried once, and where start and goal differ in more than where the base is.
+        It is tried once, if start and goal differ in more than the place of the base.
         """
         problem, space = self.problem, self.robot.space
         b, ends = space.base_nv, space.to_coordinates(problem.endpoints)
@@ -141,7 +148,7 @@ class PlanSearch(PathSearch):
         self.staged = True
         valid, satisfying = self._validity()
         postures = ("as at the start", ends[0, b:]), ("at home", home[b:]), ("as at the goal", ends[1, b:])
-        for attempt, (what, joints) in product(range(_STAGINGS), postures):
+        for attempt, (what, joints) in product(range(_STAGING_TRIES), postures):
             drive = ends.copy()
             drive[:, b:] = joints
             constraint = problem.constraint
@@ -172,15 +179,20 @@ class PlanSearch(PathSearch):
         if np.array_equal(ends[0], ends[1]):
             return ends[:1]
         corners = search_joints(
-            valid, ends, seed=self.problem.seed + 7919 * attempt, planner=PLANNERS[0], step=_STEP * 0.5**attempt,
-            timeout=_STAGE, deadline=self.deadline,
-        )  # fmt: skip
-        return None if corners is None else divided(corners, _SPACING)
+            valid,
+            ends,
+            seed=self.problem.seed + SEED_STRIDE * attempt,
+            planner=PLANNERS[0],
+            step=_EDGE_STEP * 0.5**attempt,
+            timeout=_LONGEST_STAGE_SEARCH,
+            deadline=self.deadline,
+        )
+        return None if corners is None else divided(corners, _JOINT_NODE_SPACING)
 
     def of_the_joints(self) -> PlanReport | None:
         """Paths of the joints alone, the base as it stands; ever longer searches, and looked at ever more closely."""
         problem = self.problem
-        futile, step, seconds = 0, _STEP, _FIRST_SEARCH
+        futile, step, seconds = 0, _EDGE_STEP, _FIRST_SEARCH
         valid, satisfying = self._validity()
         ends = self.robot.space.to_coordinates(problem.endpoints)
         while not self.deadline.over():
@@ -188,15 +200,21 @@ class PlanSearch(PathSearch):
             self.attempts += 1
             with self.timed("planner"):
                 corners = search_joints(
-                    satisfying if satisfying is not None and attempt % 2 else valid, ends,
-                    seed=problem.seed + 7919 * attempt, planner=PLANNERS[attempt % len(PLANNERS)],
-                    step=step, timeout=seconds, deadline=self.deadline,
-                )  # fmt: skip
+                    satisfying if satisfying is not None and attempt % 2 else valid,
+                    ends,
+                    seed=problem.seed + SEED_STRIDE * attempt,
+                    planner=PLANNERS[attempt % len(PLANNERS)],
+                    step=step,
+                    timeout=seconds,
+                    deadline=self.deadline,
+                )
             if corners is None:
                 futile += 1
-                seconds *= _LONGER
+                seconds *= _SEARCH_GROWTH
                 continue
-            report = self.relaxed(divided(corners, _SPACING), "ompl", f"path {self.attempts} of the joints", 3)
+            report = self.relaxed(
+                divided(corners, _JOINT_NODE_SPACING), "ompl", f"path {self.attempts} of the joints", 3
+            )
             if report is not None:
                 return report
             step *= 0.5
@@ -213,7 +231,11 @@ class PlanSearch(PathSearch):
             self.calls += 1
             self.attempts += 1
             self.box = self._ompl_box(searches)
-            margin = _MARGINS[attempt] if attempt < len(_MARGINS) else min(_MARGINS[-1], self.params.clearance)
+            margin = (
+                _SEARCH_MARGINS[attempt]
+                if attempt < len(_SEARCH_MARGINS)
+                else min(_SEARCH_MARGINS[-1], self.params.clearance)
+            )
             found = self.ompl(attempt, margin, 1.0 + 0.5 * searches, self.box, deadline, self.fineness)
             self.searches += found.searched
             if found.rows is None:
@@ -223,14 +245,14 @@ class PlanSearch(PathSearch):
             report = self.relaxed(found.rows, "ompl", f"OMPL path {self.attempts}")
             if report is not None:
                 return report
-            if self.fineness < _FINEST and not certify_path(self.deformer, self.scene, found.rows).certified:
+            if self.fineness < _MOST_FINENESS and not certify_path(self.deformer, self.scene, found.rows).certified:
                 self.fineness *= 2.0  # the planner's samples had missed something on an edge
         if futile:
             self.reasons.append(f"{last} ({futile} searches without a path)" if futile > 1 else last)
         return None
 
     def _ompl_box(self, search: int) -> tuple[Array, Array] | None:
-        """Small boxes, in which narrow doors are hit sooner, and ever larger ones; each holds the grid's paths."""
+        """Small boxes, in which narrow doors are hit sooner, and ever larger boxes; each holds the grid's paths."""
         if self.region is None:
             return None
         low, high = self.region.box(2.0 + 0.5 * (search % 4) if search % 3 == 0 else 2.0 * 1.6**search)
@@ -241,7 +263,7 @@ class PlanSearch(PathSearch):
         return low, high
 
     def failed(self) -> PlanReport:
-        """The report where nothing was certified: what is in the way, what was tried, and what to try."""
+        """The report if nothing was certified: what is in the way, what was tried, and what to try."""
         if self.best is None:
             assert self.initial is not None
             self._judged(self.initial, self.relax_line(self.initial, False), "line", "straight line")
@@ -268,13 +290,13 @@ class PlanSearch(PathSearch):
     def relaxed(
         self, rows: Array, method: str, what: str, stuck: int | None = None, over: Callable[[], bool] | None = None
     ) -> PlanReport | None:
-        """What rows (N, nv) along a path relax to."""
+        """The report of relaxing rows (N, nv) along a path."""
         strip, report = self.relax_rows(rows, stuck, over)
         self.ticks += report.ticks
         return self._judged(strip, report, method, what)
 
     def _judged(self, initial: Strip, report: DeformReport, method: str, what: str) -> PlanReport | None:
-        """The plan's report where a strip is certified and within the bounds; else why not is noted."""
+        """The plan's report if a strip is certified and within the bounds; otherwise the reason is noted."""
         failure = self.problem.failure(report)
         if not failure:
             self.initial = initial
@@ -293,7 +315,14 @@ class PlanSearch(PathSearch):
     def _done(self, report: DeformReport, method: str, reason: str) -> PlanReport:
         assert self.initial is not None
         return PlanReport(
-            strip=report.strip, initial=self.initial, certified=method != "none", method=method, reason=reason,
-            report=report, attempts=self.attempts, ticks=self.ticks, seconds=self.deadline.spent,
+            strip=report.strip,
+            initial=self.initial,
+            certified=method != "none",
+            method=method,
+            reason=reason,
+            report=report,
+            attempts=self.attempts,
+            ticks=self.ticks,
+            seconds=self.deadline.spent,
             timings=self.timings,
-        )  # fmt: skip
+        )

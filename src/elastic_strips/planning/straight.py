@@ -1,4 +1,4 @@
-"""Straight motions of the hand: an approach or a retreat by the joints alone, the hand turned as it is."""
+"""Straight motions of the hand: an approach or a retreat by the joints alone, without turning the hand."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .problem import ARM, check_kinds, ease, nearest_things
 from .report import PlanReport
 
 AXES = ("hand", "world")
-"""Whose axes a straight motion is said in."""
-_STEP = 0.01  # [m] of the hand between two nodes
-_OFF = 1e-5  # [m] that the hand may be off the line at a node
-_JUMP = 0.3  # [rad or m] most that a joint may move between two nodes
-_ITERATIONS = 15
+"""The axes in which a straight motion may be given."""
+_HAND_STEP = 0.01  # [m] of the hand between two nodes
+_LINE_TOLERANCE = 1e-5  # [m] that the hand may be off the line at a node
+_LARGEST_JOINT_STEP = 0.3  # [rad or m] most that a joint may move between two nodes
+_MOST_ITERATIONS = 15
 
 
 def plan_straight(
@@ -37,8 +37,8 @@ def plan_straight(
 ) -> PlanReport:
     """A strip along which a frame of the robot moves straight and is not turned; the base stands.
 
-    Between the nodes, which are 1 cm apart, the frame is off the line by what the joints' own straight way makes of it:
-    a tenth of a millimetre, where no joint turns fast. The way back, for an approach, is ``strip.reversed()``.
+    Between the nodes, which are 1 cm apart, the joints go straight, and so the frame is slightly off the line:
+    a tenth of a millimetre where no joint turns fast. The way back from an approach is ``strip.reversed()``.
 
     Args:
         robot: the robot.
@@ -46,17 +46,18 @@ def plan_straight(
         start: configuration (nq,).
         frame: name of the frame.
         by: (3,) how far it moves [m].
-        axes: of that motion: those of the ``"world"``, or the hand's own (``"hand"``).
-        params: with the clearances to prove; where None, those of :func:`plan_report`, and no more than half of what
-            there is at both ends.
+        axes: axes of that motion: those of the ``"world"``, or the hand's own (``"hand"``).
+        params: parameters with the clearances to prove; where None, those of :func:`plan_report`, but no more than half
+            of what both ends have.
 
     Returns:
-        The report; not certified, with the reason, where the joints end before the line does, or something is too near.
+        The report. It is not certified, and gives the reason, where the joints end before the line does or something is
+        too near.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
-        ConfigurationError: the start is not sound.
-        ParameterError: ``by`` is not three numbers, or other axes.
+        ConfigurationError: the start is not valid.
+        ParameterError: ``by`` is not three numbers, or unknown axes.
     """
     check_choice("axes", axes, AXES)
     began = perf_counter()
@@ -85,9 +86,16 @@ def plan_straight(
         reason = f"{reason}; {eased}"
     done = left == 0.0 and report.usable
     return PlanReport(
-        strip, strip, done, "straight" if done else "none", reason, report, attempts=0, ticks=0,
+        strip,
+        strip,
+        done,
+        "straight" if done else "none",
+        reason,
+        report,
+        attempts=0,
+        ticks=0,
         seconds=perf_counter() - began,
-    )  # fmt: skip
+    )
 
 
 def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]:
@@ -95,16 +103,16 @@ def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]
     robot, space = solver.robot, solver.robot.space
     position, turn = (each[0].copy() for each in solver.place(here[None]))
     length = float(np.linalg.norm(offset))
-    count = max(1, int(np.ceil(length / _STEP)))
+    count = max(1, int(np.ceil(length / _HAND_STEP)))
     free, exact = np.ones(robot.nv), np.zeros(3)
     free[: space.base_nv] = 0.0
     rows = [here]
     for k in range(1, count + 1):
         begin = rows[-1] + (rows[-1] - rows[-2] if len(rows) > 1 else 0.0)
         begin = np.clip(begin, space.lower, space.upper)
-        found, size = solver.solve(begin[None], position + k / count * offset, turn, exact, free, _ITERATIONS)
+        found, size = solver.solve(begin[None], position + k / count * offset, turn, exact, free, _MOST_ITERATIONS)
         jump = float(np.abs(space.difference(rows[-1][None], found)).max())
-        if size[0] > _OFF or jump > _JUMP:
+        if size[0] > _LINE_TOLERANCE or jump > _LARGEST_JOINT_STEP:
             return np.array(rows if len(rows) > 1 else [here, here]), length * (1.0 - (k - 1) / count)
         rows.append(found[0])
     return np.array(rows), 0.0

@@ -13,7 +13,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, by_rows
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.collision.candidates import CandidateParts
-from elastic_strips.collision.narrowphase import native_part
+from elastic_strips.collision.native_side import native_parts
 from elastic_strips.native import kernel
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
@@ -25,16 +25,16 @@ from elastic_strips.work import count_work
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-_MAX_PAIRED = 400
-_REACH = 2.0  # [m] that a robot extends from its base, at most
-_JUMP = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
+_MAX_PAIRED_SHAPES = 400  # of obstacles that are paired with links; more become one tree
+_LONGEST_REACH = 2.0  # [m] that a robot extends from its base, at most
+_LARGEST_PROJECTED_MOTION = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
 
 
 class ValidityChecker(OneThread):
     """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
 
-    Few parts are paired with the links in one Pinocchio geometry model, whose tree broadphase answers in C++; many
-    parts (voxels) stand in one Coal tree that each link asks.
+    If there are few parts, they are paired with the links in one Pinocchio geometry model, whose tree broadphase
+    answers in C++; many parts (voxels) form one Coal tree that each link asks.
 
     Args:
         robot: the robot.
@@ -42,13 +42,19 @@ class ValidityChecker(OneThread):
         margin: distance to keep to obstacles [m].
         low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
             are left out. None takes all.
-        bounds: of the robot's links, where there are some already.
+        bounds: bounds of the robot's links, if the caller has some already.
     """
 
     def __init__(
-        self, robot: RobotModel, scene: Scene, *, margin: float, low: Array | None = None, high: Array | None = None,
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        *,
+        margin: float,
+        low: Array | None = None,
+        high: Array | None = None,
         bounds: MotionBounds | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.robot: RobotModel = robot
         self.bounds: MotionBounds = bounds or MotionBounds(BodySet.links(robot))
         self._checks = self._counted = 0
@@ -57,31 +63,17 @@ class ValidityChecker(OneThread):
         if module is not None and bodies is not None:
             least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
             if low is not None and high is not None:
-                least[0, :2], most[0, :2] = low - _REACH, high + _REACH
+                least[0, :2], most[0, :2] = low - _LONGEST_REACH, high + _LONGEST_REACH
             candidates = CandidateParts.build(scene, least, most, 0.0)
-            solids = [native_part(part) for part in candidates.parts]
-            self.native = module.Validity(
-                bodies, solids, robot.pairs_within(0.0), candidates.native(), self.bounds.of_motion, margin
-            )
+            parts = native_parts(candidates)
+            self.native = module.Validity(bodies, parts, robot.pairs_within(0.0), self.bounds.of_motion, margin)
             return
-        table = scene.table
-        rows = np.arange(len(table.parts))
-        if low is not None and high is not None and len(rows):
-            c, h = table.center[:, :2], table.half_extents[:, :2]
-            near = ((c - h <= high + _REACH) & (c + h >= low - _REACH)).all(axis=1)
-            rows = rows[near]
-        shapes = []
-        for r in rows:
-            part, R, t = table.parts[r], table.rotation[r], table.translation[r]
-            if part.geometry is None:
-                shapes += [(box, R, t + R @ np.asarray(at)) for box, at in part.boxes]
-            else:
-                shapes.append((part.geometry, R, t))
+        shapes = _shapes_within(scene, low, high)
         self._data = robot.model.createData()
         self._model = robot.collision_model.clone()
         self._links = len(robot.geometries)
         self._manager = None
-        if len(shapes) <= _MAX_PAIRED:
+        if len(shapes) <= _MAX_PAIRED_SHAPES:
             for k, (geometry, R, t) in enumerate(shapes):
                 pose = pin.SE3(np.asarray(R), np.asarray(t))
                 index = self._model.addGeometryObject(
@@ -137,10 +129,10 @@ class ValidityChecker(OneThread):
 
     @exclusive
     def motion(self, a: Array, b: Array, step: float) -> bool:
-        """Whether the motion between coordinates (nv,) is valid, but for its start: its end and places between.
+        """Whether the motion between coordinates (nv,) is valid: its end and places between, but not its start.
 
-        It goes straight, along the tangent, and is looked at wherever some point of the robot may have moved by
-        ``step`` [m], the middle first. It is no proof: the certificate is.
+        It goes straight, along the tangent, and is checked wherever some point of the robot may have moved by
+        ``step`` [m], the middle first. This is not a proof; the certificate is.
         """
         if self.native is not None:
             a, b = by_rows(a, b)
@@ -185,12 +177,12 @@ class ValidityChecker(OneThread):
 class SatisfyingChecker(OneThread):
     """Workspace: checks configurations after the joints have moved to where they satisfy a constraint.
 
-    A planner of the joints asks about straight motions, on which nothing satisfies it; what is meant is the motion that
-    these are projected to, and the rows of its path are projected likewise.
+    A planner of the joints asks about straight motions, on which nothing satisfies the constraint. Instead the motion
+    is checked that they are projected to, and the rows of its path are projected as well.
 
     Args:
-        valid: says what is valid.
-        constraint: what has to be satisfied.
+        valid: the checker of validity.
+        constraint: constraint to satisfy.
     """
 
     def __init__(self, valid: ValidityChecker, constraint: ConstraintForce) -> None:
@@ -215,7 +207,7 @@ class SatisfyingChecker(OneThread):
         v = space.difference(a, b)
         count = max(1, math.ceil(float(self.bounds.travel(v[None]).max(initial=0.0)) / step))
         rows = space.integrate(a[None], np.arange(count + 1)[:, None] / count * v)
-        return self._all(rows, _JUMP * step)
+        return self._all(rows, _LARGEST_PROJECTED_MOTION * step)
 
     def in_chart(self, row: Array, unit: Array) -> Callable[[Sequence[float], Sequence[float], float], bool]:
         """As :meth:`ValidityChecker.in_chart`."""
@@ -245,6 +237,26 @@ def _in_chart(
         return motion(one, two, step)
 
     return of_states
+
+
+def _shapes_within(
+    scene: Scene, low: Array | None, high: Array | None
+) -> list[tuple[coal.CollisionGeometry, Array, Array]]:
+    """Shape, rotation and place of every part of a scene that the robot can reach from a region of its base."""
+    table = scene.table
+    rows = np.arange(len(table.parts))
+    if low is not None and high is not None and len(rows):
+        c, h = table.center[:, :2], table.half_extents[:, :2]
+        near = ((c - h <= high + _LONGEST_REACH) & (c + h >= low - _LONGEST_REACH)).all(axis=1)
+        rows = rows[near]
+    shapes = []
+    for r in rows:
+        part, R, t = table.parts[r], table.rotation[r], table.translation[r]
+        if part.geometry is None:
+            shapes += [(box, R, t + R @ np.asarray(at)) for box, at in part.boxes]
+        else:
+            shapes.append((part.geometry, R, t))
+    return shapes
 
 
 def _grown(geometry: coal.CollisionGeometry, margin: float) -> coal.CollisionGeometry:

@@ -1,4 +1,4 @@
-"""A robot's card: what is known of it, what is assumed, and what is not looked at, on one page."""
+"""A robot's card: what is known about it, what is assumed, and what is not checked, on one page."""
 
 from __future__ import annotations
 
@@ -7,28 +7,26 @@ import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError
 from elastic_strips.summary import Summary, shortened
 
-from .coal_shapes import ShapeKind, shape_of, vertices
 from .collada import meant_turned, said_of_turned
 from .cover import sticks_out
 from .free_posture import free_posture
 from .kinematics import find_frame
+from .reduced import LONGEST_SLIDE
 from .second_reader import differences, shape_differences
+from .space import UNLIMITED_SPEED
 from .urdf import pinocchio_geometry, pinocchio_model
+from .value import RobotValue
 
-if TYPE_CHECKING:
-    from .model import RobotModel
-
-_FAST = 1e6  # [rad/s or m/s]: a speed above it means that none is stated
-_ENDLESS = 999.0  # [m]: a sliding joint without limits gets ±1 km
-_MANY, _WIDE = 25, 60  # rows of a table in a terminal, and characters of a cell
+_ENDLESS_SLIDE = 0.999 * LONGEST_SLIDE  # [m] a joint that may slide as far has no limits of its own
+_ROWS_SHOWN, _CELL_WIDTH = 25, 60  # rows of a table in a terminal, and characters of a cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +37,7 @@ class CardSection:
         title: its headline.
         columns: names of the columns.
         rows: the cells, as texts.
-        note: a sentence about it, or nothing.
+        note: a sentence about the table; empty where there is none.
     """
 
     title: str
@@ -55,12 +53,12 @@ class CardSection:
     @property
     def shown(self) -> tuple[tuple[str, ...], ...]:
         """As much of the rows as a terminal takes."""
-        return tuple(tuple(shortened(cell, _WIDE) for cell in row) for row in self.rows[:_MANY])
+        return tuple(tuple(shortened(cell, _CELL_WIDTH) for cell in row) for row in self.rows[:_ROWS_SHOWN])
 
     @property
     def more(self) -> str:
-        """A line about the rows that are left out there, or nothing."""
-        left = len(self.rows) - _MANY
+        """A line about the rows that are left out there; empty where there are none."""
+        left = len(self.rows) - _ROWS_SHOWN
         return f"  … and {left} more (--json and --html have all)" if left > 0 else ""
 
     def text(self) -> str:
@@ -73,14 +71,14 @@ class CardSection:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotCard(Summary):
-    """What is known of a robot, what is assumed, and what is not looked at.
+    """What is known about a robot, what is assumed, and what is not checked.
 
     A notebook shows it as tables; ``text()`` is for a terminal, ``document()`` for JSON.
 
     Attributes:
-        name: the robot's.
+        name: the robot's name.
         base: how it moves.
-        troubles: what its owner ought to know, one sentence each.
+        troubles: one sentence for each thing that its owner should know.
         sections: tables: joints, shapes, meshes, pairs that are not checked, frames, states, groups.
     """
 
@@ -93,7 +91,7 @@ class RobotCard(Summary):
         """The table of this title.
 
         Raises:
-            KeyError: there is none.
+            KeyError: no table has this title.
         """
         if title not in self.titles:
             raise KeyError(f"no table {title!r}; there are {', '.join(self.titles)}")
@@ -115,15 +113,18 @@ class RobotCard(Summary):
         return "\n".join([f"{self.name}: {self.base}", *troubles, *(section.text() for section in self.sections)])
 
     def document(self) -> dict[str, object]:
-        """All of it as JSON has it."""
+        """All of it, as plain values for JSON."""
         return {
-            "format": "elastic-strips-robot", "version": 1, "robot": self.name, "base": self.base,
+            "format": "elastic-strips-robot",
+            "version": 1,
+            "robot": self.name,
+            "base": self.base,
             "troubles": list(self.troubles),
             "tables": [
                 {"title": s.title, "note": s.note, "rows": [dict(zip(s.columns, row, strict=True)) for row in s.rows]}
                 for s in self.sections
             ],
-        }  # fmt: skip
+        }
 
     def html(self) -> str:
         """All of it as the body of a page."""
@@ -138,7 +139,7 @@ class RobotCard(Summary):
             )
             note = f"<p>{html.escape(section.note)}</p>" if section.note else ""
             table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>" if rows else ""
-            opened = " open" if len(section.rows) <= _MANY else ""
+            opened = " open" if len(section.rows) <= _ROWS_SHOWN else ""
             parts.append(
                 f"<details{opened}><summary>{html.escape(section.title)}: {len(section.rows)}</summary>{note}{table}"
                 "</details>"
@@ -152,7 +153,7 @@ class RobotCard(Summary):
         return self.html()
 
 
-def robot_card(robot: RobotModel) -> RobotCard:
+def robot_card(robot: RobotValue) -> RobotCard:
     """The card of a robot; see :meth:`.RobotModel.card`.
 
     A robot that comes from another process, or was made of Pinocchio's models, has no meshes or no file to read again:
@@ -161,19 +162,27 @@ def robot_card(robot: RobotModel) -> RobotCard:
     grown = _pieces(robot)
     read, other = _read_again(robot)
     sections = (
-        _planned(robot), _held(robot), grown, _bare(robot), _unchecked(robot), _meshes(robot), other,
-        _frames(robot), _states(robot), _groups(robot),
-    )  # fmt: skip
+        _planned(robot),
+        _held(robot),
+        grown,
+        _bare(robot),
+        _unchecked(robot),
+        _meshes(robot),
+        other,
+        _frames(robot),
+        _states(robot),
+        _groups(robot),
+    )
     files = [Path(f).name for f in (robot.urdf_path, robot.srdf_path) if f is not None]
     base = f"base {robot.base_kind.value}; {', '.join(files) or 'made of models'}"
     return RobotCard(robot.name, base, (*_troubles(robot), *read), sections)
 
 
-def _troubles(robot: RobotModel) -> list[str]:
+def _troubles(robot: RobotValue) -> list[str]:
     found = []
     if robot.bare_links:
         found.append(
-            f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven of them: "
+            f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven about them: "
             f"{', '.join(robot.bare_links)}"
         )
     hit = robot.self_collision(robot.home_q)
@@ -188,7 +197,7 @@ def _troubles(robot: RobotModel) -> list[str]:
     return found
 
 
-def _planned(robot: RobotModel) -> CardSection:
+def _planned(robot: RobotValue) -> CardSection:
     rows = []
     space, model = robot.space, robot.model
     for k, name in enumerate(robot.joint_names):
@@ -198,25 +207,30 @@ def _planned(robot: RobotModel) -> CardSection:
         low, high, unit = float(space.lower[i]), float(space.upper[i]), "m" if slides else "rad"
         if not (math.isfinite(low) and math.isfinite(high)):
             limits, source = "none", "continuous"
-        elif slides and low < -_ENDLESS and high > _ENDLESS:
+        elif slides and low < -_ENDLESS_SLIDE and high > _ENDLESS_SLIDE:
             limits, source = f"{low:g} … {high:g} m", "assumed: none stated"
         else:
             limits, source = f"{low:.4g} … {high:.4g} {unit}", "URDF" if robot.urdf_path else "model"
         speed = float(model.velocityLimit[joint.idx_v])
-        stated = 0.0 < speed < _FAST
+        stated = 0.0 < speed < UNLIMITED_SPEED
         rows.append(
-            (name, f"{float(space.to_coordinates(robot.home_q)[i]):.4g} {unit}", limits, source,
-             f"{speed:.4g} {unit}/s" if stated else "not stated: --joint-speed gives it")
-        )  # fmt: skip
+            (
+                name,
+                f"{float(space.to_coordinates(robot.home_q)[i]):.4g} {unit}",
+                limits,
+                source,
+                f"{speed:.4g} {unit}/s" if stated else "not stated: --joint-speed gives it",
+            )
+        )
     return CardSection("Joints that are planned", ("joint", "home", "limits", "limits by", "speed"), tuple(rows))
 
 
-def _held(robot: RobotModel) -> CardSection:
+def _held(robot: RobotValue) -> CardSection:
     rows = [(name, f"{value:.4g}", robot.held.get(name, "locked")) for name, value in robot.locked.items()]
     return CardSection("Joints that are held still", ("joint", "value", "why"), tuple(rows))
 
 
-def _pieces(robot: RobotModel) -> CardSection:
+def _pieces(robot: RobotValue) -> CardSection:
     rows = []
     for piece in robot.geometries:
         far = None if robot.shapes is None else sticks_out(robot.model, robot.shapes, piece)
@@ -225,26 +239,30 @@ def _pieces(robot: RobotModel) -> CardSection:
         rows.append((piece.name, shape_of(piece.geometry)[0].value, ", ".join(piece.links), carried, out))
     rows.sort(key=lambda row: -float(row[4].split()[0]) if row[4] != "not known" else 0.0)
     return CardSection(
-        "Convex pieces", ("piece", "kind", "links", "moved by", "reaches out of its shapes by"), tuple(rows),
-        "what is kept apart; a piece that reaches far out of its mesh refuses more than need be",
-    )  # fmt: skip
+        "Convex pieces",
+        ("piece", "kind", "links", "moved by", "reaches out of its shapes by"),
+        tuple(rows),
+        "the pieces that are kept apart; a piece that reaches far out of its mesh refuses more than necessary",
+    )
 
 
-def _bare(robot: RobotModel) -> CardSection:
+def _bare(robot: RobotValue) -> CardSection:
     return CardSection(
-        "Links that are drawn and have no collision shape", ("link",), tuple((link,) for link in robot.bare_links),
-        "nothing is proven of them; visual_as_collision takes what is drawn" if robot.bare_links else "",
-    )  # fmt: skip
+        "Links that are drawn and have no collision shape",
+        ("link",),
+        tuple((link,) for link in robot.bare_links),
+        "nothing is proven about them; visual_as_collision takes their drawn shapes" if robot.bare_links else "",
+    )
 
 
-def _unchecked(robot: RobotModel) -> CardSection:
+def _unchecked(robot: RobotValue) -> CardSection:
     count = Counter(pair.why.value for pair in robot.unchecked_pairs)
     rows = tuple((*pair.links, pair.why.value, pair.note) for pair in robot.unchecked_pairs)
     note = "; ".join([f"{len(robot.self_pairs)} are checked", *(f"{n} as {why}" for why, n in count.most_common())])
     return CardSection("Links that are not kept apart", ("one", "other", "why", "more"), rows, note)
 
 
-def _meshes(robot: RobotModel) -> CardSection:
+def _meshes(robot: RobotValue) -> CardSection:
     rows: dict[tuple[str, ...], int] = {}
     for what, model in (("collision", robot.shapes), ("drawn", robot.visual_model)):
         for item in () if model is None else model.geometryObjects:
@@ -253,18 +271,24 @@ def _meshes(robot: RobotModel) -> CardSection:
                 size = np.ptp(points, axis=0) if len(points) else np.zeros(3)
                 link = str(robot.model.frames[item.parentFrame].name)
                 row = (
-                    Path(item.meshPath).name, link, what, " x ".join(f"{x:.3g}" for x in size), f"{len(points)}",
+                    Path(item.meshPath).name,
+                    link,
+                    what,
+                    " x ".join(f"{x:.3g}" for x in size),
+                    f"{len(points)}",
                     " ".join(f"{x:g}" for x in item.meshScale),
-                )  # fmt: skip
+                )
                 rows[row] = rows.get(row, 0) + 1
     return CardSection(
-        "Meshes", ("file", "link", "used as", "size [m]", "vertices", "scale"), tuple(rows),
+        "Meshes",
+        ("file", "link", "used as", "size [m]", "vertices", "scale"),
+        tuple(rows),
         "sizes are those that are used, scale and the file's own unit included",
-    )  # fmt: skip
+    )
 
 
-def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
-    """What a second reader finds otherwise: as troubles, and as a table."""
+def _read_again(robot: RobotValue) -> tuple[list[str], CardSection]:
+    """What a second reader reads differently: as troubles, and as a table."""
     title, columns = "What another reader (yourdfpy) finds otherwise", ("difference",)
     source = robot.description
     if source is None:
@@ -283,7 +307,7 @@ def _read_again(robot: RobotModel) -> tuple[list[str], CardSection]:
     return [*found, *([said_of_turned(turned)] if turned else ())], CardSection(title, columns, rows, note)
 
 
-def _frames(robot: RobotModel) -> CardSection:
+def _frames(robot: RobotValue) -> CardSection:
     rows = []
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.home_q)
@@ -300,11 +324,11 @@ def _frames(robot: RobotModel) -> CardSection:
     )
 
 
-def _states(robot: RobotModel) -> CardSection:
+def _states(robot: RobotValue) -> CardSection:
     rows = [(name, ", ".join(f"{j} {v:.4g}" for j, v in values.items())) for name, values in robot.states.items()]
     return CardSection("Named states", ("state", "joints"), tuple(rows))
 
 
-def _groups(robot: RobotModel) -> CardSection:
+def _groups(robot: RobotValue) -> CardSection:
     rows = [(name, ", ".join(joints)) for name, joints in robot.groups.items()]
     return CardSection("Groups", ("group", "joints"), tuple(rows))

@@ -1,4 +1,4 @@
-"""What a Collada file says of itself: its unit, and which of its axes is up."""
+"""What a Collada file says about itself: its unit, and which of its axes is up."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.arrays import Array
-
-from .coal_shapes import ShapeKind, shape_of, vertices
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 
 _log = logging.getLogger(__name__)
 _TURN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # takes y, where that is up, to z
-_SLACK = 5e-3  # [m] by which a centre of mass may lie beside what is drawn of its link
+_CENTRE_SLACK = 5e-3  # [m] by which a centre of mass may lie beside what is drawn of its link
 
 
 def mesh_unit(path: Path) -> float:
-    """The unit of length [m] of a mesh file: what a Collada file states, which Coal passes over; else a metre."""
+    """The unit of length [m] of a mesh file: a Collada file may state one, which Coal ignores; else it is a metre."""
     unit = _of_asset(path, "unit")
     if unit is None:
         return 1.0
@@ -31,15 +30,15 @@ def mesh_unit(path: Path) -> float:
         value = math.nan
     if math.isfinite(value) and value > 0.0:
         return value
-    _log.warning("%s: its <unit> of %.40r m is no length; taken as a metre", path, stated)
+    _log.warning("%s: its <unit> of %.40r m is not a length; taken as a metre", path, stated)
     return 1.0
 
 
 def meant_turned(document: str, model: pin.Model, geometry: pin.GeometryModel) -> tuple[str, ...]:
     """Links whose Collada meshes hold their centres of mass only if ``<up_axis>Y_UP</up_axis>`` turned them.
 
-    It is passed over, as RViz does: nearly all URDF files are written for that. Where such links are more than twice as
-    many as those of which it is the other way round, this file is not; else there are none.
+    The element is ignored, as in RViz: nearly all URDF files are written for that. Where such links are more than twice
+    as many as those of which it is the other way round, this file is not; else there are none.
 
     Args:
         document: the URDF.
@@ -72,21 +71,21 @@ def meant_turned(document: str, model: pin.Model, geometry: pin.GeometryModel) -
 
 
 def said_of_turned(links: tuple[str, ...]) -> str:
-    """What there is to say of them, for people."""
+    """A sentence about them."""
     return (
         f"the Collada meshes of {len(links)} links hold their centres of mass only if <up_axis>Y_UP</up_axis> counted, "
-        f"passed over as by RViz: {', '.join(links[:8])}{', …' * (len(links) > 8)}. If they look turned, write "
+        f"which is ignored, as in RViz: {', '.join(links[:8])}{', …' * (len(links) > 8)}. If they look turned, write "
         "the meshes anew with Z_UP"
     )
 
 
 def _holds(points: Array, centre: Array) -> bool:
     """Whether the box about points (N, 3) holds a centre (3,) [m]."""
-    return bool(((points.min(axis=0) - _SLACK <= centre) & (centre <= points.max(axis=0) + _SLACK)).all())
+    return bool(((points.min(axis=0) - _CENTRE_SLACK <= centre) & (centre <= points.max(axis=0) + _CENTRE_SLACK)).all())
 
 
 def _centres_of_mass(document: str) -> dict[str, Array]:
-    """Where the links that have a mass have it, in their own frames [m]."""
+    """Centres of mass of the links that have a mass, in their own frames [m]."""
     found = {}
     for link in etree.fromstring(document.encode()).findall("link"):
         mass, origin = link.find("inertial/mass"), link.find("inertial/origin")

@@ -1,6 +1,6 @@
-"""Cover: what of a robot its convex pieces do not hold, so that nothing is proven of it, and how far they stick out.
+"""Cover: parts of a robot that no convex piece holds, so that nothing is proven about them; how far pieces stick out.
 
-Both are found by points all over a surface, so the largest distance is at least what is said.
+Both are found by points all over a surface, so the largest distance is at least the one that is given.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, box_about, faces, outside, shape_of, support, support_points, vertices
 from elastic_strips.decompose import Surface
 from elastic_strips.hulls import convex_hull
 
-from .coal_shapes import ShapeKind, box_about, faces, outside, shape_of, support, support_points, vertices
 from .geometry import LinkGeometry
 
-_COVERED = 0.005  # [m]: what reaches beyond the pieces by less is covered
+_COVER_SLACK = 0.005  # [m]: what reaches beyond the pieces by less is covered
 _MOST_POINTS = 4000  # of a shape that are looked at
-_SPOTS = 250  # on the surface of a piece, by area, and as many middles of triangles
+_SURFACE_SPOTS = 250  # on the surface of a piece, by area, and as many middles of triangles
 _DIRECTIONS = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float)
 _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
 
 
 def uncovered(model: pin.Model, drawn: pin.GeometryModel, pieces: Sequence[LinkGeometry]) -> tuple[str, ...]:
-    """The links of which something that is drawn reaches out of all pieces that move with it, by more than 5 mm.
+    """The links whose drawn shapes reach out of all pieces that move with them, by more than 5 mm.
 
     Args:
         model: the planned model.
@@ -44,7 +44,7 @@ def uncovered(model: pin.Model, drawn: pin.GeometryModel, pieces: Sequence[LinkG
             continue
         points = _points(item)
         T = np.array(item.placement.homogeneous)
-        if len(points) and _reach(points @ T[:3, :3].T + T[:3, 3], own[item.parentJoint]) > _COVERED:
+        if len(points) and _reach(points @ T[:3, :3].T + T[:3, 3], own[item.parentJoint]) > _COVER_SLACK:
             found[link] = None
     return tuple(found)
 
@@ -81,7 +81,7 @@ def sticks_out(model: pin.Model, shapes: pin.GeometryModel, piece: LinkGeometry)
 
     Args:
         model: the planned model.
-        shapes: its collision geometry as it is described.
+        shapes: its collision geometry as the file describes it.
         piece: one of the robot's pieces.
     """
     own = [
@@ -115,7 +115,7 @@ def sticks_out(model: pin.Model, shapes: pin.GeometryModel, piece: LinkGeometry)
 
 
 def _is_part(piece: LinkGeometry, item: pin.GeometryObject) -> bool:
-    """Whether a mesh reaches beyond a piece: nothing of the surface of one that holds all of it is inside of it."""
+    """Whether a mesh reaches beyond a piece: a piece that holds all of it has none of its surface inside the mesh."""
     R, t = piece.placement[:3, :3], piece.placement[:3, 3]
     corners = vertices(item.geometry) @ np.asarray(item.placement.rotation).T + np.asarray(item.placement.translation)
     reach = support(piece.geometry, _DIRECTIONS @ R) + _DIRECTIONS @ t
@@ -136,7 +136,7 @@ def _surface(geometry: coal.CollisionGeometry) -> Array:
     hull = convex_hull(corners)
     sides = corners[hull.simplices]  # (T, 3, 3)
     area = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
-    chosen = rng.choice(len(sides), _SPOTS, p=area / area.sum())
-    largest = np.argsort(area)[-_SPOTS:]
-    spread = np.einsum("tk,tkx->tx", rng.dirichlet(np.ones(3), _SPOTS), sides[chosen])
+    chosen = rng.choice(len(sides), _SURFACE_SPOTS, p=area / area.sum())
+    largest = np.argsort(area)[-_SURFACE_SPOTS:]
+    spread = np.einsum("tk,tkx->tx", rng.dirichlet(np.ones(3), _SURFACE_SPOTS), sides[chosen])
     return np.vstack((sides[largest].mean(axis=1), spread))

@@ -8,33 +8,33 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import support, support_points
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.work import count_work
 
-from .coal_shapes import support, support_points
 from .model import RobotModel
 
 DIRECTIONS = 32
-"""Number of half planes that bound an outline: it is at most 0.5 % of its radius too large."""
+"""Number of half planes that bound an outline, which is at most 0.5 % of its radius too large."""
 _UP_DOWN = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
 
 
 _POINTS: WeakKeyDictionary[RobotModel, list[tuple[Array, float]]] = WeakKeyDictionary()
-"""Of each robot's bodies: points and a radius whose sphere-swept hull contains it."""
+"""For each body of each robot: points and a radius whose sphere-swept hull contains it."""
 _OUTLINES: WeakKeyDictionary[RobotModel, dict[bytes, Array]] = WeakKeyDictionary()
-"""Of each robot in its last postures: how far each body reaches, as `PlanarFootprint.outlines` gives it."""
-_POSTURES = 64  # that are kept of a robot
+"""For each robot in its last postures: how far each body reaches, as `PlanarFootprint.outlines` gives it."""
+_POSTURES_KEPT = 64  # that are kept of a robot
 
 
 class PlanarFootprint(OneThread):
     """Workspace: a robot seen from above in one posture of its joints, in the frame of its base.
 
-    There are two descriptions. The *boxes* hold each body, round ones as the polygons that hold them: they are for
-    separations from obstacles. The *discs* are of the bodies' exact outlines: a grid closes cells by them, and polygons
+    There are two descriptions. The *boxes* hold each body, and round bodies as the polygons about them: they are for
+    separations from obstacles. The *discs* follow the bodies' exact outlines: a grid closes cells by them, and polygons
     would close doors that the robot fits through.
 
     Args:
-        robot: the robot, in its home posture at first.
+        robot: the robot; it is in its home posture at first.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -157,7 +157,7 @@ class PlanarFootprint(OneThread):
                     for piece, pose in zip(self._robot.geometries, self._poses(), strict=True)
                 ]
             ).reshape(-1, DIRECTIONS + 2)
-            if len(known) >= _POSTURES:
+            if len(known) >= _POSTURES_KEPT:
                 known.clear()
             known[key] = reach
         return reach

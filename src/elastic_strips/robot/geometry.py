@@ -1,6 +1,6 @@
 """Collision geometry of a robot: convex pieces with bounding capsules.
 
-Meshes become convex hulls that contain them. What is contained in another shape of the same body is dropped and hulls
+Meshes become convex hulls that contain them. Shapes inside another shape of the same body are dropped, and hulls
 that hardly grow by being joined are joined: both keep containment.
 """
 
@@ -15,11 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Mask
-from elastic_strips.decompose import few_pieces
-from elastic_strips.hulls import convex_hull
-from elastic_strips.progress import LoggedProgress
-
-from .coal_shapes import (
+from elastic_strips.coal_shapes import (
     SIGNS,
     ShapeKind,
     box_about,
@@ -30,6 +26,9 @@ from .coal_shapes import (
     support_points,
     vertices,
 )
+from elastic_strips.decompose import few_pieces
+from elastic_strips.hulls import convex_hull
+from elastic_strips.progress import LoggedProgress
 
 _JOIN_RATIO = 1.06  # two pieces of a body are joined where the joint hull has at most this many times their volume
 _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
@@ -37,7 +36,7 @@ _FREE_GROWTH = 1e-4  # volume [m³] that a joint hull may always grow by
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """A sphere-swept segment [a, b] of radius r [m] that contains a shape; points in some frame."""
+    """A sphere-swept segment [a, b] of radius r [m] that contains a shape; its points are in some frame."""
 
     a: Array
     b: Array
@@ -66,7 +65,7 @@ class LinkGeometry:
 
 
 def link_labels(pieces: Sequence[LinkGeometry]) -> tuple[str, ...]:
-    """What messages call each piece: the URDF's link where it is that link's only one, else the piece's own name."""
+    """Name of each piece in messages: the URDF's link where it is that link's only piece, else the piece's own name."""
     covered = Counter(link for piece in pieces for link in piece.links)
     return tuple(
         piece.links[0]
@@ -154,8 +153,8 @@ def parts_of(shape: LinkGeometry, mesh: coal.CollisionGeometry, most: int) -> li
 
     Args:
         shape: the convex shape.
-        mesh: what it was made of.
-        most: pieces.
+        mesh: the mesh that it was made of.
+        most: largest number of pieces.
     """
     if not isinstance(mesh, coal.BVHModelBase):
         return [shape]
@@ -174,7 +173,7 @@ def joined_pieces(
 ) -> tuple[list[LinkGeometry], list[int]]:
     """Fewer pieces that contain the shapes: contained ones dropped, neighbours of one joint joined.
 
-    Only what is kept apart from the same others is joined, so that no pair is lost and none is added.
+    Only shapes that are kept apart from the same others are joined, so that no pair is lost and none is added.
 
     Args:
         shapes: convex shapes.
@@ -268,3 +267,9 @@ def _joined(
         for other in [n for n in live if n != new]:
             consider(other, new)
     return list(live.values()), [of[i] for i in live]
+
+
+def shape_pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
+    """Where a piece is in the world, once the joints' poses are computed."""
+    T = data.oMi[piece.joint] * pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
+    return coal.Transform3s(T.rotation, T.translation)

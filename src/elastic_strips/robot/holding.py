@@ -1,10 +1,11 @@
-"""What a robot holds: another robot value, with a shape that a frame carries among its pieces and self pairs."""
+"""Held objects: another robot value, with a shape that a frame carries among its pieces and self pairs."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Protocol
+from functools import partial
+from typing import Protocol, TypeVar
 
 import coal
 import numpy as np
@@ -16,9 +17,10 @@ from elastic_strips.validation import check_number
 
 from .geometry import LinkGeometry, piece_of
 from .kinematics import find_frame
-from .model import RobotModel
-from .self_pairs import UncheckedPair, WhyUnchecked
+from .unchecked_pairs import UncheckedPair, WhyUnchecked
+from .value import RobotValue
 
+R = TypeVar("R", bound=RobotValue)
 _COLOR = np.array([0.85, 0.65, 0.25, 1.0])
 
 
@@ -45,7 +47,7 @@ class HeldShape(Protocol):
 
 
 def attached(
-    robot: RobotModel,
+    robot: R,
     shape: HeldShape,
     frame: str,
     *,
@@ -53,11 +55,11 @@ def attached(
     touch: Collection[str] = (),
     mass: float = 0.0,
     name: str | None = None,
-) -> RobotModel:
+) -> R:
     """The robot with a shape that one of its frames carries.
 
     The shape is part of the robot from then on: of distances and certificates, of its own collisions and of pictures.
-    It must not touch the robot's other links but those that ``touch`` names and those that move with the frame.
+    It must not touch the robot's other links, except those that ``touch`` names and those that move with the frame.
 
     Args:
         robot: the robot.
@@ -65,22 +67,19 @@ def attached(
         frame: name of the frame that carries it.
         q: (nq,) the configuration in which it is taken up.
         touch: names of links that may touch it: fingers.
-        mass: [kg] at its origin.
+        mass: its mass [kg], at its origin.
         name: what to call it; the shape's name, or ``"load"``, where None.
 
     Raises:
-        RobotError: an unknown frame or link, a name that a piece of the robot has, a negative mass.
-        ConfigurationError: ``q`` is not sound, or the shape touches another link in it.
+        RobotError: an unknown frame or link, a name that a piece of the robot has already, or a negative mass.
+        ConfigurationError: ``q`` is not valid, or the shape touches another link there.
     """
     index = find_frame(robot.model, frame)
     if index is None:
         raise RobotError(
             f"{robot.name!r} has no frame {frame!r}{nearest_name(frame, [f.name for f in robot.model.frames])}"
         )
-    links = sorted({link for piece in robot.geometries for link in piece.links})
-    allowed = {touch} if isinstance(touch, str) else set(touch)
-    for link in sorted(allowed - {f.name for f in robot.model.frames}):
-        raise RobotError(f"touch: {robot.name!r} has no link {link!r}{nearest_name(link, links)}")
+    allowed = _links_that_touch(robot, touch)
     name = name or shape.name or "load"
     if any(piece.name == name or name in piece.links for piece in robot.geometries):
         raise RobotError(f"{robot.name!r} has a link or a shape {name!r} already; name=… gives another name")
@@ -89,47 +88,22 @@ def attached(
     joint = int(carrier.parentJoint)
     if joint == 0:
         raise RobotError(f"frame {frame!r} of {robot.name!r} does not move: what it carries is an obstacle")
-    T_joint_shape = np.array(carrier.placement.homogeneous) @ shape.pose
-    if q is not None:
-        data = robot.model.createData()
-        pin.forwardKinematics(robot.model, data, robot.check_q(q))
-        T_joint_shape = np.linalg.inv(data.oMi[joint].homogeneous) @ shape.pose
+    T_joint_shape = _pose_in_joint(robot, carrier, shape.pose, q)
     pieces = _pieces(shape, name, joint, T_joint_shape)
-    pairs = [
-        (i, len(robot.geometries) + k)
-        for k in range(len(pieces))
-        for i, own in enumerate(robot.geometries)
-        if own.joint != joint and not allowed & set(own.links)
-    ]
-    others = [own for own in robot.geometries if own.joint != joint and allowed & set(own.links)]
-    may_touch = {link for own in others for link in own.links}
-    unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
+    pairs, unchecked = _pairs(robot, len(pieces), joint, allowed, name)
     model = robot.model.copy()
     if weight > 0.0:
         model.appendBodyToJoint(joint, pin.Inertia(weight, np.zeros(3), np.zeros((3, 3))), pin.SE3(T_joint_shape))
-    collision = robot.collision_model.clone()
-    for piece in pieces:
-        collision.addGeometryObject(_object(piece, index))
-    for i, k in pairs:
-        collision.addCollisionPair(pin.CollisionPair(i, k))
-
-    def visual() -> pin.GeometryModel:
-        drawn = robot.visual_model.clone()
-        if drawn.ngeoms == 0:  # what collides is drawn then, the load with it
-            return drawn
-        for piece in pieces:
-            drawn.addGeometryObject(_object(piece, index))
-        return drawn
-
+    load = [_object(piece, index) for piece in pieces]
     held = replace(
         robot,
         model=model,
-        collision_model=collision,
+        collision_model=_with_load(robot.collision_model, load, pairs),
         geometries=(*robot.geometries, *pieces),
         self_pairs=np.concatenate((robot.self_pairs, np.array(pairs, dtype=np.intp).reshape(-1, 2))),
         self_apart=np.concatenate((robot.self_apart, np.zeros(len(pairs)))),
         unchecked_pairs=(*robot.unchecked_pairs, *unchecked),
-        visual=visual,
+        visual=partial(_drawn_with_load, robot, load),
     )
     if q is None or robot.self_collision(q) is not None:
         return held
@@ -140,6 +114,53 @@ def attached(
             "that may"
         )
     return held
+
+
+def _links_that_touch(robot: RobotValue, touch: Collection[str]) -> set[str]:
+    """The links that may touch a load, which the robot must have."""
+    allowed = {touch} if isinstance(touch, str) else set(touch)
+    links = sorted({link for piece in robot.geometries for link in piece.links})
+    for link in sorted(allowed - {f.name for f in robot.model.frames}):
+        raise RobotError(f"touch: {robot.name!r} has no link {link!r}{nearest_name(link, links)}")
+    return allowed
+
+
+def _pose_in_joint(robot: RobotValue, carrier: pin.Frame, pose: Array, q: ArrayLike | None) -> Array:
+    """Pose (4, 4) in its joint of what a frame carries: from that in the frame, or in the world at ``q``."""
+    if q is None:
+        return np.array(carrier.placement.homogeneous) @ pose
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.check_q(q))
+    return np.linalg.inv(data.oMi[carrier.parentJoint].homogeneous) @ pose
+
+
+def _with_load(
+    shapes: pin.GeometryModel, load: Sequence[pin.GeometryObject], pairs: Sequence[tuple[int, int]] = ()
+) -> pin.GeometryModel:
+    """Shapes and a load, of which further pairs can touch."""
+    both = shapes.clone()
+    for item in load:
+        both.addGeometryObject(item)
+    for i, k in pairs:
+        both.addCollisionPair(pin.CollisionPair(i, k))
+    return both
+
+
+def _drawn_with_load(robot: RobotValue, load: Sequence[pin.GeometryObject]) -> pin.GeometryModel:
+    drawn = robot.visual_model
+    return _with_load(drawn, load) if drawn.ngeoms else drawn.clone()  # else what collides is drawn, the load with it
+
+
+def _pairs(
+    robot: RobotValue, count: int, joint: int, allowed: set[str], name: str
+) -> tuple[list[tuple[int, int]], list[UncheckedPair]]:
+    """Pairs of the robot's pieces with those of a load on a joint, which come after them; and pairs not looked at."""
+    others = [(i, own) for i, own in enumerate(robot.geometries) if own.joint != joint]
+    first = len(robot.geometries)
+    pairs = [(i, first + k) for k in range(count) for i, own in others if not allowed & set(own.links)]
+    may_touch = {link for _, own in others if allowed & set(own.links) for link in own.links}
+    unchecked = [UncheckedPair((min(link, name), max(link, name)), WhyUnchecked.ALLOWED) for link in sorted(may_touch)]
+    return pairs, unchecked
 
 
 def _pieces(shape: HeldShape, name: str, joint: int, T: Array) -> list[LinkGeometry]:

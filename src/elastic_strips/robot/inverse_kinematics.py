@@ -18,18 +18,18 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array
 
 from .kinematics import Kinematics, find_frame
-from .model import RobotModel
+from .value import RobotValue
 
-_LEVER = 0.3  # [m/rad] weight of an angle against a distance
-_LEAST = 1e-6  # of the damping
-_STEP = 0.6  # [rad or m] longest of any coordinate at once
-_CONVERGED = 1e-6  # [m] of the weighted error
-_ITERATIONS = 40  # of a round
-_STARTS = 16  # of a round
-_ROUNDS = 8
-_STALLED, _PROGRESS = 12, 0.9  # a start whose error is not below 0.9 of what it was 12 iterations ago
+_ANGLE_LEVER = 0.3  # [m/rad] weight of an angle against a distance
+_LEAST_DAMPING = 1e-6  # of the damping
+_LONGEST_STEP = 0.6  # [rad or m] longest of any coordinate at once
+_CONVERGED_ERROR = 1e-6  # [m] of the weighted error
+_ROUND_ITERATIONS = 40  # of a round
+_ROUND_STARTS = 16  # of a round
+_MOST_ROUNDS = 8
+_STALL_ITERATIONS, _STALL_RATIO = 12, 0.9  # a start whose error is not below 0.9 of what it was 12 iterations ago
 _BASE_WEIGHT = 0.05  # of the base's motion: it moves little where joints do
-_SAME = 1e-2  # [rad or m] that two solutions differ in at least one coordinate
+_SAME_SOLUTION = 1e-2  # [rad or m] that two solutions differ in at least one coordinate
 _POSITION_TOLERANCE, _ANGLE_TOLERANCE = 1e-4, 1e-3  # [m], [rad]
 
 
@@ -38,9 +38,9 @@ class ReachResult(Summary):
     """Result of inverse kinematics.
 
     Attributes:
-        q: (nq,) configuration that reaches the target, the one next to where the search began; None where none does.
-        distance: least one of the frame from its target [m].
-        angle: of its orientation from the target's [rad]; 0 where the orientation is free.
+        q: (nq,) configuration that reaches the target, the nearest to where the search began; None where none does.
+        distance: least distance of the frame from its target [m].
+        angle: angle between its orientation and the target's [rad]; 0 where the orientation is free.
         reason: what happened, in words.
         solutions: (K, nq) all that were found, ``q`` first.
     """
@@ -66,19 +66,19 @@ class PoseSolver(OneThread):
         RobotError: an unknown frame, or one that does not move.
     """
 
-    def __init__(self, robot: RobotModel, frame: str) -> None:
+    def __init__(self, robot: RobotValue, frame: str) -> None:
         index = find_frame(robot.model, frame)
         if index is None:
             names = [f.name for f in robot.model.frames]
             raise RobotError(f"{robot.name!r} has no frame {frame!r}{nearest_name(frame, names)}")
-        self.robot: RobotModel = robot
+        self.robot: RobotValue = robot
         self.frame: str = frame
         self.joint: int = int(robot.model.frames[index].parentJoint)
         if not robot.tree.moving(self.joint).any():
             raise RobotError(f"frame {frame!r} of {robot.name!r} does not move")
         placement = robot.tree.to_aligned(self.joint, robot.model.frames[index].placement.homogeneous)
         self._rotation, self._translation = placement[:3, :3], placement[:3, 3]
-        self._kin = Kinematics(robot.tree, _STARTS)
+        self._kin = Kinematics(robot.tree, _ROUND_STARTS)
         space = robot.space
         self.lower: Array = np.maximum(space.lower, -np.pi)
         self.upper: Array = np.minimum(space.upper, np.pi)
@@ -93,7 +93,7 @@ class PoseSolver(OneThread):
         return T[:, :, :3] @ self._translation + T[:, :, 3], T[:, :, :3] @ self._rotation
 
     def error(self, rows: Array, position: Array, turn: Array | None, within: Array) -> tuple[Array, Array]:
-        """Ways (N, 3) [m] and turns (N, 3) [rad] that the frame is off, world frame, at coordinate rows (N, nv)."""
+        """Errors of the frame's position (N, 3) [m] and rotation (N, 3) [rad] in the world, at rows (N, nv)."""
         at, rotation = self.place(rows)
         off = position - at
         off -= np.clip(off, -within, within)
@@ -118,7 +118,7 @@ class PoseSolver(OneThread):
         turn: Array | None,
         within: Array,
         free: Array,
-        iterations: int = _ITERATIONS,
+        iterations: int = _ROUND_ITERATIONS,
     ) -> tuple[Array, Array]:
         """Rows (N, nv) moved towards a pose, and the weighted error [m] of each."""
         space, low, high = self.robot.space, self.robot.space.lower, self.robot.space.upper
@@ -129,15 +129,15 @@ class PoseSolver(OneThread):
         for _ in range(iterations):
             x = rows[active]
             off, angle = self.error(x, position, turn, within)
-            e = off if turn is None else np.concatenate((off, _LEVER * angle), axis=1)
+            e = off if turn is None else np.concatenate((off, _ANGLE_LEVER * angle), axis=1)
             norm = np.sqrt((e * e).sum(axis=1))
             better = norm < size[active]
             best[active[better]], size[active[better]] = x[better], norm[better]
             history.append(size.copy())
-            if (size < _CONVERGED).any():
+            if (size < _CONVERGED_ERROR).any():
                 break
-            if len(history) > _STALLED:
-                going = size[active] < _PROGRESS * history[-_STALLED][active]
+            if len(history) > _STALL_ITERATIONS:
+                going = size[active] < _STALL_RATIO * history[-_STALL_ITERATIONS][active]
                 active, x, e, norm = active[going], x[going], e[going], norm[going]
                 if len(active) == 0:
                     break
@@ -147,14 +147,14 @@ class PoseSolver(OneThread):
             W = np.where((x <= low) & (g < 0.0) | (x >= high) & (g > 0.0), 0.0, weight)
             A = np.einsum("nij,nj,nkj->nik", J, W, J)
             k = np.arange(e.shape[1])
-            A[:, k, k] += (0.5 * norm * norm + _LEAST)[:, None]
+            A[:, k, k] += (0.5 * norm * norm + _LEAST_DAMPING)[:, None]
             step = W * np.einsum("nij,ni->nj", J, np.linalg.solve(A, e[:, :, None])[:, :, 0])
-            step *= np.minimum(1.0, _STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+            step *= np.minimum(1.0, _LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
             rows[active] = np.clip(space.integrate(x, step), low, high)
         return best, size
 
     def _jacobians(self, n: int, turned: bool) -> Array:
-        """(n, 3 or 6, nv) of the frame at the rows that were placed last; angles count by the lever."""
+        """Jacobians (n, 3 or 6, nv) of the frame at the rows that were placed last; angles count by the lever."""
         kin = self._kin
         T = kin.T[self.joint, :n]
         at = T[:, :, :3] @ self._translation + T[:, :, 3]
@@ -162,11 +162,11 @@ class PoseSolver(OneThread):
         linear = columns[:, :, :3] + np.cross(columns[:, :, 3:], at[:, None, :])
         if not turned:
             return linear.transpose(0, 2, 1)
-        return np.concatenate((linear, _LEVER * columns[:, :, 3:]), axis=2).transpose(0, 2, 1)
+        return np.concatenate((linear, _ANGLE_LEVER * columns[:, :, 3:]), axis=2).transpose(0, 2, 1)
 
 
 def inverse_kinematics(
-    robot: RobotModel,
+    robot: RobotValue,
     frame: str,
     position: ArrayLike,
     orientation: ArrayLike | None = None,
@@ -182,26 +182,24 @@ def inverse_kinematics(
     Args:
         robot: the robot.
         frame: name of its frame.
-        position: (3,) of the frame in the world [m].
-        orientation: (4,) quaternion (x, y, z, w) of the frame in the world, or a rotation (3, 3); free where None.
-        near: (nq,) where the search begins, and what solutions are sorted by; home where None.
-        base: whether a base that can move may.
-        within: (3,) the frame may be off by so much along the world's axes [m]: half the sides of a box.
-        count: stop as soon as there are so many different solutions.
-        seed: of the random starts.
+        position: (3,) position of the frame in the world [m].
+        orientation: (4,) quaternion (x, y, z, w) of the frame in the world, or a rotation (3, 3); None leaves it free.
+        near: (nq,) where the search begins, and by whose distance solutions are sorted; home where None.
+        base: whether a base that can move may be moved.
+        within: (3,) how far the frame may be off along the world's axes [m]: half the sides of a box.
+        count: the search stops as soon as it has this many different solutions.
+        seed: seed of the random starts.
 
     Raises:
         RobotError: an unknown frame, or one that does not move.
-        ConfigurationError: ``near`` is not sound.
-        ParameterError: a target or number that is not sound.
+        ConfigurationError: ``near`` is not valid.
+        ParameterError: a target or number that is not valid.
     """
     if count < 1:
         raise ParameterError(f"count={count!r} must be at least 1")
-    search = PoseSearch(
-        robot, frame, position, orientation, near=near, within=within, rng=np.random.default_rng(seed)
-    )  # fmt: skip
+    search = PoseSearch(robot, frame, position, orientation, near=near, within=within, rng=np.random.default_rng(seed))
     found = np.zeros((0, robot.nv))
-    for _ in range(_ROUNDS * (1 if count == 1 else 4)):
+    for _ in range(_MOST_ROUNDS * (1 if count == 1 else 4)):
         found = search.sorted(np.concatenate((found, search.round(base=base))))
         if len(found) >= count:
             break
@@ -212,24 +210,24 @@ def inverse_kinematics(
 
 
 class PoseSearch(OneThread):
-    """Workspace: looks for configurations with a frame of the robot at a pose, a round of starts after the other.
+    """Workspace: looks for configurations with a frame of the robot at a pose, one round of starts after another.
 
     Args:
         robot: the robot.
         frame: name of its frame.
         position, orientation, near, within: as for :func:`inverse_kinematics`.
-        rng: of the random starts.
+        rng: random numbers of the random starts.
 
     Attributes:
-        distance, angle: of the best so far from the target [m], [rad].
+        distance, angle: how far the best so far is from the target [m], [rad].
 
     Raises:
-        RobotError, ConfigurationError, ParameterError: as there.
+        RobotError, ConfigurationError, ParameterError: as for :func:`inverse_kinematics`.
     """
 
     def __init__(
         self,
-        robot: RobotModel,
+        robot: RobotValue,
         frame: str,
         position: ArrayLike,
         orientation: ArrayLike | None,
@@ -238,7 +236,7 @@ class PoseSearch(OneThread):
         within: ArrayLike,
         rng: np.random.Generator,
     ) -> None:
-        self.robot: RobotModel = robot
+        self.robot: RobotValue = robot
         self.distance: float = np.inf
         self.angle: float = 0.0
         self._solver = PoseSolver(robot, frame)
@@ -257,11 +255,11 @@ class PoseSearch(OneThread):
         free = np.ones(self.robot.nv)
         if not base:
             free[: space.base_nv] = 0.0
-        rows = solver.random_rows(_STARTS, self._rng, self._position, base, here)
+        rows = solver.random_rows(_ROUND_STARTS, self._rng, self._position, base, here)
         if self._rounds[base] == 0:
             rows[0] = here
             if space.planar and base:
-                rows[: _STARTS // 2, space.base_nv :] = here[space.base_nv :]
+                rows[: _ROUND_STARTS // 2, space.base_nv :] = here[space.base_nv :]
         self._rounds[base] += 1
         rows, size = solver.solve(rows, self._position, self._turn, self._within, free)
         off, angle = (np.linalg.norm(e, axis=1) for e in solver.error(rows, self._position, self._turn, self._within))
@@ -271,14 +269,14 @@ class PoseSearch(OneThread):
         return self.sorted(rows[(off <= _POSITION_TOLERANCE) & (angle <= _ANGLE_TOLERANCE)])
 
     def sorted(self, rows: Array) -> Array:
-        """Those of the rows (N, nv) that differ, the nearest to where the search began first."""
+        """The rows (N, nv) that differ from each other, the nearest to where the search began first."""
         space = self.robot.space
         rows = _different(rows, space.circular, space.base_nv)
         here = np.tile(self._here, (len(rows), 1))
         return rows[np.argsort(np.linalg.norm(space.difference(here, rows), axis=1), kind="stable")]
 
     def missed(self) -> str:
-        """Why nothing was found, for people."""
+        """Why nothing was found, in words."""
         frame = self._solver.frame
         if self.distance > _POSITION_TOLERANCE:
             return f"{self.distance:.3g} m out of reach of {frame!r}"
@@ -289,16 +287,16 @@ def rotation_of(orientation: ArrayLike) -> Array:
     """A rotation (3, 3) of a quaternion (x, y, z, w) or of itself.
 
     Raises:
-        ParameterError: neither, or not of unit length, or no rotation.
+        ParameterError: neither of them, or not of unit length, or not a rotation.
     """
     given = np.asarray(orientation, dtype=float)
     if given.shape == (4,):
         if not 0.99 < np.linalg.norm(given) < 1.01:
-            raise ParameterError(f"orientation={given.tolist()} is a quaternion that has not unit length")
+            raise ParameterError(f"orientation={given.tolist()} is a quaternion whose length is not 1")
         return pin.Quaternion(given).normalized().matrix()
     R = check_array("orientation", given, (3, 3))
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0.0:
-        raise ParameterError(f"orientation={R.tolist()} is no rotation")
+        raise ParameterError(f"orientation={R.tolist()} is not a rotation")
     return R
 
 
@@ -323,6 +321,6 @@ def _different(rows: Array, circular: Mask, b: int) -> Array:
     for k in range(len(rows)):
         apart = np.abs(rows[kept] - rows[k])
         apart[:, b:] = np.where(circular, np.minimum(apart[:, b:], np.abs(2.0 * np.pi - apart[:, b:])), apart[:, b:])
-        if (apart.max(axis=1, initial=0.0) > _SAME).all():
+        if (apart.max(axis=1, initial=0.0) > _SAME_SOLUTION).all():
             kept.append(k)
     return rows[kept]

@@ -40,8 +40,9 @@ def _rotation_to_axis(axis: Array) -> Array:
 class KinematicTree(Summary):
     """A Pinocchio model's joints as plain arrays, each joint's frame turned so that it moves about or along its z.
 
-    A *motion* is what one joint does (three of a planar root), a coordinate what can be planned. A joint that follows
-    another one has a motion of its own and the coordinate of its leader; without such joints motions are coordinates.
+    A *motion* belongs to one joint (three to a planar root); a *coordinate* is what can be planned. A joint that
+    follows another one has a motion of its own and the coordinate of its leader; without such joints motions are
+    coordinates.
 
     Attributes:
         space: the configuration space.
@@ -53,8 +54,8 @@ class KinematicTree(Summary):
         motion: (njoints,) motion of each single-dof joint (−1 likewise); those of joints further out are larger.
         support: (njoints, M) True where a motion moves the joint's body.
         coordinate: (M,) coordinate column of each motion.
-        rate: (M,) how fast the motion is for each unit of its coordinate; 1 but for followers.
-        shift: (M,) [rad or m] the motion at coordinate 0; 0 but for followers.
+        rate: (M,) how fast the motion is for each unit of its coordinate; 1 except for followers.
+        shift: (M,) [rad or m] the motion at coordinate 0; 0 except for followers.
     """
 
     space: ConfigurationSpace
@@ -121,7 +122,7 @@ class KinematicTree(Summary):
         All proofs rest on it, and NumPy has returned wrong values for single array sizes before.
 
         Raises:
-            RobotError: it does not.
+            RobotError: they differ.
         """
         space = self.space
         low, high = np.maximum(space.lower, -np.pi), np.minimum(space.upper, np.pi)
@@ -151,9 +152,17 @@ class KinematicTree(Summary):
             return None
         space = self.space
         return module.Tree(
-            space.planar, self.parents, self.motion, self.prismatic, space.circular, self.support, self.offset,
-            self.coordinate, self.rate, self.shift,
-        )  # fmt: skip
+            space.planar,
+            self.parents,
+            self.motion,
+            self.prismatic,
+            space.circular,
+            self.support,
+            self.offset,
+            self.coordinate,
+            self.rate,
+            self.shift,
+        )
 
     @property
     def follows(self) -> bool:
@@ -182,7 +191,7 @@ class KinematicTree(Summary):
         return self.summed(self.support[joint].astype(float)) > 0.0
 
     def summed(self, motions: Array) -> Array:
-        """What motions do (…, M), each for a unit of its coordinate, by coordinates (…, nv)."""
+        """Effects (…, M) of motions, each for a unit of its coordinate, by coordinates (…, nv)."""
         if not self.follows:
             return motions
         out = np.zeros((*motions.shape[:-1], self.space.nv))
@@ -205,7 +214,7 @@ class Kinematics(OneThread):
     """Workspace: aligned joint placements and world Jacobian columns of many nodes.
 
     Args:
-        tree: of the robot: ``RobotModel.tree``.
+        tree: the robot's tree, ``RobotModel.tree``.
         capacity: number of nodes to make room for; it grows where there are more.
 
     Attributes (valid for the first ``n`` nodes after :meth:`update`):
@@ -355,7 +364,7 @@ def find_frame(model: pin.Model, name: str) -> int | None:
 
 
 def default_control_points(model: pin.Model, planar: bool, hand_frame: str | None = None) -> ControlPoints:
-    """P_m at the base, one point at every joint's origin, and the hand; points that coincide always are one point."""
+    """P_m at the base, one point at every joint's origin, and the hand; points that always coincide are one point."""
     first = 2 if planar else 1
     points = [("P_m", 1, np.zeros(3))] if planar else []
     names = list(model.names)

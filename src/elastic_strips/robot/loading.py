@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypedDict
@@ -14,14 +14,15 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.catalogue import find_robot, is_known, is_ours
+from elastic_strips.catalogue import KnownRobot, find_robot, is_known, is_ours
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError
+from elastic_strips.validation import MAX_LENGTH
 
-from .coal_shapes import ShapeKind, shape_of, vertices
 from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
 from .holes import bare_links, drawn_alone, say_what_grew, thicken
-from .model import RobotModel, check_joint_names, reference_configuration
+from .model import RobotModel
 from .planned_joints import (
     compare_states,
     following_planned,
@@ -34,21 +35,23 @@ from .planned_joints import (
     with_leaders,
     with_their_limits,
 )
+from .reduced import check_joint_names, reference_configuration
 from .second_reader import differences
 from .space import LIMIT_TOLERANCE, BaseKind
 from .srdf import Srdf, read_srdf, within_limits
-from .urdf import MAX_LENGTH, UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
+from .urdf import UrdfSource, pinocchio_geometry, pinocchio_model, read_urdf
 from .wheels import round_wheels, wheel_joints
 from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
 _MANY_JOINTS = 20  # more planned joints than these are warned about
-_LARGE = 20.0  # [m] no part of a robot is longer; in a mesh of millimetres that is read as metres, one of 2 cm is
+# No part of a robot is longer [m]; in a mesh of millimetres that is read as metres, one of 2 cm is.
+_LARGEST_MESH = 20.0
 _HOMES = ("home", "default", "half_sitting", "standing")
 
 
 class LoadOptions(TypedDict, total=False):
-    """What may be said of a robot besides its name and its base: the arguments of ``load_robot`` of these names."""
+    """Options of a robot besides its name and its base: the arguments of ``load_robot`` of these names."""
 
     joints: Iterable[str]
     group: str
@@ -75,7 +78,7 @@ def load_robot(
 
     A xacro file (``.xacro``; extra ``ros``) is expanded first. xacro evaluates expressions: open files you trust.
 
-    What a file gets wrong without harm is mended or passed over, with a warning in the log: see ``docs/robots.md``.
+    Harmless faults of a file are mended or ignored, with a warning in the log: see ``docs/robots.md``.
 
     Args:
         name_or_path: a name, or a path that ends in ``.urdf`` or ``.xacro``, or holds a separator.
@@ -84,120 +87,190 @@ def load_robot(
         srdf: SRDF file with the link pairs to ignore, named postures (``group_state``: see ``RobotModel.home`` and
             ``RobotModel.state``) and groups of joints; by default the named robot's own.
         control_points: name → frame, or name → (frame, offset [m]); by default the joints' origins and the hand.
-        joints: the joints to plan; all others are held still at home, but for those that mimic a planned one: they
+        joints: the joints to plan; all others are held still at home, except those that mimic a planned one: they
             follow it (``RobotModel.followers``), and their limits are its limits, too.
-        group: an SRDF group of which the joints are planned, instead of ``joints``.
-        locked: joint → value [rad or m] held still, besides what is held still anyway: what ``joints`` or ``group``
-            do not name; without these wheels, casters, joints that others mimic unless they carry more than those (a
-            lift is planned, a gripper held), and what is neither lift nor arm of TIAGo. Joints that mimic a locked one
-            are held where that puts them, and what a locked one mimics is held where that puts it, unless they are
-            given a value here.
+        group: an SRDF group whose joints are planned, instead of ``joints``.
+        locked: joint → value [rad or m] held still, besides the joints that are held anyway: those that ``joints`` or
+            ``group`` does not name. Without these: wheels, casters, joints that others mimic unless they carry more
+            than those (a lift is planned, a gripper held), and whatever is neither lift nor arm of TIAGo. Joints that
+            mimic a locked one are held where that puts them, and the joint that a locked one mimics is held where that
+            puts it, unless they are given a value here.
         package_dirs: folders to search for ``package://`` meshes and for a xacro file's ``$(find …)``.
         mappings: arguments of a xacro file, by name.
         visual_as_collision: links whose visual shapes are taken as their collision shapes, meshes as convex hulls; or
-            ``"missing"``: all that are drawn and have no collision shape, of which nothing is proven otherwise.
+            ``"missing"``: all links that are drawn and have no collision shape. Otherwise nothing is proven about
+            these.
 
     Raises:
-        RobotError: an unknown name, or one that several robots share; an unknown joint or group, or a joint that is
-            both planned and locked, or locked though it follows a planned one; a fault in a file. The message names
-            file, element and alternatives; the file is the expanded one of a xacro file.
-        MissingExtraError: a xacro file, and xacro is not installed.
+        RobotError: an unknown name, or a name that several robots share; an unknown joint or group; a joint that is
+            planned and locked, or locked though it follows a planned one; a fault in a file. The message names
+            file, element and alternatives; of a xacro file it names the expanded file.
+        MissingExtraError: the file is a xacro file, and xacro is not installed.
     """
-    text = str(name_or_path)
-    path = Path(text).expanduser()
-    given_srdf = srdf is not None
-    by_path = path.suffix.lower() in (".urdf", ".xml", ".xacro") or "/" in text or os.path.exists(path)
-    if is_known(text) or not text or not by_path:
-        known = find_robot(text)
-        source = read_urdf(
-            known.urdf, package_dirs=(*package_dirs, *known.package_dirs), visual_as_collision=visual_as_collision
-        )
-        kind, srdf = known.base if base is None else base, srdf or known.srdf
-        home, hand, name = known.home, known.hand_frame, known.name
-        if joints is None and group is None and known.planned is not None:
-            joints = [joint for joint in known.planned if joint not in (locked or {})]
-    else:
-        urdf = expand_xacro(path, mappings, package_dirs) if path.suffix.lower() == ".xacro" else path
-        source = read_urdf(urdf, package_dirs=package_dirs, visual_as_collision=visual_as_collision)
-        kind, home, hand, name = (
-            BaseKind.DIFF_DRIVE if base is None else base,
-            {},
-            None,
-            path.stem.removesuffix(".urdf"),
-        )
-    if mappings and (is_known(text) or path.suffix.lower() != ".xacro"):
-        raise RobotError(f"mappings={dict(mappings)!r} are arguments of a xacro file; {text!r} is none")
-    kind = BaseKind.parse(kind)
-    semantics = None if srdf is None else read_srdf(srdf, source)
-    if given_srdf and semantics is not None and semantics.name not in ("", source.name):
-        _log.warning("%s is written for a robot that is called %.60r; this one is called %.60r: the pairs that it "
-                     "leaves out may be another robot's", semantics.path, semantics.name, source.name)  # fmt: skip
+    known = _found(name_or_path, mappings, package_dirs)
+    source = read_urdf(
+        known.urdf, package_dirs=(*package_dirs, *known.package_dirs), visual_as_collision=visual_as_collision
+    )
+    if mappings and (is_known(str(name_or_path)) or not _is_xacro(name_or_path)):
+        raise RobotError(f"mappings={dict(mappings)!r} are arguments of a xacro file; {str(name_or_path)!r} is none")
+    kind = BaseKind.parse(known.base if base is None else base)
+    semantics = None if (file := srdf or known.srdf) is None else read_srdf(file, source)
+    if srdf is not None and semantics is not None:
+        _say_whose(semantics, source)
+    locked = locked or {}
+    if joints is None and group is None and known.planned is not None:
+        joints = [joint for joint in known.planned if joint not in locked]
     planned = planned_joints(source, semantics, joints, group, locked)
     try:
-        model = pinocchio_model(source, planar=kind.planar)
-        check_joint_names(model, locked or {}, "locked")
-        wheels = wheel_joints(model, source)
-        resting = resting_joints(model, source)
-        names, held = frozenset(model.names[1:]) - {"root_joint"}, with_leaders(source, locked or {})
-        told, described = planned, (source, model)
-        if planned is None:
-            planned = names - resting - set(held)
-        following = following_planned(source, planned, locked or {})
-        unplanned = names - planned - set(following)
-        model, source = with_their_limits(model, source, following)
-        collision = pinocchio_geometry(source, model, pin.COLLISION)
-        turned = meant_turned(source.document, model, collision)
-        thicken(collision, source)
-        _check_shapes(collision, source)
-        drawn = drawn_alone(source, model)
-
-        def still(home: Mapping[str, float]) -> dict[str, float]:
-            return held_still(source, unplanned, held, home)
-
-        def build(home: Mapping[str, float]) -> RobotModel:
-            values = still(home)
-            return RobotModel.from_pinocchio(
-                model, collision, partial(_visual, source, model),
-                base=kind, name=name, locked=values,
-                home={j: v for j, v in home.items() if j in planned},
-                disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
-                enabled_pairs=() if semantics is None else semantics.enabled, followers=source.following(),
-                control_points=control_points, hand_frame=hand,
-                states=None if semantics is None else semantics.states,
-                urdf_path=str(source.path), srdf_path=None if semantics is None else str(semantics.path),
-                held=why_held(source, values, locked or {}, wheels, told),
-                groups=None if semantics is None else semantics.groups, drawn=drawn, description=source,
-                round_wheels=rolling,
-            )  # fmt: skip
-
-        rolling = round_wheels(model, collision, resting & source.continuous)
-        robot = _at_home(build, still, home, semantics, source, resting)
-        robot = replace(robot, bare_links=bare_links(source, robot, drawn))
+        made = _made(known, kind, source, semantics, planned, locked, control_points)
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
+    robot = made.robot
+    _say_who_is_elsewhere(source, robot, locked)
+    compare_states(robot.name, semantics, robot.followers)
+    _say_many_and_bare(robot)
+    if made.turned:
+        _log.warning("%s: %s", robot.name, said_of_turned(made.turned))
+    say_what_grew(robot, source.from_visual)
+    if not is_ours(source.path):  # those are compared by the tests
+        _say_what_differs(source, made.described, robot.name)
+    return robot
+
+
+def _say_whose(semantics: Srdf, source: UrdfSource) -> None:
+    """Warn of an SRDF file that is another robot's."""
+    if semantics.name not in ("", source.name):
+        _log.warning(
+            "%s is written for a robot that is called %.60r; this one is called %.60r: the pairs that it leaves out "
+            "may be another robot's",
+            semantics.path,
+            semantics.name,
+            source.name,
+        )
+
+
+def _say_many_and_bare(robot: RobotModel) -> None:
+    """Warn of many planned joints, and of links about which nothing is proven."""
+    if len(robot.joint_names) > _MANY_JOINTS:
+        _log.warning(
+            "%s plans %d joints, which are many: slow to plan and to deform. %s",
+            robot.name,
+            len(robot.joint_names),
+            what_to_lock(robot),
+        )
+    if robot.bare_links:
+        _log.warning(
+            "%s: %d links are drawn and have no collision shape, so nothing is proven about them: %s. "
+            'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
+            robot.name,
+            len(robot.bare_links),
+            listed(robot.bare_links, 40),
+        )
+
+
+def _is_xacro(name_or_path: str | Path) -> bool:
+    return Path(name_or_path).suffix.lower() == ".xacro"
+
+
+def _found(
+    name_or_path: str | Path, mappings: Mapping[str, str] | None, package_dirs: tuple[str | Path, ...]
+) -> KnownRobot:
+    """A robot of the catalogue; or what is known of one by its file alone, of which xacro is expanded."""
+    text = str(name_or_path)
+    path = Path(text).expanduser()
+    by_path = path.suffix.lower() in (".urdf", ".xml", ".xacro") or "/" in text or os.path.exists(path)
+    if is_known(text) or not text or not by_path:
+        return find_robot(text)
+    urdf = expand_xacro(path, mappings, package_dirs) if _is_xacro(path) else path
+    return KnownRobot(path.stem.removesuffix(".urdf"), "", BaseKind.DIFF_DRIVE, urdf)
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """A robot, the links whose meshes may have been meant turned, and the model as the file describes it."""
+
+    robot: RobotModel
+    turned: tuple[str, ...]
+    described: pin.Model
+
+
+def _made(
+    known: KnownRobot,
+    kind: BaseKind,
+    source: UrdfSource,
+    semantics: Srdf | None,
+    told: frozenset[str] | None,
+    locked: Mapping[str, float],
+    control_points: Mapping[str, str | tuple[str, ArrayLike]] | None,
+) -> _Made:
+    """The robot of a description; ``told`` are the joints to plan, None all that do not rest."""
+    model = described = pinocchio_model(source, planar=kind.planar)
+    check_joint_names(model, locked, "locked")
+    wheels, resting = wheel_joints(model, source), resting_joints(model, source)
+    names, held = frozenset(model.names[1:]) - {"root_joint"}, with_leaders(source, locked)
+    planned = names - resting - set(held) if told is None else told
+    following = following_planned(source, planned, locked)
+    unplanned = names - planned - set(following)
+    model, source = with_their_limits(model, source, following)
+    collision, turned = _collision(source, model)
+    drawn = drawn_alone(source, model)
+    rolling = round_wheels(model, collision, resting & source.continuous)
+    still = partial(held_still, source, unplanned, held)
+
+    def build(home: Mapping[str, float]) -> RobotModel:
+        values = still(home)
+        return RobotModel.from_pinocchio(
+            model,
+            collision,
+            partial(_visual, source, model),
+            base=kind,
+            name=known.name,
+            locked=values,
+            home={j: v for j, v in home.items() if j in planned},
+            disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
+            enabled_pairs=() if semantics is None else semantics.enabled,
+            followers=source.following(),
+            control_points=control_points,
+            hand_frame=known.hand_frame,
+            states=None if semantics is None else semantics.states,
+            urdf_path=str(source.path),
+            srdf_path=None if semantics is None else str(semantics.path),
+            held=why_held(source, values, locked, wheels, told),
+            groups=None if semantics is None else semantics.groups,
+            drawn=drawn,
+            description=source,
+            round_wheels=rolling,
+        )
+
+    robot = _at_home(build, still, known.home, semantics, source, resting)
+    return _Made(replace(robot, bare_links=bare_links(source, robot, drawn)), turned, described)
+
+
+def _collision(source: UrdfSource, model: pin.Model) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+    """The collision geometry of a file, and the links whose meshes may have been meant turned."""
+    collision = pinocchio_geometry(source, model, pin.COLLISION)
+    turned = meant_turned(source.document, model, collision)
+    thicken(collision, source)
+    _check_shapes(collision, source)
+    return collision, turned
+
+
+def _say_who_is_elsewhere(source: UrdfSource, robot: RobotModel, locked: Mapping[str, float]) -> None:
+    """Warn of joints that mimic another one and are held elsewhere than that puts them."""
     for joint, (leader, multiplier, offset) in source.followers.items():
         wanted = multiplier * robot.locked.get(leader, 0.0) + offset
         if abs(robot.locked.get(joint, wanted) - wanted) > LIMIT_TOLERANCE:
-            why = "; it is locked" if joint in (locked or {}) else ", outside of its limits; it is held"
-            _log.warning("%s: joint %r mimics %r, which puts it at %.6g%s at %.6g",
-                         name, joint, leader, wanted, why, robot.locked[joint])  # fmt: skip
-    compare_states(name, semantics, robot.followers)
-    if len(robot.joint_names) > _MANY_JOINTS:
-        _log.warning("%s plans %d joints, which are many: slow to plan and to deform. %s",
-                     name, len(robot.joint_names), what_to_lock(robot))  # fmt: skip
-    if robot.bare_links:
-        _log.warning(
-            "%s: %d links are drawn and have no collision shape, so nothing is proven of them: %s. "
-            'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
-            name, len(robot.bare_links), listed(robot.bare_links, 40),
-        )  # fmt: skip
-    if turned:
-        _log.warning("%s: %s", name, said_of_turned(turned))
-    say_what_grew(robot, source.from_visual)
-    if not is_ours(source.path):  # those are compared by the tests
-        _say_what_differs(*described, name)
-    return robot
+            why = "; it is locked" if joint in locked else ", outside its limits; it is held"
+            _log.warning(
+                "%s: joint %r mimics %r, which puts it at %.6g%s at %.6g",
+                robot.name,
+                joint,
+                leader,
+                wanted,
+                why,
+                robot.locked[joint],
+            )
 
 
 def _at_home(
@@ -208,13 +281,13 @@ def _at_home(
     source: UrdfSource,
     resting: frozenset[str],
 ) -> RobotModel:
-    """The robot with the first home posture in which it does not collide with itself, or one near the first of all."""
+    """The robot with the first home posture in which it does not collide with itself, or one near the very first."""
     first: RobotModel | None = None
     passed: list[str] = []
     made: dict[tuple[tuple[str, float], ...], RobotModel] = {}
     for what, values in _homes(home, semantics, source, resting):
         if not all(within_limits(value, source, joint) for joint, value in values.items()):
-            passed.append(f"{what} is outside of the limits")
+            passed.append(f"{what} is outside the limits")
             continue
         held = tuple(sorted(still(values).items()))
         if held in made:  # only its home differs
@@ -234,8 +307,12 @@ def _at_home(
     assert first is not None
     free, touching = free_posture(first)
     if touching:
-        _log.warning("%s: %s; home collides. No posture was found in which all links are apart: at best %s are in each "
-                     "other", first.name, "; ".join(passed), touching)  # fmt: skip
+        _log.warning(
+            "%s: %s; home collides. No posture was found in which all links are apart: at best %s are in each other",
+            first.name,
+            "; ".join(passed),
+            touching,
+        )
         return first
     changed = np.flatnonzero(np.abs(first.space.to_coordinates(free) - first.space.to_coordinates(first.home_q)) > 1e-9)
     names = [first.joint_names[k - first.space.base_nv] for k in changed]
@@ -246,7 +323,7 @@ def _at_home(
 def _homes(
     home: Mapping[str, float], semantics: Srdf | None, source: UrdfSource, resting: frozenset[str]
 ) -> Iterator[tuple[str, Mapping[str, float]]]:
-    """Postures that may be home, with what to call them, the likeliest first."""
+    """Postures that may be home and their names, the likeliest first."""
     states = {} if semantics is None else semantics.states
     if home and "home" not in states:
         yield "its own home posture", home
@@ -292,19 +369,24 @@ def _visual(source: UrdfSource, model: pin.Model) -> pin.GeometryModel:
 
 
 def _check_size(shape: pin.GeometryObject, points: Array) -> None:
-    """Warn of a mesh that was meant in millimetres."""
+    """Warn about a mesh that was meant in millimetres."""
     size = np.ptp(points, axis=0)
-    if size.max() > _LARGE:
+    if size.max() > _LARGEST_MESH:
         x, y, z = (f"{length:.3g}" for length in size)
         _log.warning(
             'mesh %s of link %r is %s x %s x %s m large; if its file is in millimetres, give <mesh scale="0.001 0.001 '
-            '0.001">', shape.meshPath, shape.name.rsplit("_", 1)[0], x, y, z,
-        )  # fmt: skip
+            '0.001">',
+            shape.meshPath,
+            shape.name.rsplit("_", 1)[0],
+            x,
+            y,
+            z,
+        )
 
 
 def _say_what_differs(source: UrdfSource, model: pin.Model, name: str) -> None:
-    """Warn of what another reader finds otherwise in the file."""
+    """Warn about what another reader reads differently in the file."""
     found = differences(source, model)
     if found:
         more = f"; and {len(found) - 6} more" if len(found) > 6 else ""
-        _log.warning("%s: yourdfpy reads the file otherwise: %s%s", name, "; ".join(found[:6]), more)
+        _log.warning("%s: yourdfpy reads the file differently: %s%s", name, "; ".join(found[:6]), more)

@@ -16,10 +16,9 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import RobotError
 
-from .space import LIMIT_TOLERANCE, is_follower
+from .space import LIMIT_TOLERANCE, UNLIMITED_SPEED, is_follower
 
 _log = logging.getLogger(__name__)
-_UNLIMITED = 1e6  # [rad/s or m/s] a speed above this means that there is no limit
 
 
 class Following(NamedTuple):
@@ -42,7 +41,7 @@ def followers_of(model: pin.Model) -> dict[str, Following]:
 
 
 def carrier_name(leader: str) -> str:
-    """What a leader's own joint is called in a model where another one has its name and moves it."""
+    """Name of a leader's own joint in a model where another joint has its name and moves it."""
     return f"{leader} (moved)"
 
 
@@ -54,12 +53,13 @@ def with_followers(model: pin.Model, following: Mapping[str, Following]) -> pin.
         following: follower → what it does; no leader is a follower, and no multiplier is 0.
 
     Raises:
-        RobotError: the limits of a leader and its followers leave nothing.
+        RobotError: the limits of a leader and its followers leave no value.
     """
     late = [
-        leader for leader in dict.fromkeys(f.leader for f in following.values())
+        leader
+        for leader in dict.fromkeys(f.leader for f in following.values())
         if any(model.getJointId(leader) > model.getJointId(name) for name, f in following.items() if f.leader == leader)
-    ]  # fmt: skip
+    ]
     made = _rebuilt(model, following, late)
     for leader in late:
         made = _transformed(made, carrier_name(leader), Following(leader, 1.0, 0.0))
@@ -77,8 +77,8 @@ def _transformed(model: pin.Model, name: str, follower: Following) -> pin.Model:
 
 
 def _rebuilt(model: pin.Model, following: Mapping[str, Following], late: list[str]) -> pin.Model:
-    """The model with joints in front that move late leaders; a continuous joint is one that turns where its leader has
-    one number, and not the two of a continuous one."""
+    """The model with joints in front that move late leaders. A continuous joint becomes one that turns where its
+    leader has one number, and not the two of a continuous joint."""
     out = pin.Model()
     out.name = model.name
     planar = model.njoints > 1 and model.joints[1].shortname() == "JointModelPlanar"
@@ -142,18 +142,23 @@ def _narrow(plain: pin.Model, model: pin.Model, leader: str, following: Mapping[
     for name, (_, multiplier, constant) in following.items():
         own = plain.joints[plain.getJointId(name)]
         velocity = float(plain.velocityLimit[own.idx_v])
-        if 0.0 < velocity < _UNLIMITED:
+        if 0.0 < velocity < UNLIMITED_SPEED:
             speed.append(velocity / abs(multiplier))
         if own.nq != 1 or low is None or high is None:
             continue
         ends = [float(limit[own.idx_q]) for limit in (plain.lowerPositionLimit, plain.upperPositionLimit)]
         least, most = sorted((end - constant) / multiplier for end in ends)
         if max(least - low, high - most) > LIMIT_TOLERANCE:
-            _log.warning("joint %r is planned from %.6g to %.6g: %r follows it, and has limits", leader,
-                         max(low, least), min(high, most), name)  # fmt: skip
+            _log.warning(
+                "joint %r is planned from %.6g to %.6g: %r follows it, and has limits",
+                leader,
+                max(low, least),
+                min(high, most),
+                name,
+            )
         low, high = max(low, least), min(high, most)
         if low > high:
-            raise RobotError(f"joint {leader!r}: {name!r}, which follows it, is within its own limits nowhere")
+            raise RobotError(f"joint {leader!r}: {name!r}, which follows it, is nowhere within its own limits")
     if low is not None and high is not None:
         model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q] = low, high
     if speed[0] > 0.0:  # what the leader does not state is asked for, and not guessed of its followers

@@ -5,19 +5,20 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.validation import MAX_LENGTH
 
 from .mimic import Following, with_followers
 from .model import RobotModel
 from .space import LIMIT_TOLERANCE
 from .srdf import Srdf, within_limits
-from .urdf import MAX_LENGTH, UrdfSource
+from .urdf import UrdfSource
 from .wheels import wheel_joints
 
 _log = logging.getLogger(__name__)
@@ -26,58 +27,76 @@ _SELDOM_PLANNED = (
     "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
     "ring_", "pinky", "little", "head", "neck", "eye",
 )  # fmt: skip
-"""In the names of joints that an arm's motion can do without."""
+"""Words in the names of joints that an arm's motion can do without."""
 
 
 def planned_joints(
-    source: UrdfSource, semantics: Srdf | None, joints: Iterable[str] | None, group: str | None,
+    source: UrdfSource,
+    semantics: Srdf | None,
+    joints: Iterable[str] | None,
+    group: str | None,
     locked: Mapping[str, float] | None,
-) -> frozenset[str] | None:  # fmt: skip
+) -> frozenset[str] | None:
     """The joints to plan, or None where all are planned but those that are locked."""
     if joints is not None and group is not None:
         raise RobotError(f"joints={joints!r} and group={group!r} both say what is planned; give one of them")
     if group is not None:
-        groups = {} if semantics is None else semantics.groups
-        if group not in groups:
-            where = "no SRDF is given" if semantics is None else str(semantics.path)
-            raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
-        joints = []
-        for joint in groups[group]:
-            if why := _cannot_lead(source, joint):
-                _log.warning("group %r: joint %r is held still: %s", group, joint, why)
-            else:
-                joints.append(joint)
-        if not joints:
-            raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
+        joints = _of_group(group, source, semantics)
     if joints is None:
         return None
     if isinstance(joints, str):
         raise RobotError(f"joints={joints!r} is one text; give a list of joint names")
-    movable = set(source.joint_limits) | set(source.continuous)
-    planned, following = list(joints), source.following()
-    for joint in planned:
+    named = list(joints)
+    _check_planned(source, named)
+    planned = frozenset(joint for joint in named if joint not in source.followers)
+    both = sorted(planned & set(locked or {}))
+    if both:
+        raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
+    return planned
+
+
+def _of_group(group: str, source: UrdfSource, semantics: Srdf | None) -> list[str]:
+    """The joints of an SRDF's group that can be planned; the log names the others.
+
+    Raises:
+        RobotError: no such group, or none can.
+    """
+    groups = {} if semantics is None else semantics.groups
+    if group not in groups:
+        where = "no SRDF is given" if semantics is None else str(semantics.path)
+        raise RobotError(f"unknown group {group!r} ({where}){nearest_name(group, groups)}")
+    joints: list[str] = []
+    for joint in groups[group]:
+        if why := _cannot_lead(source, joint):
+            _log.warning("group %r: joint %r is held still: %s", group, joint, why)
+        else:
+            joints.append(joint)
+    if not joints:
+        raise RobotError(f"group {group!r} of {semantics and semantics.path} has no joint that can be planned")
+    return joints
+
+
+def _check_planned(source: UrdfSource, joints: Collection[str]) -> None:
+    """Raise a `RobotError` where one of the joints does not move, cannot lead, or follows one that is not named."""
+    movable, following = set(source.joint_limits) | set(source.continuous), source.following()
+    for joint in joints:
         if joint not in movable:
             hint = " is fixed, floating or planar" if joint in source.joints else nearest_name(joint, movable)
             raise RobotError(f"joints: cannot plan {joint!r}{hint}")
         if why := _cannot_lead(source, joint):
             raise RobotError(f"joints: cannot plan {joint!r}: {why}. Hold it still (locked={{{joint!r}: …}}, --lock)")
-        if joint in source.followers and following[joint].leader not in planned:
+        if joint in source.followers and following[joint].leader not in joints:
             leader = following[joint].leader
             raise RobotError(
                 f"joints: cannot plan {joint!r} alone: it has to <mimic> {leader!r}. Plan that one, and it follows; or "
                 f"hold that one still (locked={{{leader!r}: …}}, --lock), and it is held where that puts it"
             )
-    planned = [joint for joint in planned if joint not in source.followers]
-    both = sorted(set(planned) & set(locked or {}))
-    if both:
-        raise RobotError(f"joints that are to be planned and locked: {', '.join(both)}; name each in one of the two")
-    return frozenset(planned)
 
 
 def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
-    """The joints that are held still where nothing is said of any.
+    """The joints that are held still where the caller says nothing about any.
 
-    Of joints that others mimic, those that carry no more than these: grippers. A lift that carries an arm is planned.
+    Joints that others mimic are held if they carry no more than these: grippers. A lift that carries an arm is planned.
     """
     wheels, following = wheel_joints(model, source), source.following()
     resting, movable = wheels | source.mimic, {*source.joint_limits, *source.continuous}
@@ -96,7 +115,7 @@ def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
 
 
 def _cannot_lead(source: UrdfSource, leader: str) -> str:
-    """Why joints cannot follow a leader wherever it goes; empty where they can, or none has to."""
+    """Why joints cannot follow a leader wherever it goes; empty where they can, or where no joint has to."""
     low, high = source.joint_limits.get(leader, (-math.inf, math.inf))
     for name, (first, multiplier, constant) in source.following().items():
         if first != leader or multiplier == 0.0:
@@ -110,15 +129,15 @@ def _cannot_lead(source: UrdfSource, leader: str) -> str:
             least, most = sorted((limit - constant) / multiplier for limit in source.joint_limits[name])
             low, high = max(low, least), min(high, most)
             if low > high:
-                return f"{name!r}, which has to <mimic> it, is within its own limits nowhere"
+                return f"{name!r}, which has to <mimic> it, is nowhere within its own limits"
     return ""
 
 
 def with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, float]:
-    """Locked values, with those that the locked joints' leaders have to have.
+    """Locked values, with the values that the leaders of locked joints must have.
 
     Raises:
-        RobotError: there are none, or they are outside of the leader's limits.
+        RobotError: a leader has no such value, or it is outside the leader's limits.
     """
     found: dict[str, float] = {}
     for first in locked:
@@ -133,7 +152,7 @@ def with_leaders(source: UrdfSource, locked: Mapping[str, float]) -> dict[str, f
             name, value = leader, (value - constant) / multiplier + 0.0  # no −0
             if not within_limits(value, source, leader):
                 low, high = source.joint_limits[leader]
-                raise RobotError(f"{where} would be at {value:.6g}, outside of its limits [{low:.6g}, {high:.6g}]")
+                raise RobotError(f"{where} would be at {value:.6g}, outside its limits [{low:.6g}, {high:.6g}]")
             if abs(found.setdefault(leader, value) - value) > LIMIT_TOLERANCE:
                 raise RobotError(f"{where} would be at {value:.6g} for it, and at {found[leader]:.6g} for another")
             above, multiplier, constant = source.followers.get(leader, ("", 0.0, 0.0))
@@ -147,7 +166,7 @@ def following_planned(source: UrdfSource, planned: frozenset[str], locked: Mappi
     """The joints that follow planned ones.
 
     Raises:
-        RobotError: one of them is to be held still.
+        RobotError: one of them was to be held still.
     """
     following = {name: f for name, f in source.following().items() if f.leader in planned and f.multiplier != 0.0}
     for name, follower in following.items():
@@ -172,13 +191,20 @@ def with_their_limits(
 
 
 def compare_states(robot: str, semantics: Srdf | None, followers: Mapping[str, Following]) -> None:
-    """Warn of states that have followers elsewhere than their leaders put them."""
+    """Warn about states that have followers elsewhere than where their leaders put them."""
     for state, values in ({} if semantics is None else semantics.states).items():
         for name, (leader, multiplier, constant) in followers.items():
             wanted = multiplier * values.get(leader, np.nan) + constant
             if name in values and abs(values[name] - wanted) > LIMIT_TOLERANCE:
-                _log.warning("%s: state %r has %r at %.6g; it follows %r, which puts it at %.6g",
-                             robot, state, name, values[name], leader, wanted)  # fmt: skip
+                _log.warning(
+                    "%s: state %r has %r at %.6g; it follows %r, which puts it at %.6g",
+                    robot,
+                    state,
+                    name,
+                    values[name],
+                    leader,
+                    wanted,
+                )
 
 
 def held_still(
@@ -198,16 +224,9 @@ def held_still(
 
 
 def what_to_lock(robot: RobotModel) -> str:
-    """Which of a robot's many joints may rather be held still."""
-    names, model = robot.joint_names, robot.model
-    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)]
-    if not ends:  # what branches off several times from one body at the end of a chain, as fingers do
-        first = model.njoints - len(names)
-        leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
-        chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
-        parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
-        roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
-        ends = [model.names[k] for i in roots for k in (i, *leaves[i])]
+    """Which of a robot's many joints might better be held still."""
+    names = robot.joint_names
+    ends = [name for name in names if any(word in name.lower() for word in _SELDOM_PLANNED)] or _fingers(robot)
     said = f"Name those to plan with joints=[…]{' or group=…' if robot.groups else ''}, or hold some still: "
     if ends:
         return f"{said}locked={{{', '.join(f'{name!r}: {0.0:g}' for name in ends[:12])}{', …' * (len(ends) > 12)}}}"
@@ -216,15 +235,29 @@ def what_to_lock(robot: RobotModel) -> str:
     return f"{said}locked={{…}}, of {listed(names, 40)}"
 
 
+def _fingers(robot: RobotModel) -> list[str]:
+    """The joints of what branches off several times from one body at the end of a chain, as fingers do."""
+    model = robot.model
+    first = model.njoints - len(robot.joint_names)
+    leaves = {i: [k for k in model.subtrees[i] if k != i] for i in range(first, model.njoints)}
+    chains = [i for i, inner in leaves.items() if len(inner) <= 3 and all(len(leaves[k]) <= 3 for k in inner)]
+    parents = Counter(model.parents[i] for i in chains if model.parents[i] not in chains)
+    roots = [i for i in chains if parents.get(model.parents[i], 0) >= 3 and model.parents[i] >= first]
+    return [model.names[k] for i in roots for k in (i, *leaves[i])]
+
+
 def why_held(
-    source: UrdfSource, still: Mapping[str, float], locked: Mapping[str, float], wheels: set[str],
+    source: UrdfSource,
+    still: Mapping[str, float],
+    locked: Mapping[str, float],
+    wheels: set[str],
     planned: frozenset[str] | None,
-) -> dict[str, str]:  # fmt: skip
-    """Why each joint that is held still is."""
+) -> dict[str, str]:
+    """Why each held joint is held still."""
 
     def why(joint: str) -> str:
         if joint in locked:
-            return "locked by who loads it"
+            return "locked by the caller"
         if joint in wheels:
             return "a wheel or a caster"
         if joint in source.followers:

@@ -1,4 +1,4 @@
-"""How high a robot reaches, whatever its joints do: what walls have to be as high as that are only known in plan."""
+"""How high a robot reaches, whatever its joints do: walls that are only known in plan have to be as high as this."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from elastic_strips.arrays import Array
 
 from .model import RobotModel
+from .reduced import LONGEST_SLIDE
 
-_LONGEST_SLIDE = 1e3  # [m] of a joint that slides without limits
-_UPRIGHT = 1e-9  # how far an axis may be from the vertical, and count as vertical
+_UPRIGHT_TOLERANCE = 1e-9  # how far an axis may be from the vertical, and count as vertical
 
 
 def highest_reach(robot: RobotModel) -> float:
     """A height [m] over the floor that no point of the robot's shapes exceeds, in any configuration.
 
-    Exact up to the first joint that turns about another axis than the vertical; from there on the lengths add up.
+    It is exact up to the first joint that turns about an axis other than the vertical; from there on lengths add up.
     """
     tree, model = robot.tree, robot.model
     turned: list[Array | None] = [np.eye(3)]  # orientation up to a yaw; None where it can be any
@@ -36,12 +36,12 @@ def highest_reach(robot: RobotModel) -> float:
         if column >= 0:
             axis = tree.align[i][:, 2]
             if tree.prismatic[i]:
-                ends = np.clip((robot.space.lower[column], robot.space.upper[column]), -_LONGEST_SLIDE, _LONGEST_SLIDE)
+                ends = np.clip((robot.space.lower[column], robot.space.upper[column]), -LONGEST_SLIDE, LONGEST_SLIDE)
                 if rotation is None:
                     far += float(np.abs(ends).max())
                 else:
                     up += float((ends * (rotation @ axis)[2]).max())
-            elif rotation is not None and np.hypot(*(rotation @ axis)[:2]) > _UPRIGHT:
+            elif rotation is not None and np.hypot(*(rotation @ axis)[:2]) > _UPRIGHT_TOLERANCE:
                 rotation = None
         turned.append(rotation)
         height.append(up)

@@ -1,12 +1,13 @@
-"""A second reader of URDF files, yourdfpy, which shares no code with Pinocchio, urdfdom and Assimp: what it finds
-otherwise is a fault of one of the two, or something that the file leaves open."""
+"""A second reader of URDF files, yourdfpy, which shares no code with Pinocchio, urdfdom and Assimp: what it reads
+differently is a fault of one of the two, or something that the file leaves open."""
 
 from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,25 +16,26 @@ import pinocchio as pin
 from lxml import etree
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 
-from .coal_shapes import ShapeKind, shape_of, vertices
-from .urdf import UrdfSource, read_xml
+from .urdf import UrdfSource
+from .urdf_shapes import PLATE_THICKNESS
+from .xml_file import read_xml
 
 if TYPE_CHECKING:
     import yourdfpy
 
 _log = logging.getLogger(__name__)
-_POSTURES = 2  # any one finds what is placed or turned otherwise; the other is for luck
-_SAME = 1e-6  # [m], [rad], entries of rotations; relative of what is large
-_TURN = 3.0  # [rad] or [m]: values of joints that are tried are within it
-_THICK = 1e-4  # [m]: plates and rods of no thickness get this one here
-_LOOSE = 1e-3  # of a mesh's size: what the readers of meshes may round
+_POSTURES_COMPARED = 2  # any one finds what is placed or turned otherwise; the other is for luck
+_NUMBER_TOLERANCE = 1e-6  # [m], [rad], entries of rotations; relative of what is large
+_JOINT_RANGE = 3.0  # [rad] or [m]: values of joints that are tried are within it
+_MESH_ROUNDING = 1e-3  # of a mesh's size: what the readers of meshes may round
 _MESHES = (".dae", ".obj", ".stl")  # that trimesh reads as well
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
 def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...] | None:
-    """What yourdfpy reads otherwise of joints: placements of links at random postures, limits, speeds, mimics.
+    """What yourdfpy reads differently about joints: placements of links at random postures, limits, speeds, mimics.
 
     Args:
         source: a file as it was read here.
@@ -52,7 +54,7 @@ def differences(source: UrdfSource, model: pin.Model) -> tuple[str, ...] | None:
 
 
 def shape_differences(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> tuple[str, ...] | None:
-    """What yourdfpy, and trimesh for meshes, read otherwise of collision shapes: number, kind, place and size.
+    """What yourdfpy, and trimesh for meshes, read differently about collision shapes: number, kind, place and size.
 
     Args:
         source: a file as it was read here.
@@ -72,7 +74,7 @@ def shape_differences(source: UrdfSource, model: pin.Model, shapes: pin.Geometry
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Without what yourdfpy says of files that were looked at already."""
+    """Silences what yourdfpy says about files that were checked already."""
     logger = logging.getLogger("yourdfpy")
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
@@ -83,14 +85,14 @@ def _silent() -> Iterator[None]:
 
 
 def _root(source: UrdfSource) -> etree._Element:
-    """The file itself, not what was made of it here."""
+    """The file itself, and not what was made of it here."""
     root = read_xml(source.path, root="robot", kind="URDF")
     root.set("name", root.get("name") or "robot")
     return root
 
 
 def _skeleton(source: UrdfSource) -> yourdfpy.URDF:
-    """The file's links and joints as yourdfpy reads them; what mimics is free, for chains of it are not its own."""
+    """The file's links and joints as yourdfpy reads them; joints that mimic are free, as it follows no chains."""
     import yourdfpy  # late: slow to import
 
     root = _root(source)
@@ -117,29 +119,40 @@ def _joints(source: UrdfSource, model: pin.Model, second: yourdfpy.URDF) -> Iter
         if (joint.type == "continuous") != (own.nq == 2):
             yield f"joint {name!r} is {joint.type} there"
             continue
-        if joint.type != "continuous" and joint.limit is not None:
-            limits = [float(model.lowerPositionLimit[own.idx_q]), float(model.upperPositionLimit[own.idx_q])]
-            theirs = [joint.limit.lower or 0.0, joint.limit.upper or 0.0]
-            if not np.allclose(limits, theirs, rtol=_SAME, atol=_SAME):
-                yield f"joint {name!r} has limits {_span(limits)} here, {_span(theirs)} there"
-        if joint.limit is not None and joint.limit.velocity is not None:
-            speed = float(model.velocityLimit[own.idx_v])
-            if not np.isclose(speed, joint.limit.velocity, rtol=_SAME, atol=_SAME):
-                yield f"joint {name!r} has speed {speed:g} here, {joint.limit.velocity:g} there"
-        ours, mimic = source.followers.get(name), joint.mimic
+        if joint.limit is not None:
+            yield from _limits(name, model, joint.limit, own)
+        ours = source.followers.get(name)
         ours = ours if ours is None or ours[0] in other else None  # what has no value of its own is no leader there
-        follows = None
-        if mimic is not None and mimic.joint in other:
-            follows = mimic.joint, float(mimic.multiplier or 0.0), float(mimic.offset or 0.0)
+        follows = _followed(joint.mimic, other)
         if not _alike(ours, follows):
             yield f"joint {name!r} mimics {ours or 'nothing'} here, {follows or 'nothing'} there"
 
 
+def _limits(name: str, model: pin.Model, limit: yourdfpy.Limit, own: pin.JointModel) -> Iterator[str]:
+    """What differs in a joint's limits, of one that has some, and its speed."""
+    if own.nq == 1:  # not continuous
+        limits = [float(model.lowerPositionLimit[own.idx_q]), float(model.upperPositionLimit[own.idx_q])]
+        theirs = [limit.lower or 0.0, limit.upper or 0.0]
+        if not np.allclose(limits, theirs, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
+            yield f"joint {name!r} has limits {_span(limits)} here, {_span(theirs)} there"
+    if limit.velocity is not None:
+        speed = float(model.velocityLimit[own.idx_v])
+        if not np.isclose(speed, limit.velocity, rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE):
+            yield f"joint {name!r} has speed {speed:g} here, {limit.velocity:g} there"
+
+
+def _followed(mimic: yourdfpy.Mimic | None, joints: Collection[str]) -> tuple[str, float, float] | None:
+    """Leader, multiplier and offset of a joint that mimics one of the joints there."""
+    if mimic is None or mimic.joint not in joints:
+        return None
+    return mimic.joint, float(mimic.multiplier or 0.0), float(mimic.offset or 0.0)
+
+
 def _alike(one: tuple[str, float, float] | None, two: tuple[str, float, float] | None) -> bool:
-    """Whether two ways to mimic (leader, multiplier, offset) are one."""
+    """Whether two ways to mimic (leader, multiplier, offset) are the same."""
     if one is None or two is None:
         return one is two
-    return one[0] == two[0] and bool(np.allclose(one[1:], two[1:], rtol=_SAME, atol=_SAME))
+    return one[0] == two[0] and bool(np.allclose(one[1:], two[1:], rtol=_NUMBER_TOLERANCE, atol=_NUMBER_TOLERANCE))
 
 
 def _placements(model: pin.Model, second: yourdfpy.URDF) -> Iterator[str]:
@@ -153,7 +166,7 @@ def _placements(model: pin.Model, second: yourdfpy.URDF) -> Iterator[str]:
         yield f"link {link!r} is {'here' if link in frames else 'there'} alone"
     data, rng = model.createData(), np.random.default_rng(0)
     told: set[str] = set()
-    for _ in range(_POSTURES):
+    for _ in range(_POSTURES_COMPARED):
         q, values = _posture(model, rng)
         pin.framesForwardKinematics(model, data, q)
         free.update_cfg({j.name: values.get(j.name, 0.0) for j in free.robot.joints if j.type in _MOVING})
@@ -176,7 +189,7 @@ def _posture(model: pin.Model, rng: np.random.Generator) -> tuple[Array, dict[st
         joint = model.joints[i]
         if joint.nv != 1:
             continue
-        value = float(rng.uniform(-_TURN, _TURN))
+        value = float(rng.uniform(-_JOINT_RANGE, _JOINT_RANGE))
         values[str(model.names[i])] = value
         if joint.nq == 2:
             q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
@@ -186,19 +199,52 @@ def _posture(model: pin.Model, rng: np.random.Generator) -> tuple[Array, dict[st
 
 
 def _gap(one: Array, two: Array) -> str:
-    """How far two poses (4, 4) are from each other, in words, or nothing."""
+    """How far two poses (4, 4) are from each other, in words; empty where they are equal."""
     far = float(np.linalg.norm(one[:3, 3] - two[:3, 3]))
-    if far > _SAME * max(1.0, float(np.linalg.norm(one[:3, 3]))):
+    if far > _NUMBER_TOLERANCE * max(1.0, float(np.linalg.norm(one[:3, 3]))):
         return f"{1e3 * far:.3g} mm"
     turned = float(np.linalg.norm(one[:3, :3] - two[:3, :3])) / np.sqrt(2.0)
-    return f"turned by {turned:.3g} rad, so" if turned > _SAME else ""
+    return f"turned by {turned:.3g} rad, so" if turned > _NUMBER_TOLERANCE else ""
 
 
 def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> Iterator[str]:
+    second, capsules = _only_shapes(source)
+    own = {str(item.name): item for item in shapes.geometryObjects}
+    for link in second.robot.links:
+        read: list[tuple[_Shape, Array]] = []
+        for k, collision in enumerate(link.collisions):
+            shape = capsules.get((link.name, k)) or _read_shape(collision.geometry)
+            if any(shape.sizes):
+                read.append((shape, np.eye(4) if collision.origin is None else collision.origin))
+        if len(read) != source.collisions.get(link.name, 0):
+            yield f"link {link.name!r} has {source.collisions.get(link.name, 0)} shapes here, {len(read)} there"
+            continue
+        for k, (shape, pose) in enumerate(read):
+            item = own[f"{link.name}_{k}"]
+            found = model.frames[item.parentFrame].placement.actInv(item.placement)
+            if gap := _gap(np.array(found.homogeneous), pose):
+                yield f"collision shape {item.name!r} is {gap} elsewhere there"
+            yield from _sizes(item, shape)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """Kind and half sizes [m] of a shape, radii in whole, and the mesh that it is."""
+
+    kind: str
+    sizes: list[float]
+    mesh: yourdfpy.Mesh | None = None
+
+
+def _only_shapes(source: UrdfSource) -> tuple[yourdfpy.URDF, dict[tuple[str, int], _Shape]]:
+    """The file's links with their collision shapes as yourdfpy reads them, and what it does not read.
+
+    These are capsules, by their link and number: it gets spheres in their place. One without length is a sphere.
+    """
     import yourdfpy
 
     root = _root(source)
-    capsules: dict[tuple[str, int], list[float]] = {}  # link, number → half sizes: yourdfpy reads none
+    capsules: dict[tuple[str, int], _Shape] = {}
     for element in list(root):
         if element.tag != "link":
             root.remove(element)
@@ -212,49 +258,37 @@ def _shapes(source: UrdfSource, model: pin.Model, shapes: pin.GeometryModel) -> 
             for material in inner.findall("material"):
                 inner.remove(material)
             for capsule in inner.findall("geometry/capsule"):
-                capsules[element.get("name"), k] = [float(capsule.get("radius")), 0.5 * float(capsule.get("length"))]
+                half = 0.5 * float(capsule.get("length"))
+                if half:
+                    capsules[element.get("name"), k] = _Shape("capsule", [float(capsule.get("radius")), half])
                 capsule.tag = "sphere"
     data = io.BytesIO(etree.tostring(root, encoding="utf-8"))
-    second = yourdfpy.URDF.load(data, build_scene_graph=False, load_meshes=False)
-    own = {str(item.name): item for item in shapes.geometryObjects}
-    for link in second.robot.links:
-        read: list[tuple[str, list[float], yourdfpy.Mesh | None, Array]] = []
-        for k, collision in enumerate(link.collisions):
-            kind, sizes, mesh = _read_shape(collision.geometry)
-            if capsules.get((link.name, k), [0.0, 0.0])[1]:
-                kind, sizes = "capsule", capsules[link.name, k]
-            if any(sizes):
-                read.append((kind, sizes, mesh, np.eye(4) if collision.origin is None else collision.origin))
-        if len(read) != source.collisions.get(link.name, 0):
-            yield f"link {link.name!r} has {source.collisions.get(link.name, 0)} shapes here, {len(read)} there"
-            continue
-        for k, (kind, sizes, mesh, pose) in enumerate(read):
-            item = own[f"{link.name}_{k}"]
-            found = model.frames[item.parentFrame].placement.actInv(item.placement)
-            if gap := _gap(np.array(found.homogeneous), pose):
-                yield f"collision shape {item.name!r} is {gap} elsewhere there"
-            mine, half = shape_of(item.geometry)
-            if mesh is not None and mine in (ShapeKind.MESH, ShapeKind.CONVEX):
-                yield from _mesh(item, mesh)
-            elif mine.value != kind or not np.allclose(half, sizes, rtol=_SAME, atol=_THICK):
-                ours = ", ".join(f"{1e3 * x:.4g}" for x in half)
-                theirs = ", ".join(f"{1e3 * x:.4g}" for x in sizes)
-                yield f"collision shape {item.name!r}: {mine.value} of {ours} mm here, {kind} of {theirs} mm there"
+    return yourdfpy.URDF.load(data, build_scene_graph=False, load_meshes=False), capsules
 
 
-def _read_shape(shape: yourdfpy.Geometry) -> tuple[str, list[float], yourdfpy.Mesh | None]:
-    """Kind and half sizes [m] of a shape, radii in whole, and the mesh that it is."""
+def _sizes(item: pin.GeometryObject, shape: _Shape) -> Iterator[str]:
+    """What differs in the kind and size of a shape."""
+    mine, half = shape_of(item.geometry)
+    if shape.mesh is not None and mine in (ShapeKind.MESH, ShapeKind.CONVEX):
+        yield from _mesh(item, shape.mesh)
+    elif mine.value != shape.kind or not np.allclose(half, shape.sizes, rtol=_NUMBER_TOLERANCE, atol=PLATE_THICKNESS):
+        ours = ", ".join(f"{1e3 * x:.4g}" for x in half)
+        theirs = ", ".join(f"{1e3 * x:.4g}" for x in shape.sizes)
+        yield f"collision shape {item.name!r}: {mine.value} of {ours} mm here, {shape.kind} of {theirs} mm there"
+
+
+def _read_shape(shape: yourdfpy.Geometry) -> _Shape:
     if shape.box is not None:
-        return "box", [0.5 * float(x) for x in shape.box.size], None
+        return _Shape("box", [0.5 * float(x) for x in shape.box.size])
     if shape.sphere is not None:
-        return "sphere", [shape.sphere.radius], None
+        return _Shape("sphere", [shape.sphere.radius])
     if shape.cylinder is not None:
-        return "cylinder", [shape.cylinder.radius, 0.5 * shape.cylinder.length], None
-    return "mesh", [1.0], shape.mesh
+        return _Shape("cylinder", [shape.cylinder.radius, 0.5 * shape.cylinder.length])
+    return _Shape("mesh", [1.0], shape.mesh)
 
 
 def _mesh(item: pin.GeometryObject, mesh: yourdfpy.Mesh) -> Iterator[str]:
-    """What trimesh finds otherwise in a mesh file: its name and how large it is."""
+    """What trimesh reads differently in a mesh file: its name and how large it is."""
     import trimesh
 
     file = Path(item.meshPath)
@@ -271,7 +305,7 @@ def _mesh(item: pin.GeometryObject, mesh: yourdfpy.Mesh) -> Iterator[str]:
     theirs = np.sort(np.asarray(scene.bounds) * unit * scale, axis=0)
     points = vertices(item.geometry)
     ours = np.array([points.min(axis=0), points.max(axis=0)])
-    if np.abs(ours - theirs).max() > _LOOSE * max(1e-3, float(np.ptp(theirs, axis=0).max())):
+    if np.abs(ours - theirs).max() > _MESH_ROUNDING * max(1e-3, float(np.ptp(theirs, axis=0).max())):
         yield f"mesh {file.name} is {_size(ours)} m here, {_size(theirs)} m there, or lies elsewhere"
 
 

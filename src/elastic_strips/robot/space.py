@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices, Mask, by_rows
+from elastic_strips.constants import SMALL_TURN
 from elastic_strips.errors import RobotError, nearest_name
 from elastic_strips.native import kernel
 from elastic_strips.summary import Summary
@@ -47,11 +48,14 @@ class BaseKind(str, Enum):
             return BaseKind(value)
         except ValueError:
             names = [k.value for k in BaseKind]
-            raise RobotError(f"base={value!r} is no kind of base{nearest_name(value, names)}") from None
+            raise RobotError(f"base={value!r} is not a kind of base{nearest_name(value, names)}") from None
 
 
 LIMIT_TOLERANCE = 1e-4
-"""A joint value [rad or m] outside of its limits by at most this is taken to the limit: files and programs round."""
+"""A joint value [rad or m] outside its limits by at most this is taken to the limit: files and programs round."""
+
+UNLIMITED_SPEED = 1e6
+"""A speed limit [rad/s or m/s] of a description that is larger means that there is none."""
 
 MAX_TRAVEL = 1e4
 """Farthest [m] that a path may take a base from the origin, along x and along y."""
@@ -62,8 +66,8 @@ def is_follower(joint: pin.JointModel) -> bool:
     return joint.shortname() == "JointModelMimic"
 
 
-_SMALL = 1e-4
-_HALF_TURN = np.pi - 1e-5
+HALF_TURN = np.pi - 1e-5
+"""A turn by more than this [rad] has two ways that are equally short."""
 
 
 def nonzero(mask: Mask) -> tuple[Indices, ...]:
@@ -91,7 +95,7 @@ def wrap_angle(angle: Array) -> Array:
 
 def _half_cot(theta: Array) -> Array:
     """(θ/2)·cot(θ/2), with its series near zero."""
-    small = np.abs(theta) < _SMALL
+    small = np.abs(theta) < SMALL_TURN
     half = np.where(small, 1.0, 0.5 * theta)
     return np.where(small, 1.0 - theta * theta / 12.0, half / np.tan(half))
 
@@ -225,7 +229,7 @@ class ConfigurationSpace(Summary):
         out = np.add(a, v)
         if self.planar:
             theta = v[..., 2]
-            small = np.abs(theta) < _SMALL
+            small = np.abs(theta) < SMALL_TURN
             safe = np.where(small, 1.0, theta)
             s = np.where(small, 1.0 - theta * theta / 6.0, np.sin(safe) / safe)
             k = np.where(small, 0.5 * theta, (1.0 - np.cos(safe)) / safe)
@@ -239,7 +243,7 @@ class ConfigurationSpace(Summary):
     def interpolate(self, a: Array, b: Array, s: Array | float) -> Array:
         """Coordinate rows at the fraction ``s`` between ``a`` and ``b``: ``pin.interpolate`` (a screw arc of the base).
 
-        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by what
+        The direction of a half turn is not defined (:meth:`half_turn`): this one turns by +π, and Pinocchio by whatever
         rounding makes of it.
         """
         return self.integrate(a, np.asarray(s, dtype=float)[..., None] * self.difference(a, b))
@@ -250,8 +254,8 @@ class ConfigurationSpace(Summary):
         Between two such configurations there are two paths, and rounding decides which one Pinocchio takes; so nothing
         is certified on them. Within 1e-5 of π.
         """
-        turned = np.abs(v[..., self.base_nv :][..., self.circular]).max(axis=-1, initial=0.0) >= _HALF_TURN
-        return turned | (np.abs(v[..., 2]) >= _HALF_TURN) if self.planar else turned
+        turned = np.abs(v[..., self.base_nv :][..., self.circular]).max(axis=-1, initial=0.0) >= HALF_TURN
+        return turned | (np.abs(v[..., 2]) >= HALF_TURN) if self.planar else turned
 
     def base_difference_jacobians(self, v: Array) -> tuple[Array, Array]:
         """Base blocks (…, 3, 3) of ``pin.dDifference`` at base twists ``v`` (…, ≥3): wrt the first and the second.
@@ -260,7 +264,7 @@ class ConfigurationSpace(Summary):
         """
         theta = v[..., 2]
         alpha, half = _half_cot(theta), 0.5 * theta
-        small = np.abs(theta) < _SMALL
+        small = np.abs(theta) < SMALL_TURN
         beta = np.where(small, theta / 12.0, (1.0 - alpha) / np.where(small, 1.0, theta))
         vx, vy = v[..., 0], v[..., 1]
         first = np.zeros((*theta.shape, 3, 3))

@@ -11,7 +11,8 @@ from lxml import etree
 from elastic_strips.errors import RobotError
 
 from .space import LIMIT_TOLERANCE
-from .urdf import Mends, UrdfSource, fault, read_xml
+from .urdf import UrdfSource
+from .xml_file import Mends, fault, read_xml
 
 _KNOWN = {
     "robot", "group", "joint", "link", "chain", "group_state", "end_effector", "virtual_joint", "passive_joint",
@@ -26,8 +27,8 @@ class Srdf:
 
     Attributes:
         path: the file.
-        name: of the robot that it is written for.
-        disabled: unordered link pairs whose collisions are not looked at, and the reason that the file gives.
+        name: name of the robot that it is written for.
+        disabled: unordered link pairs whose collisions are not checked, and the reason that the file gives.
         enabled: pairs that it asks for, of links that it leaves out otherwise.
         states: posture name → joint → value [rad or m].
         groups: group name → its joints that can be planned.
@@ -44,7 +45,7 @@ class Srdf:
 def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
     """Read an SRDF file against the links and joints of its robot.
 
-    What it says about links, joints and groups that the robot has not is passed over, with a warning: such files are
+    It may name links, joints and groups that the robot does not have. They are ignored with a warning: such files are
     written for whole families of robots.
 
     Raises:
@@ -55,7 +56,7 @@ def read_srdf(path: str | Path, robot: UrdfSource) -> Srdf:
     mends = Mends(source)
     for element in root.iter():
         if element.tag not in _KNOWN:
-            mends.add("elements that are not known", element.tag)
+            mends.add("unknown elements", element.tag)
     disabled, enabled = _collisions(root, source, robot, mends)
     states = _states(root, source, robot, mends)
     passive = {element.get("name") for element in root.findall("passive_joint")}
@@ -86,7 +87,7 @@ def _collisions(
             if name is None:
                 raise fault(source, element, f"<{element.tag}> has no attribute {key!r}")
             if name not in robot.links:
-                mends.add(f"links in <{element.tag}> that the robot has not", name)
+                mends.add(f"links in <{element.tag}> that the robot does not have", name)
             names.append(name)
         return names
 
@@ -115,13 +116,13 @@ def _states(root: etree._Element, source: Path, robot: UrdfSource, mends: Mends)
             if key in virtual:
                 continue  # the base's pose, which the caller gives
             if key not in robot.joints:
-                mends.add("joints in <group_state> that the robot has not", key)
+                mends.add("joints in <group_state> that the robot does not have", key)
             elif key not in robot.joint_limits and key not in robot.continuous:
                 mends.add("joints in <group_state> that are not prismatic, revolute or continuous", key)
             else:
                 values[key] = _value(joint, robot, f"{source}:{joint.sourceline}: state {name!r}")
                 if not within_limits(values[key], robot, key):
-                    mends.add("joints outside of their limits in a state, which cannot be taken", f"{name}: {key}")
+                    mends.add("joints outside their limits in a state, which cannot be taken", f"{name}: {key}")
     return {name: values for name, values in states.items() if values}
 
 
@@ -137,9 +138,9 @@ def within_limits(value: float, robot: UrdfSource, joint: str) -> bool:
 
 
 def _value(joint: etree._Element, robot: UrdfSource, where: str) -> float:
-    """The value [rad or m] of a joint: a full turn away from what is written, where only that is within its limits.
+    """The value [rad or m] of a joint: a full turn away from the written one where only that is within its limits.
 
-    That of a continuous joint may be a cosine and a sine, as Pinocchio writes it.
+    A continuous joint may have a cosine and a sine, as Pinocchio writes it.
     """
     name, text = joint.get("name"), joint.get("value")
     try:
@@ -164,36 +165,39 @@ def _group(
         elements: all groups.
         name: which one.
         robot: the robot.
-        mends: takes what the robot has not.
+        mends: takes the names that the robot does not have.
         passed: joints, and groups that hold this one, to pass over in silence.
     """
     joints: list[str] = []
     for member in elements[name]:
-        if member.tag == "joint":
-            if member.get("name") in robot.joints:
-                joints.append(member.get("name"))
-            elif member.get("name") not in passed:
-                mends.add("joints in <group> that the robot has not", member.get("name"))
-        elif member.tag == "link":
-            if member.get("name") not in robot.links:
-                mends.add("links in <group> that the robot has not", member.get("name"))
-            elif member.get("name") in robot.parents:
-                joints.append(robot.parents[member.get("name")][0])
+        own = member.get("name")
+        if member.tag == "joint" and own in robot.joints:
+            joints.append(own)
+        elif member.tag == "joint" and own not in passed:
+            mends.add("joints in <group> that the robot does not have", own)
+        elif member.tag == "link" and own not in robot.links:
+            mends.add("links in <group> that the robot does not have", own)
+        elif member.tag == "link" and own in robot.parents:
+            joints.append(robot.parents[own][0])
         elif member.tag == "chain":
-            ends = [member.get("base_link"), member.get("tip_link")]
-            missing = [end for end in ends if end not in robot.links]
-            for end in missing:
-                mends.add("links in <group> that the robot has not", end)
-            if not missing:
-                base, tip = (_joints_above(robot, end) for end in ends)
-                joints += [j for j in reversed(tip) if j not in base] + [j for j in base if j not in tip]
-        elif member.tag == "group":
-            other = member.get("name")
-            if other not in elements:
-                mends.add("sub-groups that the file has not", other)
-            elif other not in passed and other != name:  # a group cannot hold itself
-                joints += _group(elements, other, robot, mends, passed | {name})
+            joints += _chain(member, robot, mends)
+        elif member.tag == "group" and own not in elements:
+            mends.add("sub-groups that the file does not have", own)
+        elif member.tag == "group" and own not in passed and own != name:  # a group cannot hold itself
+            joints += _group(elements, own, robot, mends, passed | {name})
     return joints
+
+
+def _chain(member: etree._Element, robot: UrdfSource, mends: Mends) -> list[str]:
+    """The joints from one link to another one."""
+    ends = [member.get("base_link"), member.get("tip_link")]
+    missing = [end for end in ends if end not in robot.links]
+    for end in missing:
+        mends.add("links in <group> that the robot does not have", end)
+    if missing:
+        return []
+    base, tip = (_joints_above(robot, end) for end in ends)
+    return [j for j in reversed(tip) if j not in base] + [j for j in base if j not in tip]
 
 
 def _joints_above(robot: UrdfSource, link: str) -> list[str]:

@@ -18,7 +18,7 @@ from elastic_strips.files import atomic_write, read_input
 from elastic_strips.summary import shortened
 from elastic_strips.xacro_process import MAX_BYTES, expanded
 
-from .urdf import resolve_mesh, search_folders
+from .urdf_shapes import resolve_mesh, search_folders
 
 _log = logging.getLogger(__name__)
 
@@ -28,8 +28,8 @@ def expand_xacro(
 ) -> Path:
     """The URDF file that a xacro file expands to.
 
-    It lies in a folder for temporary files, under a name of its content; its meshes have absolute paths. What xacro
-    says goes to the log.
+    It lies in a folder for temporary files, named after its content; its meshes have absolute paths. Messages of xacro
+    go to the log.
 
     Args:
         path: the file.
@@ -37,7 +37,8 @@ def expand_xacro(
         package_dirs: folders to search for packages (``$(find …)``, ``package://…``), before the usual ones.
 
     Raises:
-        RobotError: no such file, xacro refuses it, in its words, or it takes more than 3 s of a processor, or 1.5 GB.
+        RobotError: there is no such file; or xacro refuses it (the message quotes why) or needs more than 3 s or 1.5
+            GB.
         MissingExtraError: xacro is not installed.
     """
     source = Path(path).expanduser().absolute()
@@ -54,7 +55,7 @@ def expand_xacro(
         )
     except (etree.XMLSyntaxError, ValueError) as error:
         raise RobotError(
-            f"{source}: what xacro made is no XML: {shortened(' '.join(str(error).split()), 300)}"
+            f"{source}: xacro's result is not XML: {shortened(' '.join(str(error).split()), 300)}"
         ) from None
     packages: dict[str, Path | None] = {}
     for mesh in root.iter("mesh"):

@@ -25,7 +25,7 @@ from .quantities import QUAT_TOLERANCE, check_points, check_quaternion, rotation
 MAX_SPEED = 1e4
 """Largest linear [m/s] or angular [rad/s] speed that is accepted."""
 
-_SLACK = 1e-9  # [s] by which a place on a track may be rounded
+_TRACK_SLACK = 1e-9  # [s] by which a place on a track may be rounded
 
 
 class Motion(abc.ABC):
@@ -101,9 +101,9 @@ class Twist(Motion):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnknownMotion(Motion):
-    """A motion of which nothing is known but a bound of its speed; what is known of an obstacle seen once.
+    """A motion of which only a bound of the speed is known, as of an obstacle that was seen once.
 
-    As far as is known the obstacle stays where it is: `pose` is its last pose and `velocity` is 0, but any of its
+    As far as is known the obstacle stays where it is: `pose` is its last pose and `velocity` is 0. But any of its
     points may be up to ``max_speed`` times the elapsed time away from there.
 
     Args:
@@ -275,7 +275,7 @@ class PedestrianMotion(Motion):
 
     Args:
         track: Motion of the obstacle while nothing blocks it; a loop must not jump.
-        acceleration: Largest acceleration of the obstacle in any direction, turns of the track included [m/s²]; the
+        acceleration: Largest acceleration of the obstacle in any direction, turns of the track included [m/s²]. The
             rates that are set must keep to it.
 
     Raises:
@@ -314,7 +314,7 @@ class PedestrianMotion(Motion):
         if not -1.0 <= rate <= 1.0:
             raise SceneError(f"rate={rate!r} must lie in [-1, 1]")
         if not self._times[-1] <= t < math.inf:
-            raise SceneError(f"time {t:g} s is before {self._times[-1]:g} s; what has been cannot be changed")
+            raise SceneError(f"time {t:g} s is before {self._times[-1]:g} s; the past cannot be changed")
         if rate == self._rates[-1]:
             return
         if t > self._times[-1]:
@@ -357,7 +357,7 @@ class PedestrianMotion(Motion):
         else:
             places.append(self.place(stop))
             low, high, rate = min(places), max(places), max(map(abs, self._rates[first : final + 1]))
-        return rate * self.track.speed_bound(radius, start=low - _SLACK, end=high + _SLACK)
+        return rate * self.track.speed_bound(radius, start=low - _TRACK_SLACK, end=high + _TRACK_SLACK)
 
     def copy(self, *, history: bool = True) -> PedestrianMotion:
         """Another motion along the same track, with the same history or with none."""
@@ -413,7 +413,7 @@ def _slerp(a: Array, b: Array, share: float) -> Array:
 
 
 def _turn(a: Array, b: Array) -> Array:
-    """Rotation vector (3,) [rad], world frame, that turns ``a`` into ``b`` the short way (a @ b >= 0)."""
+    """Rotation vector (3,) [rad], world frame, that turns ``a`` into ``b`` the shorter way (a @ b >= 0)."""
     axis = a[3] * b[:3] - b[3] * a[:3] - np.cross(b[:3], a[:3])  # vector part of b times the conjugate of a
     length = float(np.linalg.norm(axis))
     return axis * (_angle(a, b) / length) if length > 0.0 else np.zeros(3)

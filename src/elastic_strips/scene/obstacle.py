@@ -14,12 +14,11 @@ from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.decompose import convex_pieces, load_mesh
 from elastic_strips.errors import SceneError
 from elastic_strips.summary import shortened
-from elastic_strips.validation import check_number, shown
+from elastic_strips.validation import MAX_LENGTH, check_number, shown
 
 from .motion import Motion, check_motion
 from .parts import Part, Solid, cluster_solid, hull_part, primitive
 from .quantities import (
-    MAX_LENGTH,
     POSE_TOLERANCE,
     check_length,
     check_points,
@@ -40,8 +39,8 @@ class Obstacle:
     Args:
         at: Position (3,) of the obstacle's origin [m], world frame.
         quat: Its unit quaternion (x, y, z, w), world frame.
-        name: Unique in a scene, which gives one to an obstacle without.
-        motion: How it moves; not at all where None.
+        name: Unique in a scene, which names obstacles that have no name.
+        motion: How it moves; None where it does not.
 
     Attributes:
         name: Name, or None as long as no scene has named it.
@@ -114,18 +113,19 @@ class Obstacle:
             return np.zeros(3), np.zeros(3)
         return self.motion.velocity(self.anchor, self.time - self._origin_time())
 
-    def moved(self: _Self, pose: object) -> _Self:
+    def moved(self: _Self, pose: object, *, time: float | None = None) -> _Self:
         """Copy at ``pose`` (4, 4) (or a ``pin.SE3``) [m] now, sharing the parts; a twist goes on from there.
 
-        `Keyframes` are absolute: the copy is back on its track at the next `at`.
+        `Keyframes` are absolute: the copy is back on its track at the next `at`. ``time`` [s] is the copy's, which is
+        the obstacle's own where None.
         """
-        pose = check_pose(pose)
-        return self._copy(pose=pose, anchor=pose, anchor_time=self.time)
+        pose, time = check_pose(pose), self.time if time is None else time
+        return self._copy(pose=pose, time=time, anchor=pose, anchor_time=time)
 
     def observed(self: _Self, pose: Array, motion: Motion | None) -> _Self:
-        """Copy as a sensor sees it: at ``pose`` (4, 4) [m] now, and moving from there as ``motion`` says.
+        """Copy as a sensor sees it: now at ``pose`` (4, 4) [m], and moving from there by ``motion``.
 
-        Shares the parts; ``pose`` and ``motion`` are not checked.
+        It shares the parts; ``pose`` and ``motion`` are not checked.
         """
         return self._copy(pose=pose, anchor=pose, anchor_time=self.time, motion=motion)
 
@@ -181,9 +181,14 @@ class Box(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, size: ArrayLike, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        size: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         lengths = check_sizes("Box size", size, 3)
         half = 0.5 * lengths
         solid = primitive(coal.Box(*lengths.tolist()), half, float(np.linalg.norm(half)))
@@ -201,9 +206,14 @@ class Sphere(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, radius: float, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        radius: float,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         r = check_length("Sphere radius", radius)
         self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion)
 
@@ -216,9 +226,15 @@ class _Round(Obstacle):
     _caps = False  # whether half spheres add to the length
 
     def __init__(
-        self, radius: float, length: float, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        radius: float,
+        length: float,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         kind = self._form.__name__
         r, z = check_length(f"{kind} radius", radius), check_length(f"{kind} length", length)
         half = 0.5 * z + r if self._caps else 0.5 * z
@@ -277,9 +293,14 @@ class ConvexHull(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, vertices: ArrayLike, *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        vertices: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         points = check_points("ConvexHull vertices", vertices, (None, 3))
         solid = Solid([hull_part(points, "ConvexHull vertices")])
         self._fill("convex", {"vertices": points}, solid, at, quat, name, motion)
@@ -297,10 +318,15 @@ class Mesh(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, vertices: ArrayLike, faces: ArrayLike,
-        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         points = check_points("Mesh vertices", vertices, (None, 3))
         raw = check_points("Mesh faces", faces, (None, 3), limit=float(2**31))
         triangles = raw.astype(np.int64)
@@ -316,9 +342,15 @@ class Mesh(Obstacle):
 
     @classmethod
     def from_file(
-        cls, path: str | os.PathLike[str], *, scale: float = 1.0, at: ArrayLike = (0.0, 0.0, 0.0),
-        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0), name: str | None = None, motion: Motion | None = None,
-    ) -> Mesh:  # fmt: skip
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        scale: float = 1.0,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> Mesh:
         """Read an STL, OBJ, PLY or DAE file.
 
         Args:
@@ -351,10 +383,15 @@ class Voxels(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, centers: ArrayLike, size: ArrayLike,
-        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        centers: ArrayLike,
+        size: ArrayLike,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         points = check_points("Voxels centers", centers, (None, 3))
         edges = check_sizes("Voxels size", size, 3) if np.ndim(size) else np.full(3, check_length("Voxels size", size))
         edges.flags.writeable = False
@@ -374,10 +411,15 @@ class Points(Obstacle):
     __slots__ = ()
 
     def __init__(
-        self, points: ArrayLike, radius: float,
-        *, at: ArrayLike = (0.0, 0.0, 0.0), quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
-        name: str | None = None, motion: Motion | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        points: ArrayLike,
+        radius: float,
+        *,
+        at: ArrayLike = (0.0, 0.0, 0.0),
+        quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str | None = None,
+        motion: Motion | None = None,
+    ) -> None:
         cloud = check_points("Points points", points, (None, 3))
         r = check_length("Points radius", radius)
         solid = cluster_solid(cloud, np.full(3, 2.0 * r))
@@ -417,7 +459,7 @@ def _pose_at(motion: Motion | None, anchor: Array, t: float) -> Array:
 
 
 def _check_agreement(given: Array, begin: Array) -> None:
-    """A motion with absolute poses says where the obstacle is: a pose that was given as well must not contradict it."""
+    """A motion with absolute poses says where the obstacle is: a pose that is given as well must not contradict it."""
     at, quat = given[:3, 3], given[:3, :3]
     if at.any() and np.abs(at - begin[:3, 3]).max() > POSE_TOLERANCE:
         where = begin[:3, 3].tolist()

@@ -96,7 +96,7 @@ def primitive(geometry: coal.CollisionGeometry, half_extents: ArrayLike, radius:
 
 
 def hull_part(vertices: Array, what: str = "vertices") -> Part:
-    """Part of the convex hull of ``vertices`` (V, 3) [m], called ``what`` in messages.
+    """The convex hull of ``vertices`` (V, 3) [m] as a part, called ``what`` in messages.
 
     Raises:
         SceneError: the points are flat or fewer than four.
@@ -125,15 +125,15 @@ def hull_part(vertices: Array, what: str = "vertices") -> Part:
     return Part(geometry, placement, center, half, float(np.linalg.norm(corners, axis=1).max()))
 
 
-BLOCK = 0.45
+BLOCK_EDGE = 0.45
 """Edge [m] of the cells of space that a cluster is cut into; each occupied cell is one `Part`."""
 
-_SNAP = 1e-3
+_SNAP_SHARE = 1e-3
 """Centres within this share of a voxel's edge of a regular grid are snapped to it (boxes grow by what was snapped)."""
 
 MAX_CENTERS = 2_000_000
 _MAX_BOXES = 400_000  # a kilobyte each
-"""Most boxes of one obstacle: as they are given, and after merging."""
+"""Most boxes of one obstacle, as they are given and after merging."""
 
 _IDENTITY = np.eye(4)
 _IDENTITY.flags.writeable = False
@@ -145,7 +145,7 @@ def cluster_solid(centers: Array, size: Array) -> Solid:
     """Solid of axis-aligned boxes of one ``size`` (3,) about ``centers`` (V, 3) [m].
 
     Duplicates are dropped. If the centres lie on a grid of that size, full larger boxes replace groups of them;
-    otherwise every box stays. The boxes are grouped by cells of about `BLOCK` metres.
+    otherwise every box stays. The boxes are grouped by cells of about `BLOCK_EDGE` metres.
 
     Raises:
         SceneError: more than `MAX_CENTERS` boxes, or more than `_MAX_BOXES` after merging.
@@ -168,15 +168,15 @@ def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, _Index]:
     first = cells.min(axis=0)  # blocks start at the lowest voxel
     cells, origin = cells - first, origin + first * size
     slip = np.abs(centers - (cells * size + origin)).max(axis=0)
-    if (slip > _SNAP * size).any():  # no grid
+    if (slip > _SNAP_SHARE * size).any():  # no grid
         keep = _unique(np.rint(centers * 1e9).astype(np.int64))
         middles = centers[keep]
         return (
             middles - 0.5 * size,
             middles + 0.5 * size,
-            np.floor((middles - middles.min(axis=0)) / BLOCK).astype(np.int64),
+            np.floor((middles - middles.min(axis=0)) / BLOCK_EDGE).astype(np.int64),
         )
-    span = np.maximum(1, np.rint(BLOCK / size)).astype(np.int64)
+    span = np.maximum(1, np.rint(BLOCK_EDGE / size)).astype(np.int64)
     low, high = merge_cells(cells[_unique(cells)], span)
     grow = np.where(slip > 1e-9, slip, 0.0)
     return (low - 0.5) * size + origin - grow, (high - 0.5) * size + origin + grow, low // span

@@ -10,22 +10,16 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import SceneError
-from elastic_strips.validation import check_array, check_number, shown
-
-MAX_LENGTH = 1e6
-"""Largest size or coordinate that is accepted [m]."""
-
-MIN_LENGTH = 1e-6
-"""Smallest size that is accepted [m]; below it the distances (accurate to about 3e-6 m) mean nothing."""
+from elastic_strips.validation import MAX_LENGTH, MIN_LENGTH, check_array, check_number, shown
 
 _MAX_TIME = 1e12
 """Largest time that is accepted [s]."""
 
 QUAT_TOLERANCE = 1e-6
-"""A quaternion whose norm differs from 1 by no more is renormalised, any other one is refused."""
+"""A quaternion whose norm differs from 1 by at most this is renormalised; any other one is refused."""
 
 POSE_TOLERANCE = 1e-6
-"""A rotation matrix whose columns are orthonormal to this is accepted."""
+"""A rotation matrix is accepted if its columns are orthonormal to within this."""
 
 
 def check_time(what: str, value: object) -> float:
@@ -39,7 +33,7 @@ def check_length(what: str, value: object) -> float:
 
 
 def check_points(what: str, value: object, shape: tuple[int | None, ...], *, limit: float = MAX_LENGTH) -> Array:
-    """Check a finite array of that shape, None being any length; its entries are within ±``limit``."""
+    """Check a finite array of this shape (None: any length) with entries within ±``limit``."""
     return check_array(what, value, shape, limit=limit, error=SceneError)
 
 
@@ -125,7 +119,7 @@ def check_pose(value: object) -> Array:
     )
     if not error <= POSE_TOLERANCE or last != [0.0, 0.0, 0.0, 1.0]:
         raise SceneError(
-            f"the pose is no rigid transform (orthonormality error {error:.3g}, allowed {POSE_TOLERANCE:g}; last row "
+            f"the pose is not rigid (orthonormality error {error:.3g}, allowed {POSE_TOLERANCE:g}; last row "
             f"{last}, needed [0, 0, 0, 1])"
         )
     if error > 1e-12:

@@ -147,7 +147,7 @@ class Scene:
             raise SceneError(f"Scene needs a list of obstacles, not {shown(obstacles)}") from None
         for k, obstacle in enumerate(given):
             if not isinstance(obstacle, Obstacle):
-                raise SceneError(f"obstacle {k} is no obstacle (Box, Sphere, …): {shown(obstacle)}")
+                raise SceneError(f"obstacle {k} is not an obstacle (Box, Sphere, …): {shown(obstacle)}")
         index: dict[str, int] = {}
         for k, obstacle in enumerate(given):
             if obstacle.name is not None and index.setdefault(obstacle.name, k) != k:
@@ -191,23 +191,20 @@ class Scene:
         """
         k = self._place(name)
         old = self.obstacles
-        if old[k].time != self.time:  # a static obstacle keeps the time it was made for
-            new = old[k]._copy(time=self.time).moved(pose)
-        else:
-            new = old[k].moved(pose)
+        new = old[k].moved(pose, time=self.time)  # a static obstacle keeps the time it was made for
         return self._derived((*old[:k], new, *old[k + 1 :]), self.time, (k,))
 
     def with_observations(self, obstacles: Iterable[Obstacle]) -> Scene:
-        """Snapshot in which the obstacles of those names are these: copies of the scene's own, elsewhere or moving so.
+        """Snapshot in which these take the place of obstacles of the same names: copies of them, elsewhere or moving.
 
         Raises:
-            SceneError: an obstacle that is no copy of the one of its name.
+            SceneError: an obstacle that is not a copy of the one of its name.
         """
         new, places = list(self.obstacles), []
         for obstacle in obstacles:
             k = self._place(obstacle.name or "")
             if obstacle.solid is not new[k].solid:
-                raise SceneError(f"obstacle {obstacle.name!r} is no copy of the scene's: it has other parts")
+                raise SceneError(f"obstacle {obstacle.name!r} is not a copy of the scene's: it has other parts")
             new[k] = obstacle
             places.append(k)
         return self._derived(tuple(new), self.time, tuple(sorted(places)))
@@ -216,10 +213,10 @@ class Scene:
         """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time.
 
         Raises:
-            SceneError: it is no obstacle, or its name is taken.
+            SceneError: it is not an obstacle, or its name is taken.
         """
         if not isinstance(obstacle, Obstacle):
-            raise SceneError(f"this is no obstacle (Box, Sphere, …): {shown(obstacle)}")
+            raise SceneError(f"this is not an obstacle (Box, Sphere, …): {shown(obstacle)}")
         if obstacle.name is None:
             obstacle = obstacle.named(_free_name(obstacle.shape, len(self.obstacles), self._index))
         elif obstacle.name in self._index:
@@ -302,13 +299,13 @@ class World(Summary):
     Args:
         scene: All obstacles, whenever they exist.
         appears: Name → time [s]; an obstacle that is not named has always been there.
-        vanishes: Name → time [s] at which it is gone; an obstacle that is not named stays for ever.
+        vanishes: Name → time [s] from which on it is gone; an obstacle that is not named stays for ever.
 
     Attributes:
         event_times: Times [s], ascending, at which something appears or vanishes.
 
     Raises:
-        SceneError: A name that the scene has not, a time that is no finite number, an obstacle that vanishes before
+        SceneError: A name that the scene does not have, a time that is not finite, or an obstacle that vanishes before
             or when it appears.
     """
 
@@ -385,7 +382,7 @@ class World(Summary):
         """Largest speed [m/s] of any point of an obstacle while it exists between ``start`` and ``end`` [s].
 
         Args:
-            name: Of the obstacle; the largest of all of them where None.
+            name: Name of the obstacle; the largest speed of all of them where None.
             start: Begin of the interval; None is minus infinity.
             end: Its end; None is plus infinity.
 
@@ -426,7 +423,7 @@ def _filled(
     source: PartTable | None = None,
     changed: tuple[int, ...] = (),
 ) -> Scene:
-    """The new scene with its values; the obstacles of ``like`` have the same names."""
+    """Fill the new scene with its values; the obstacles of ``like`` have the same names."""
     index = {o.name or "": k for k, o in enumerate(obstacles)} if like is None else like._index
     put = object.__setattr__
     put(scene, "obstacles", obstacles)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from elastic_strips._late import late_names
 
 if TYPE_CHECKING:
-    from .baselines.base_controller import base_simulation
     from .closed_loop import Simulation, simulation
     from .evaluation import Evaluation, evaluate
     from .faults import FAULTS, Fault
@@ -32,7 +31,6 @@ __all__ = [
     "TaskResult",
     "TaskSimulation",
     "Evaluation",
-    "base_simulation",
     "drive_plan",
     "evaluate",
     "simulation",
@@ -41,8 +39,6 @@ __all__ = [
 __getattr__ = late_names(  # a scenario needs nothing of what driving it needs
     __name__,
     {
-        "baselines": (),
-        "baselines.base_controller": ("base_simulation",),
         "evaluation": ("Evaluation", "evaluate"),
         "faults": ("FAULTS", "Fault"),
         "closed_loop": ("Simulation", "simulation"),
@@ -51,8 +47,6 @@ __getattr__ = late_names(  # a scenario needs nothing of what driving it needs
         "plant": ("KinematicPlant", "Plant", "PlantParams"),
         "sensed_perception": ("SensorPerception",),
         "task": ("TaskResult", "TaskSimulation"),
-        "bench": (),
-        "datasets": (),
         "mujoco": (),
         "scenarios": (),
         "sensors": (),

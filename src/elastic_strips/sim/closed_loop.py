@@ -13,8 +13,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control import DriveParams
-from elastic_strips.control.control_loop import ControlLoop, Tick
-from elastic_strips.control.controller import KEPT_EVENTS, Controller
+from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
@@ -26,18 +25,18 @@ from elastic_strips.validation import check_able, check_count, check_number, che
 from .computing import ChargedExecutor, Computing
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
-from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams, Sensing
-from .plant import KinematicPlant, Plant, PlantParams
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
+from .plant import STANDING_SPEED, KinematicPlant, Plant, PlantParams
 from .sensed_perception import SensorPerception
 
 _log = logging.getLogger(__name__)
 MACHINE = PlantParams(speed_margin=1.0, acceleration_margin=1.0)
 """A plant that reaches exactly its limits; motions are planned with less (``DriveParams.speed_scale``)."""
-_PATIENCE = 30.0  # [s] longest simulation after the time limit, for a controller that does not come to rest
-_RESTS = 1e-3  # [m/s, rad/s] a plant slower than this stands
+LONGEST_OVERTIME = 30.0
+"""Time [s] after the time limit for which a robot that does not come to rest is simulated."""
 
-_Driver = TypeVar("_Driver", bound=ControlLoop)
-_StripDriver = TypeVar("_StripDriver", bound=Controller)
+_STEPS_KEPT = 100  # of a run that is not recorded
+_Driver = TypeVar("_Driver", bound=Controller)
 
 
 class Simulation(Generic[_Driver]):
@@ -46,7 +45,7 @@ class Simulation(Generic[_Driver]):
     Obstacles of the world that yield are reset, and this simulation sets their clocks.
 
     Args:
-        controller: of the robot.
+        controller: the robot's controller.
         world: the true obstacles over time.
         plant: the machine, at the controller's start.
         perception: what the controller senses of the world.
@@ -55,10 +54,10 @@ class Simulation(Generic[_Driver]):
         realtime: whether to wait for the wall clock.
         record: whether to record every step; without it a result has a record of the last steps only.
         metadata: plain JSON values to keep with the record.
-        computing: what the controller's computing costs, for the result.
+        computing: cost of the controller's computing, for the result.
 
     Attributes:
-        time: of the present step [s].
+        time: time of the present step [s].
     """
 
     def __init__(
@@ -66,7 +65,7 @@ class Simulation(Generic[_Driver]):
         controller: _Driver,
         world: World,
         plant: Plant,
-        perception: Sensing,
+        perception: Perception,
         *,
         goal: Array | None = None,
         watch: Callable[[Simulation[_Driver]], object] | None = None,
@@ -81,7 +80,7 @@ class Simulation(Generic[_Driver]):
         self.controller = controller
         self.world: World = world
         self.plant: Plant = plant
-        self.perception: Sensing = perception
+        self.perception: Perception = perception
         self.robot: RobotModel = controller.robot
         self.limits: MotionLimits = controller.limits
         self.params: DriveParams = controller.params
@@ -102,7 +101,7 @@ class Simulation(Generic[_Driver]):
         self.controller.stop()
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called.
+        """Drive until the last goal is reached, the time is up, or :meth:`stop` was called.
 
         Args:
             time_limit: longest run [s]; ``params.time_limit`` where None.
@@ -118,7 +117,7 @@ class Simulation(Generic[_Driver]):
             command = self._control(t)
             self._advance(t, command)
             self._step += 1
-            if (controller.ended and self._settled()) or t > limit + _PATIENCE:
+            if (controller.ended and self._settled()) or t > limit + LONGEST_OVERTIME:
                 break
             if self.realtime:
                 ahead = began + (self._step - first) * params.control_dt - perf_counter()
@@ -135,7 +134,7 @@ class Simulation(Generic[_Driver]):
             joints = self.plant.coordinates[self.robot.space.base_nv :]
             still = np.zeros(len(self.limits.drive_speed))
             measurement = Measurement(t, still, joints, contact=self.perception.contact)
-        sensed: object = None
+        sensed: Scene | None = None
         trouble = ""
         if controller.plans_next and not (measurement is not None and measurement.contact):
             sensed, trouble = sensed_by(self.perception, t)
@@ -148,16 +147,21 @@ class Simulation(Generic[_Driver]):
     def _advance(self, t: float, command: Command) -> None:
         """Record the step, and advance the world by a control period."""
         controller, plant = self.controller, self.plant
-        if not self._recording and len(self.recorder) > 100:
+        if not self._recording and len(self.recorder) > _STEPS_KEPT:
             self.recorder = self._new_recorder()
         reference = controller.reference
         self.recorder.control(
-            t, coordinates=plant.coordinates, v=plant.v,
-            reference=None if reference is None else reference.coordinates,
-            reference_v=None if reference is None else reference.v,
-            estimate=controller.estimate, drive=command.drive, joints=command.joints, motors=plant.motors,
+            t,
+            coordinates=plant.coordinates,
+            v=plant.v,
+            reference=reference.coordinates,
+            reference_v=reference.v,
+            estimate=controller.estimate,
+            drive=command.drive,
+            joints=command.joints,
+            motors=plant.motors,
             state=int(controller.state),
-        )  # fmt: skip
+        )
         self.perception.observe(t, plant.coordinates, controller.estimate)
         self.pedestrians.step(t, plant.coordinates, plant.v)
         self._measurement = None
@@ -172,7 +176,7 @@ class Simulation(Generic[_Driver]):
 
     def _settled(self) -> bool:
         """Whether the robot truly stands; only to end the recording."""
-        return bool(np.abs(self.plant.v).max(initial=0.0) < _RESTS)
+        return bool(np.abs(self.plant.v).max(initial=0.0) < STANDING_SPEED)
 
     def _after_tick(self, tick: Tick) -> None:
         result = tick.result
@@ -212,8 +216,8 @@ class Simulation(Generic[_Driver]):
         )
 
 
-def sensed_by(perception: Sensing, t: float) -> tuple[object, str]:
-    """What is sensed at time ``t`` [s], or None and why not."""
+def sensed_by(perception: Perception, t: float) -> tuple[Scene | None, str]:
+    """The scene or readings at time ``t`` [s], or None and why there are none."""
     try:
         return perception.sense(t), ""
     except PerceptionError as error:
@@ -238,10 +242,10 @@ def prepare(
     contact, refers to it.
 
     Args:
-        robot, limits: of the plant that is made where none is given.
+        robot, limits: robot and limits of the plant that is made where none is given.
         world: the true obstacles.
         plant: the machine, or None.
-        seed: of plant and perception.
+        seed: seed of plant and perception.
         shared: whether a perception refers to this world.
 
     Returns:
@@ -269,14 +273,14 @@ def simulation(
     perception: PerceptionParams | Perception | None = None,
     faults: Iterable[Fault] = (),
     seed: int = 0,
-    watch: Callable[[Simulation[_StripDriver]], object] | None = None,
+    watch: Callable[[Simulation[_Driver]], object] | None = None,
     realtime: bool = False,
     record: bool = True,
     metadata: dict[str, object] | None = None,
-    make: Callable[..., _StripDriver] | None = None,
+    make: Callable[..., _Driver] | None = None,
     compute: str | float = "free",
     **options: object,
-) -> Simulation[_StripDriver]:
+) -> Simulation[_Driver]:
     """A controller of the elastic strip in a world, ready to run.
 
     Args:
@@ -285,17 +289,17 @@ def simulation(
             of it, ``Simulation.world``, in which the result has to be evaluated.
         start: configuration (nq,).
         goal: configuration (nq,), or several of them (G, nq), one after the other.
-        limits, params, **options: of the :class:`Controller`.
+        limits, params, **options: as for the :class:`Controller`.
         plant: the machine; a :class:`KinematicPlant` where None.
         perception: noise and delay of the sensed scene, or a perception of one's own.
         faults: injected faults.
-        seed: of the first plan, the plant and the perception.
-        watch, realtime, record, metadata: of the :class:`Simulation`.
+        seed: seed of the first plan, the plant and the perception.
+        watch, realtime, record, metadata: as for the :class:`Simulation`.
         make: makes the controller, from the known scene and its other arguments; a :class:`Controller` of ``start``
             and ``goal`` where None.
         compute: what computing costs in simulated time: ``"free"``: nothing, and equal seeds give equal runs; a factor:
-            so many times the processor time that it takes here; ``"work"``: the time that is modelled for the work that
-            was counted, alike everywhere.
+            this many times the processor time that it takes here; ``"work"``: the time that is modelled for the work
+            that was counted, the same everywhere.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
@@ -314,30 +318,41 @@ def simulation(
     fault_plan = FaultPlan(faults)
     noise = PerceptionParams() if perception is None else perception
     world, machine, rng = prepare(robot, world, limits, plant, seed, shared=not isinstance(noise, PerceptionParams))
-    senses: Perception
-    if isinstance(noise, PerceptionParams):
-        senses = NoisyGroundTruth(world, params.assumptions, noise, rng)
-    else:
-        senses = noise
-    begin = make or cast("Callable[..., _StripDriver]", partial(Controller, robot, start, goal))
+    senses: Perception = (
+        NoisyGroundTruth(world, params.assumptions, noise, rng) if isinstance(noise, PerceptionParams) else noise
+    )
+    begin = make or cast("Callable[..., _Driver]", partial(Controller, robot, start, goal))
     controller = begin(
-        senses.known(), params=params, limits=limits, seed=seed, workers=workers, meter=meter,
-        events=None if record else KEPT_EVENTS, **options,
-    )  # fmt: skip
+        senses.known(),
+        params=params,
+        limits=limits,
+        seed=seed,
+        workers=workers,
+        meter=meter,
+        events=None if record else KEPT_EVENTS,
+        **options,
+    )
     if meter is not None:
         controller.warm_up()
     if fault_plan.faults:
         senses = cast("Perception", FaultyPerception(senses, fault_plan))
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
-        slow = 10.0 * params.latency * params.control_dt
-        controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, slow=slow)
+        controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, params)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
     last = robot.space.to_coordinates(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
     if isinstance(noise, SensorPerception):
         noise.computing = computing
     driven = Simulation(
-        controller, world, machine, senses, goal=last, watch=watch, realtime=realtime, record=record,
-        metadata=metadata, computing=computing,
-    )  # fmt: skip
+        controller,
+        world,
+        machine,
+        senses,
+        goal=last,
+        watch=watch,
+        realtime=realtime,
+        record=record,
+        metadata=metadata,
+        computing=computing,
+    )
     workers.clock = lambda: driven.time
     return driven

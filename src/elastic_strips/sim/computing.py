@@ -1,4 +1,4 @@
-"""Computing: what a robot's computing costs in simulated time, and an executor whose results arrive when they would
+"""Computing: the cost of a robot's computing in simulated time, and an executor whose results arrive when they would
 have."""
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Computing:
-    """What computing costs in simulated time.
+    """The cost of computing in simulated time.
 
     Attributes:
         label: ``"free"``: nothing. ``"work"``: the time that is modelled for the work that was counted
-            (:mod:`elastic_strips.work`), alike on every processor. A factor > 0: so many times the processor time that
-            the computing took here, on one thread.
+            (:mod:`elastic_strips.work`), the same on every processor. A factor > 0: this many times the processor time
+            that the computing took here, on one thread.
 
     Raises:
-        ParameterError: none of these.
+        ParameterError: another label.
     """
 
     label: Literal["free", "work"] | float = "free"
@@ -46,7 +46,7 @@ class Computing:
 
     @staticmethod
     def parse(given: str | float) -> Computing:
-        """What a text or a number means: ``"free"``, ``"work"``, or a factor such as ``"1"`` or 4.0.
+        """The cost that a text or a number means: ``"free"``, ``"work"``, or a factor such as ``"1"`` or 4.0.
 
         Raises:
             ParameterError: it means nothing; the message has the alternatives.
@@ -64,7 +64,7 @@ class Computing:
             raise _unknown(given) from None
 
     def reading(self) -> float:
-        """Simulated seconds [s] of what the calling thread has computed so far, less what an executor charges apart."""
+        """Simulated seconds [s] of the calling thread's computing so far, less what an executor charges apart."""
         if self.label == "free":
             return 0.0
         spent = counted().seconds if self.label == "work" else self.label * thread_time()
@@ -88,10 +88,10 @@ _APART = _Apart()
 
 
 class ChargedFuture(Future[_T]):
-    """A result that is there at once, and arrives when simulated time has come to ``due``.
+    """A result that exists at once, and arrives when simulated time has come to ``due``.
 
-    Before, it is running, and to wait for it is an error: simulated time does not go on meanwhile. Callbacks and
-    ``concurrent.futures.wait`` know of no simulated time.
+    Until then it counts as running, and waiting for it is an error: simulated time does not go on meanwhile. Callbacks
+    and ``concurrent.futures.wait`` know of no simulated time.
 
     Attributes:
         due: simulated time [s] at which it arrives.
@@ -114,7 +114,7 @@ class ChargedFuture(Future[_T]):
         """The result, or the exception of the task.
 
         Raises:
-            TimeoutError: of ``concurrent.futures``: it has not arrived yet; ``timeout`` is of no use.
+            TimeoutError: (of ``concurrent.futures``) it has not arrived yet; ``timeout`` is of no use.
         """
         self._check()
         return super().result()
@@ -123,7 +123,7 @@ class ChargedFuture(Future[_T]):
         """The exception of the task; None where it has a result.
 
         Raises:
-            TimeoutError: as :meth:`result`.
+            TimeoutError: as for :meth:`result`.
         """
         self._check()
         return super().exception()
@@ -136,12 +136,12 @@ class ChargedFuture(Future[_T]):
 class ChargedExecutor(Executor):
     """Workspace: one simulated processor core that computes one task after the other.
 
-    A task is computed at once, when it is submitted, and its result arrives when simulated time has passed by what it
-    costs, after all tasks before it. The reading of the thread that submits leaves the task's cost out. A task
-    that another one submits comes before that one's result.
+    A task is computed at once, when it is submitted, and its result arrives when as much simulated time has passed as
+    it costs, after all tasks before it. The meter of the thread that submits leaves the task's cost out. A task that
+    another task submits comes before the result of the other.
 
     Args:
-        computing: what tasks cost; with ``"free"`` they are done at once.
+        computing: cost of tasks; with ``"free"`` they are done at once.
         clock: simulated time [s].
 
     Attributes:

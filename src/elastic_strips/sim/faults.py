@@ -1,4 +1,4 @@
-"""Faults that are injected around a controller, to test that the robot comes to rest, and goes on where it can.
+"""Faults that are injected around a controller, to test that the robot comes to rest, and continues where it can.
 
 They are wrappers around perception, plant and planning tick.
 """
@@ -18,6 +18,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.catalogue import FAULTS
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.params import DriveParams
 from elastic_strips.control.strip_timer import PlanResult
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Scene
@@ -27,14 +28,21 @@ from elastic_strips.validation import Bound, check_choice, check_fields, check_t
 from .perception import Perception, PerceptionError
 from .plant import KinematicPlant, Plant
 
+_SLOW_TICK_LATENCIES = 10.0
 _SIZES = {
-    "slip": 0.5, "slip_left": 0.5, "slip_right": 0.5, "spin": 1.0, "localization_jump": 1.0, "localization_coarse": 1.0,
-    "scene_late": 0.3, "scene_future": 1.0,
-}  # fmt: skip
+    "slip": 0.5,
+    "slip_left": 0.5,
+    "slip_right": 0.5,
+    "spin": 1.0,
+    "localization_jump": 1.0,
+    "localization_coarse": 1.0,
+    "scene_late": 0.3,
+    "scene_future": 1.0,
+}
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
-_COARSE = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
-_OUTLIER = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]
-_ROLLS_ON = 1.0  # [s] time constant of the speed of a drive without power
+_COARSE_LOCALIZATION = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
+_OUTLIER_FIXES = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]
+_ROLLING_TIME = 1.0  # [s] time constant of the speed of a drive without power
 _Seconds = Annotated[float, Bound(low=0.0, unit="s")]
 
 
@@ -46,7 +54,7 @@ class Fault:
         kind: one of ``FAULTS``.
         start: when it begins [s].
         duration: how long it lasts [s].
-        size: how large it is, where that has a meaning; of the kind's own size where None.
+        size: how large it is, where that has a meaning; None: the kind's own size.
     """
 
     kind: str
@@ -62,7 +70,7 @@ class Fault:
         object.__setattr__(self, "size", _SIZES.get(self.kind) if self.size is None else self.size)
 
     def active(self, t: float) -> bool:
-        """Whether it is there at time ``t`` [s]."""
+        """Whether it is present at time ``t`` [s]."""
         return self.start <= t < self.start + self.duration
 
     @staticmethod
@@ -100,7 +108,7 @@ class FaultPlan:
             check_type("a fault", fault, Fault)
 
     def active(self, kind: str, t: float) -> bool:
-        """Whether a fault of that kind is there at time ``t`` [s]."""
+        """Whether a fault of that kind is present at time ``t`` [s]."""
         return any(f.kind == kind and f.active(t) for f in self.faults)
 
     def size(self, kind: str, t: float) -> float:
@@ -109,7 +117,7 @@ class FaultPlan:
 
 
 class FaultyPerception:
-    """Workspace: a perception whose scenes are frozen, late, of the future, empty or invalid at times."""
+    """Workspace: a perception whose scenes are at times frozen, late, of the future, empty or invalid."""
 
     def __init__(self, inner: Perception, faults: FaultPlan) -> None:
         self._inner, self._faults = inner, faults
@@ -133,15 +141,15 @@ class FaultyPerception:
 
 
 class FaultyPlant:
-    """Workspace: a plant whose wheels slip, whose motors do not obey, and whose measurements are wrong at times.
+    """Workspace: a plant whose wheels slip, whose motors disobey, and whose measurements are wrong, at times.
 
     Args:
         inner: the plant.
-        faults: what is wrong, and when.
-        seed: of the noise of coarse localization.
+        faults: the faults and their times.
+        seed: seed of the noise of coarse localization.
 
     Raises:
-        ParameterError: wheels that slip, on a plant that cannot have them slip.
+        ParameterError: wheels that slip, on a plant without slip.
     """
 
     def __init__(self, inner: Plant, faults: FaultPlan, seed: int = 0) -> None:
@@ -177,13 +185,13 @@ class FaultyPlant:
         return self._misread(measurement, t)
 
     def _obeyed(self, command: Command, t: float, dt: float) -> Command:
-        """What the motors do of a command. A safe stop cuts their power and brakes, whatever the amplifier does."""
+        """The command that the motors obey. A safe stop cuts their power and brakes, whatever the amplifier does."""
         if not self._faults.active("amplifier_holds", t):
             self._held = command
         if command.stop:
             return command
         if self._faults.active("amplifier_dead", t):
-            return Command(self._inner.motors * math.exp(-dt / _ROLLS_ON), np.zeros_like(command.joints))
+            return Command(self._inner.motors * math.exp(-dt / _ROLLING_TIME), np.zeros_like(command.joints))
         return self._held or command
 
     def _misread(self, measurement: Measurement, t: float) -> Measurement:
@@ -205,14 +213,14 @@ class FaultyPlant:
         return replace(measurement, pose=measurement.pose + np.array([0.6 * jump, 0.8 * jump, 0.0]))
 
     def _coarse(self, measurement: Measurement, scale: float) -> Measurement:
-        """A measurement with a fix that is less exact, rarer and later, and says so."""
-        off, turn, period, latency = _COARSE
+        """A measurement with fixes that are less exact, rarer and later, and that say so."""
+        off, turn, period, latency = _COARSE_LOCALIZATION
         t = measurement.time
         if t >= self._next_fix:
             noise = np.clip(self._rng.standard_normal(3), -3.0, 3.0) * scale * np.array([off, off, turn])
-            if self._rng.random() < _OUTLIER[0]:
+            if self._rng.random() < _OUTLIER_FIXES[0]:
                 way = self._rng.uniform(0.0, 2.0 * np.pi)
-                noise[:2] += _OUTLIER[1] * np.array([np.cos(way), np.sin(way)])
+                noise[:2] += _OUTLIER_FIXES[1] * np.array([np.cos(way), np.sin(way)])
             self._fixes.append((t, self._inner.coordinates[:3] + noise))
             self._next_fix = t + period
         if not self._fixes or self._fixes[0][0] + latency > t:
@@ -223,12 +231,13 @@ class FaultyPlant:
 
 
 def faulty_planning(
-    plan_tick: PlanTick, faults: FaultPlan, *, slow: float, wait: Callable[[float], object] | None = None
+    plan_tick: PlanTick, faults: FaultPlan, params: DriveParams, *, wait: Callable[[float], object] | None = None
 ) -> PlanTick:
-    """The planning tick with exceptions, or with results that are late by ``slow`` [s], at times.
+    """The planning tick, at times with exceptions, or with results that are late by ten of the drive's latencies.
 
     Where time is real, ``wait`` lets it pass.
     """
+    slow = _SLOW_TICK_LATENCIES * params.latency * params.control_dt
 
     def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):

@@ -1,4 +1,4 @@
-"""Independent jobs on many processes: of this machine, or of a Dask cluster; each result as soon as it is there."""
+"""Independent jobs on many processes of this machine or of a Dask cluster; each result as soon as it is ready."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from elastic_strips.validation import check_count, check_type, shown
 _LOG = logging.getLogger(__name__)
 _Task = TypeVar("_Task")
 _Made = TypeVar("_Made")
-_AHEAD = 500
-"""Jobs that a cluster's scheduler is given in advance."""
-_CONNECT = 10.0  # [s]
+_JOBS_AHEAD = 500
+"""Number of jobs that a cluster's scheduler is given in advance."""
+_CONNECT_TIMEOUT = 10.0  # [s] for a cluster's scheduler to answer
 _MOST_LOSSES = 3
 """Times that a result may be lost with its worker before its job is given up."""
 _KEPT: dict[str, Any] = {}
@@ -53,9 +53,9 @@ class Finished(Generic[_Made]):
     """A job that has ended.
 
     Attributes:
-        index: of its task.
-        made: what it returned; None where it raised.
-        error: what it raised; a `WorkerDied` where its process ended.
+        index: index of its task.
+        made: its return value; None where it raised.
+        error: the exception that it raised; a `WorkerDied` where its process ended.
     """
 
     index: int
@@ -63,7 +63,7 @@ class Finished(Generic[_Made]):
     error: BaseException | None = None
 
     def result(self) -> _Made:
-        """What the job returned; raises what it raised."""
+        """The job's return value; raises the job's exception."""
         if self.error is not None:
             raise self.error
         return cast("_Made", self.made)
@@ -72,12 +72,12 @@ class Finished(Generic[_Made]):
 def parallel_map(
     work: Callable[[_Task], _Made], tasks: Sequence[_Task], processes: int | None = None
 ) -> Iterator[_Made]:
-    """Results of ``work`` on each task, in the order in which they are ready; what a job raises is raised here.
+    """Results of ``work`` on each task, in the order in which they are ready; a job's exception is raised here.
 
     Args:
         work: a function of a module (it is sent by name), of one picklable task.
         tasks: the tasks.
-        processes: how many; one for each core where None, none but this one where 1.
+        processes: number of processes; one for each core where None; only this one where 1.
     """
     count = min(processes or os.cpu_count() or 1, len(tasks))
     if count <= 1:
@@ -104,7 +104,7 @@ def run_jobs(
     Args:
         work: a function of a module (it is sent by name), of one picklable task.
         tasks: the tasks.
-        processes: how many; one for each core where None. Not with a scheduler.
+        processes: number of processes; one for each core where None. Not with a scheduler.
         scheduler: address of a Dask scheduler, such as ``tcp://127.0.0.1:8786``; processes of this machine where None.
 
     Raises:
@@ -119,49 +119,71 @@ def run_jobs(
         return
     count = min(processes or os.cpu_count() or 1, max(1, len(tasks)))
     pool = _LocalPool(count)
-    waiting: deque[int] = deque(range(len(tasks)))
-    suspects: deque[int] = deque()  # were on their way when a process ended: one of them may have been the reason
-    alone: set[int] = set()  # suspects that run again, without others beside them
-    running: dict[Future[tuple[_Made, list[str]]], int] = {}
+    jobs = _LocalJobs(work, tasks, pool, 2 * count)
     try:
-        while waiting or suspects or running:
-            most = 1 if suspects or any(k in alone for k in running.values()) else 2 * count
-            while (suspects or waiting) and len(running) < most:
-                k = suspects.popleft() if suspects else waiting.popleft()
-                if most == 1:
-                    alone.add(k)
-                try:
-                    running[pool.submit(work, tasks[k])] = k
-                except BrokenProcessPool:  # a process ended while none of these was running, or is just being noticed
-                    (suspects if most == 1 else waiting).appendleft(k)
-                    alone.discard(k)
-                    if running:
-                        break
-                    pool.restart()
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
-                done, _ = wait(running)  # the others have ended, too
-                pool.restart()
-            for future in done:
-                k = running.pop(future)
-                error = future.exception()
-                if error is None:
-                    made, read = future.result()
-                    for name in read:
-                        note_input(name)
-                    yield Finished(k, made)
-                elif not isinstance(error, BrokenProcessPool):
-                    yield Finished(k, error=error)
-                elif k in alone:
-                    yield Finished(
-                        k, error=WorkerDied("the process of the job ended: crashed, killed or out of memory")
-                    )
-                else:
-                    suspects.append(k)
-                alone.discard(k)
+        while jobs.submit():
+            yield from jobs.ended()
         pool.wait()
     finally:
         pool.end()
+
+
+class _LocalJobs(Generic[_Task, _Made]):
+    """Which jobs wait, run, and have to run once more, alone.
+
+    Args:
+        work, tasks: as of :func:`run_jobs`.
+        pool: the processes.
+        most: jobs that are on their way at once.
+    """
+
+    def __init__(self, work: Callable[[_Task], _Made], tasks: Sequence[_Task], pool: _LocalPool, most: int) -> None:
+        self._work, self._tasks, self._pool, self._most = work, tasks, pool, most
+        self._waiting: deque[int] = deque(range(len(tasks)))
+        self._suspects: deque[int] = deque()  # were on their way when a process ended: one may have been the reason
+        self._alone: set[int] = set()  # suspects that run again, without others beside them
+        self._running: dict[Future[tuple[_Made, list[str]]], int] = {}
+
+    def submit(self) -> bool:
+        """Begin as many jobs as may run; whether there are any left."""
+        waiting, suspects, running = self._waiting, self._suspects, self._running
+        alone = bool(suspects) or any(k in self._alone for k in running.values())
+        most = 1 if alone else self._most
+        while (suspects or waiting) and len(running) < most:
+            k = suspects.popleft() if suspects else waiting.popleft()
+            if most == 1:
+                self._alone.add(k)
+            try:
+                running[self._pool.submit(self._work, self._tasks[k])] = k
+            except BrokenProcessPool:  # a process ended while none of these was running, or is just being noticed
+                (suspects if most == 1 else waiting).appendleft(k)
+                self._alone.discard(k)
+                if running:
+                    break
+                self._pool.restart()
+        return bool(running)
+
+    def ended(self) -> Iterator[Finished[_Made]]:
+        """Wait for a job; those that have ended for good."""
+        done, _ = wait(self._running, return_when=FIRST_COMPLETED)
+        if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
+            done, _ = wait(self._running)  # the others have ended, too
+            self._pool.restart()
+        for future in done:
+            k = self._running.pop(future)
+            error = future.exception()
+            if error is None:
+                made, read = future.result()
+                for name in read:
+                    note_input(name)
+                yield Finished(k, made)
+            elif not isinstance(error, BrokenProcessPool):
+                yield Finished(k, error=error)
+            elif k in self._alone:
+                yield Finished(k, error=WorkerDied("the process of the job ended: crashed, killed or out of memory"))
+            else:
+                self._suspects.append(k)
+            self._alone.discard(k)
 
 
 class _LocalPool:
@@ -202,7 +224,7 @@ class _LocalPool:
 
 
 def _noted(work: Callable[[_Task], _Made], task: _Task) -> tuple[_Made, list[str]]:
-    """What a job made, and the files that it read, which the command must not overwrite."""
+    """A job's result, and the files that it read, which the command must not overwrite."""
     with command_files():
         return work(task), inputs_read()
 
@@ -228,10 +250,10 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
     except ImportError:
         raise missing_extra("a Dask cluster", "distributed", "sweep") from None
     try:
-        client = Client(address, timeout=_CONNECT, set_as_default=False)
+        client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ParameterError(
-            f"scheduler={shown(address)}: no Dask scheduler answers there, or the address is none such as "
+            f"scheduler={shown(address)}: no Dask scheduler answers there, or it is not an address such as "
             f"tcp://127.0.0.1:8786 ({type(error).__name__}: {' '.join(str(error).split())[:200]})"
         ) from None
     with client:
@@ -248,7 +270,7 @@ def _on_cluster(work: Callable[[_Task], _Made], tasks: Sequence[_Task], address:
         running: dict[Future[_Made], int] = {}
         losses: Counter[int] = Counter()
         while waiting or running:
-            while waiting and len(running) < _AHEAD:
+            while waiting and len(running) < _JOBS_AHEAD:
                 k = waiting.popleft()
                 running[executor.submit(work, tasks[k])] = k
             done, _ = wait(running, return_when=FIRST_COMPLETED)

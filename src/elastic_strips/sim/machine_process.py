@@ -1,9 +1,9 @@
 """Machine process: a simulated machine that runs against the wall clock in a process of its own, and its driver.
 
-Two channels lead to it, of one pickled message per datagram: to the driver, in whatever process that is, and to the
-simulated world. Nobody waits for anybody: what does not fit into a channel is dropped. So that nothing is lost by that,
-every reading carries the wheel travel summed up since the start, and the newest localization fix; true states are kept
-until they fit.
+Two channels lead to it, with one pickled message per datagram: to the driver, in whatever process that is, and to the
+simulated world. No process waits for another: what does not fit into a channel is dropped. So that nothing is lost by
+that, every reading carries the wheel travel summed up since the start, and the newest localization fix; true states are
+kept until they fit.
 """
 
 from __future__ import annotations
@@ -26,34 +26,38 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control.channel import ChannelClosedError, channel, put, take
-from elastic_strips.control.child_process import NOTHING_HEARD, end_process, orphaned, start_process
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.control.process_priority import raise_priority
+from elastic_strips.control.process.channel import ChannelClosedError, channel, put, take
+from elastic_strips.control.process.child import (
+    LONGEST_PROCESS_START,
+    NOTHING_HEARD,
+    end_process,
+    orphaned,
+    start_process,
+)
+from elastic_strips.control.process.priority import raise_priority
 from elastic_strips.errors import ParameterError
 from elastic_strips.validation import check_number
 
 from .faults import FaultPlan, FaultyPlant
-from .plant import Plant
+from .plant import STANDING_SPEED, Plant
 
 _log = logging.getLogger(__name__)
-_LARGEST = 1 << 16  # [bytes] of the first message
-_READINGS = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
-_STATES = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
-_START = 120.0  # [s] longest start of the process
-_STILL = 1e-3  # [m/s, rad/s] below this speed the machine has come to rest
+_LARGEST_FIRST_MESSAGE = 1 << 16  # [bytes] of the first message
+_DRIVER_BUFFER = 1 << 14  # [bytes] of the driver's channel: a reader that was stopped finds little that is old
+_WORLD_BUFFER = 1 << 22  # [bytes] of the world's: a planner that takes seconds misses nothing
 _LONGEST_STOP = 5.0  # [s] and it ends after this time if it has not
 _AT_ONCE = 50  # true states in one message
-_KEPT = 20_000  # true states that wait for a reader, at most
+_MOST_WAITING_STATES = 20_000  # true states that wait for a reader, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueState:
-    """What the simulated machine really does.
+    """True state of the simulated machine.
 
     Attributes:
-        time: [s] since the epoch.
+        time: time since the epoch [s].
         coordinates: (nv,) configuration as a coordinate row.
         v: (nv,) velocity: body twist, joint rates.
         motors: (k,) speeds of the drive's motors [m/s, rad/s].
@@ -68,7 +72,7 @@ class TrueState:
 
 
 class _Reading(NamedTuple):
-    """What the machine sends to its driver after a step."""
+    """The machine's message to its driver after a step."""
 
     time: float
     travel: list[float]  # (k,) since the start
@@ -86,15 +90,16 @@ class MachineProcess:
     """Workspace: a plant in a process of its own, from ``__enter__`` to ``__exit__``.
 
     Args:
-        make_plant: makes the plant there; has to be picklable, such as ``partial(KinematicPlant, robot, limits)``.
-        coordinates: (nv,) where it begins, at rest.
+        make_plant: makes the plant in the process; has to be picklable, such as ``partial(KinematicPlant, robot,
+            limits)``.
+        coordinates: (nv,) coordinate row at which it begins, at rest.
         period: step of the plant [s].
         timeout: longest time [s] that a command holds.
         paused: whether it waits for :meth:`begin`.
 
     Attributes:
         epoch: ``time.monotonic()`` at which the machine's time is 0, the same in all processes.
-        priority: what it could do to get the processor in time.
+        priority: how it gets the processor in time, as far as that was permitted.
     """
 
     def __init__(
@@ -120,17 +125,17 @@ class MachineProcess:
         """Start it, and wait until it runs.
 
         Raises:
-            ParameterError: it cannot; the message says why.
+            ParameterError: it does not start; the message says why.
         """
-        self._driver, executor = channel(_READINGS)
-        self._world, world = channel(_STATES)
+        self._driver, executor = channel(_DRIVER_BUFFER)
+        self._world, world = channel(_WORLD_BUFFER)
         try:
             task = (self._make_plant, self._coordinates, self.period, self.timeout)
             self._process = start_process(_run, (executor, world), task, name="machine")
             executor.close()
             world.close()
-            self._world.settimeout(_START)
-            data = self._world.recv(_LARGEST)
+            self._world.settimeout(LONGEST_PROCESS_START)
+            data = self._world.recv(_LARGEST_FIRST_MESSAGE)
             self._world.setblocking(False)
             ready = pickle.loads(data) if data else NOTHING_HEARD
         except BaseException as error:
@@ -141,7 +146,7 @@ class MachineProcess:
                 raise ParameterError(f"the simulated machine does not start: {error}") from error
             raise
         if isinstance(ready, str):
-            self._end(_START)
+            self._end(LONGEST_PROCESS_START)
             raise ParameterError(f"the simulated machine does not start: {ready}")
         self._count, self.priority = ready
         _log.info("the simulated machine runs (%s)", self.priority)
@@ -155,7 +160,7 @@ class MachineProcess:
         put(self._world, ("begin", epoch))
 
     def __exit__(self, *_: object) -> None:
-        """Let it come to rest and end; what its last true states were is kept for :meth:`truth`."""
+        """Let it come to rest and end; its last true states are kept for :meth:`truth`."""
         put(self._world, ("close", ""))
         self._end(_LONGEST_STOP + 5.0)
 
@@ -194,7 +199,7 @@ class MachineProcess:
         return states
 
     def touch(self, description: str) -> None:
-        """Let measurements tell of a felt contact from now on; of none where the description is empty."""
+        """Let measurements report a felt contact from now on; an empty description ends that."""
         put(self._world, ("contact", description))
 
     def press(self, description: str) -> None:
@@ -208,7 +213,7 @@ class MachineDriver:
     It can be sent to another process as an argument of that.
 
     Args:
-        channel: to the machine.
+        channel: channel to the machine.
         count: (k, n) numbers of drive coordinates and joints.
     """
 
@@ -219,10 +224,10 @@ class MachineDriver:
         self._felt = ""
 
     def measure(self, t: float) -> Measurement | None:
-        """What was measured since the last call.
+        """The measurement since the last call.
 
         Raises:
-            RuntimeError: what the sensors' driver threw.
+            RuntimeError: the sensors' driver threw something.
         """
         readings = [_Reading(*message) for message in _take(self._channel)]
         if not readings:
@@ -299,7 +304,7 @@ class _Machine:
         self.error = ""
         self.last = Measurement(0.0, None, plant.coordinates[self.first :])
         self.epoch = 0.0
-        self.states: deque[tuple[object, ...]] = deque(maxlen=_KEPT)
+        self.states: deque[tuple[object, ...]] = deque(maxlen=_MOST_WAITING_STATES)
 
     def try_out(self) -> None:
         """One step that does not count: what is loaded at the first use is loaded now.
@@ -383,9 +388,17 @@ class _Machine:
         """Send what was measured last."""
         last = self.last
         reading = _Reading(
-            last.time, self.travel.tolist(), self.lost, self.misread, last.joints.tolist(), self.fixes, self.fix,
-            last.contact or self.said["contact"], last.emergency or self.said["emergency"], self.error,
-        )  # fmt: skip
+            last.time,
+            self.travel.tolist(),
+            self.lost,
+            self.misread,
+            last.joints.tolist(),
+            self.fixes,
+            self.fix,
+            last.contact or self.said["contact"],
+            last.emergency or self.said["emergency"],
+            self.error,
+        )
         put(self.executor, tuple(reading))
         self.report()
 
@@ -411,7 +424,7 @@ class _Machine:
 
     def at_rest(self) -> bool:
         speeds = (self.plant.motors, self.plant.v[self.first :])
-        return all(float(np.abs(v).max(initial=0.0)) < _STILL for v in speeds)
+        return all(float(np.abs(v).max(initial=0.0)) < STANDING_SPEED for v in speeds)
 
 
 def _run(

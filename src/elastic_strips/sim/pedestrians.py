@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import PlanarFootprint, RobotModel
-from elastic_strips.robot.coal_shapes import LONG_ROUND, ShapeKind, shape_of
 from elastic_strips.robot.footprint import box_distance
 from elastic_strips.scene import Obstacle, PedestrianMotion, World
 from elastic_strips.validation import Fraction, NonNegative, Positive, check_fields
 
-_OVERLAP = 0.05
+_LEAST_OVERLAP = 0.05
 """Vertical gaps below this [m] count as overlap of heights."""
-_ROUND = (ShapeKind.SPHERE, *LONG_ROUND)
+_ROUND_KINDS = (ShapeKind.SPHERE, *LONG_ROUND)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,8 +28,8 @@ class _Discs:
     """An obstacle as upright discs in its own frame.
 
     Attributes:
-        centre: (D, 3) [m].
-        radius: (D,) [m].
+        centre: (D, 3) centres [m].
+        radius: (D,) radii [m].
         half: (D, 3) half sizes of the discs' pieces [m].
     """
 
@@ -48,7 +48,7 @@ class _Discs:
             long, wide = float(half[along]), float(half[1 - along])
             if not upright:
                 rows.append((part.center, part.radius, np.full(3, part.radius)))
-            elif shape_of(part.geometry)[0] in _ROUND:
+            elif shape_of(part.geometry)[0] in _ROUND_KINDS:
                 rows.append((part.center, long, half))
             else:
                 count = min(math.ceil(long / max(wide, 1e-3)), 8)
@@ -68,7 +68,7 @@ def _distances(footprint: PlanarFootprint, base: Array, discs: _Discs, poses: Ar
     cos, sin = math.cos(base[2]), math.sin(base[2])
     rotation = poses[:, None, :3, :3]
     centre = np.matmul(rotation, discs.centre[:, :, None])[..., 0] + poses[:, None, :3, 3]  # (P, D, 3)
-    tall = (np.abs(rotation[..., 2, :]) * discs.half).sum(axis=-1) + _OVERLAP  # (P, D)
+    tall = (np.abs(rotation[..., 2, :]) * discs.half).sum(axis=-1) + _LEAST_OVERLAP  # (P, D)
     local = (centre[..., :2] - base[:2]) @ np.array([[cos, -sin], [sin, cos]])
     offset = local[:, :, None] - footprint.middle  # (P, D, K, 2)
     outside = box_distance(offset[..., 0], offset[..., 1], *footprint.half.T)
@@ -78,26 +78,29 @@ def _distances(footprint: PlanarFootprint, base: Array, discs: _Discs, poses: Ar
     return apart.reshape(len(poses), -1).min(axis=1)
 
 
-_ROUNDING = 1e-6  # [s] rounding of times
-_BRAKING = 0.05  # [s] step of a predicted stop
-_LONGEST = 200  # steps of a predicted stop
-_SLOW = 0.1  # [m/s] least speed that bounds the change of a clock's rate
+_TIME_ROUNDING = 1e-6  # [s] rounding of times
+_BRAKING_STEP = 0.05  # [s] step of a predicted stop
+_MOST_BRAKING_STEPS = 200  # steps of a predicted stop
+_LEAST_BOUNDING_SPEED = 0.1  # [m/s] least speed that bounds the change of a clock's rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YieldingPolicy:
-    """How those who yield treat a robot.
+    """How yielding obstacles treat a robot.
 
     Attributes:
-        distance: they stop so far before a robot that stands, seen from above [m].
-        standing: no velocity of a robot that stands is larger [m/s, rad/s]; patience: for so long already [s].
+        distance: distance at which they stop before a robot that stands, seen from above [m].
+        standing: a robot stands if no velocity of it is larger than this [m/s, rad/s].
+        patience: time for which it must have stood already [s].
         look: how often they look and decide [s].
-        onward: one that has yielded goes on when so much more of its way than its next stop needs is free [m].
-        aside: what comes nearer by less than this passes by [m].
-        room: one that waits in front of a robot that goes on standing steps back until it is so far away [m]; less
-            than ``onward``, or it would come back at once. A robot that reckons with all that somebody next to it
+        onward: an obstacle that has yielded goes on when this much more of its way than its next stop needs is free
+            [m].
+        aside: an obstacle that comes nearer by less than this [m] passes by.
+        room: an obstacle that waits in front of a robot that goes on standing steps back until it is this far away [m];
+            less than ``onward``, or it would come back at once. A robot that reckons with all that somebody next to it
             might do cannot go away otherwise.
-        wait: how long it waits before that [s]; pace: at which part of its own pace it steps back.
+        wait: how long it waits before that [s].
+        pace: part of its own pace at which it steps back.
     """
 
     distance: NonNegative = 0.25
@@ -123,9 +126,9 @@ class Pedestrians:
     path is free. They yield neither to a moving robot nor to each other. The constructor resets their histories.
 
     Args:
-        robot: that they yield to.
-        world: of the obstacles; without yielding ones a step does nothing.
-        policy: of yielding.
+        robot: the robot that they yield to.
+        world: the obstacles over time; without yielding ones a step does nothing.
+        policy: how they yield.
     """
 
     def __init__(self, robot: RobotModel, world: World, policy: YieldingPolicy | None = None) -> None:
@@ -143,7 +146,7 @@ class Pedestrians:
         """Set all clocks from the time ``t`` [s] on.
 
         Args:
-            t: later than at the last step.
+            t: time [s], later than at the last step.
             coordinates: (nv,) true coordinate row of the robot.
             v: (nv,) its true velocity.
         """
@@ -153,8 +156,8 @@ class Pedestrians:
         self._time = t
         if np.abs(v).max(initial=0.0) >= policy.standing or self._moved == -math.inf:
             self._moved = t
-        stands = t - self._moved >= policy.patience - _ROUNDING
-        if t - self._looked >= policy.look - _ROUNDING:
+        stands = t - self._moved >= policy.patience - _TIME_ROUNDING
+        if t - self._looked >= policy.look - _TIME_ROUNDING:
             self._looked = t
             self._footprint.update(coordinates)
             base = coordinates[:3] if self._planar else np.zeros(3)
@@ -189,7 +192,7 @@ class _Mover:
         place, rate = self.motion.place(t), self.motion.rate(t)
         path = self._stop(place, rate, policy.look)
         if self._since is not None:
-            pace = max(self._speed(path[-1]), _SLOW)
+            pace = max(self._speed(path[-1]), _LEAST_BOUNDING_SPEED)
             path += (path[-1] + np.linspace(0.1, 1.0, 10) * (policy.onward / pace)).tolist()
         near = _distances(footprint, base, self._discs, self._poses(path))
         here = float(near[0])
@@ -208,9 +211,9 @@ class _Mover:
     def _stop(self, place: float, rate: float, late: float) -> list[float]:
         """Places on the track [s], from the present one to the end of a stop that begins in ``late`` [s]."""
         places = [place, place + rate * late]
-        while rate != 0.0 and len(places) < _LONGEST:
-            places.append(places[-1] + rate * _BRAKING)
-            rate = self._towards(0.0, places[-1], rate, _BRAKING)
+        while rate != 0.0 and len(places) < _MOST_BRAKING_STEPS:
+            places.append(places[-1] + rate * _BRAKING_STEP)
+            rate = self._towards(0.0, places[-1], rate, _BRAKING_STEP)
         return places
 
     def _towards(self, wish: float, place: float, rate: float, dt: float) -> float:
@@ -227,7 +230,7 @@ class _Mover:
         limit, h = self.motion.acceleration, self._cell
         before, v, after = (self.motion.track.velocity(self._anchor, place + d)[0] for d in (-h, 0.0, h))
         speed = math.sqrt(max(float(v @ v), float(after @ after)))
-        most = limit / max(speed, _SLOW)
+        most = limit / max(speed, _LEAST_BOUNDING_SPEED)
         down, up = -most, most
         square = float(v @ v)
         if square < 1e-12:

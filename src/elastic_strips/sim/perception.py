@@ -1,4 +1,4 @@
-"""Perception: what the planner senses of the world, with delay and noise."""
+"""Perception: the planner's view of the world, with delay and noise."""
 
 from __future__ import annotations
 
@@ -31,8 +31,10 @@ class PerceptionParams(Checked):
     noise: Fraction = 1.0
 
 
-class Sensing(Protocol):
-    """What a simulated robot senses: a scene (:class:`Perception`), or readings."""
+class Perception(Protocol):
+    """A source of scenes for a planner."""
+
+    params: PerceptionParams
 
     @property
     def contact(self) -> str:
@@ -48,16 +50,6 @@ class Sensing(Protocol):
             estimate: (nv,) estimated coordinate row.
         """
         ...
-
-    def sense(self, t: float) -> object:
-        """What a controller takes at time ``t`` [s]."""
-        ...
-
-
-class Perception(Sensing, Protocol):
-    """A source of scenes for a planner."""
-
-    params: PerceptionParams
 
     def known(self) -> Scene:
         """The scene that is known before the first step."""
@@ -81,12 +73,12 @@ class NoisyGroundTruth:
     Args:
         world: the true obstacles.
         assumptions: bounds of the errors.
-        params: of the noise.
+        params: parameters of the noise.
         rng: source of the noise.
     """
 
     contact = ""  # there is no contact sensor
-    cost = 0.0  # [s] of simulated time: nothing is processed
+    cost: float = 0.0  # [s] of simulated time: nothing is processed
 
     def __init__(
         self, world: World, assumptions: ObstacleAssumptions, params: PerceptionParams, rng: np.random.Generator

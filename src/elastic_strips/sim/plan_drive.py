@@ -1,4 +1,4 @@
-"""Driving a plan: what was planned, driven along in a simulated world by the controller of the elastic strip."""
+"""Driving a plan in a simulated world, by the controller of the elastic strip."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ def drive_plan(
     seed: int = 0,
     time_limit: float | None = None,
 ) -> tuple[DriveResult, Array]:
-    """Drive a plan in a world; the result, and the configuration (nq,) at which the robot stands by its own account.
+    """Drive a plan in a world; returns the result, and the configuration (nq,) at which the robot believes to stand.
 
     Args:
-        plan: what was planned; its robot is driven, with what it holds.
+        plan: the plan; its robot is driven, with everything it holds.
         world: the true obstacles.
-        params: of the controller; no more clearance is asked for than the plan has.
-        limits: of wheels and joints; those of the robot's URDF where None.
-        plant: of the simulated machine.
-        seed: of plant and perception.
+        params: parameters of the controller; no more clearance is asked for than the plan has.
+        limits: limits of wheels and joints; those of the robot's URDF where None.
+        plant: parameters of the simulated machine.
+        seed: seed of plant and perception.
         time_limit: longest drive [s]; that of ``params`` where None.
 
     Raises:
-        ParameterError: the plan is not certified; with its reason. Or the URDF says nothing of wheels.
+        ParameterError: the plan is not certified (the message has its reason), or the URDF says nothing about wheels.
     """
     check_type("plan", plan, PlanReport, ParameterError)
     if not plan.certified:
@@ -46,8 +46,15 @@ def drive_plan(
     strip, robot = plan.strip, plan.strip.robot
     limits = MotionLimits.for_robot(robot) if limits is None else limits
     run = simulation(
-        robot, world, strip.q[0], strip.q[-1], limits=limits, params=params, strip=strip, seed=seed,
+        robot,
+        world,
+        strip.q[0],
+        strip.q[-1],
+        limits=limits,
+        params=params,
+        strip=strip,
+        seed=seed,
         plant=KinematicPlant(robot, limits, plant, seed=seed),
-    )  # fmt: skip
+    )
     result = run.run(time_limit=time_limit)
     return result, robot.space.from_coordinates(result.last)

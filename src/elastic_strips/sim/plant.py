@@ -12,14 +12,15 @@ from typing import Annotated, Protocol
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control.estimation import Pose, compose, exp
+from elastic_strips.control.estimation import TIME_SLACK, Pose, compose, exp
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import Bound, Checked, NonNegative, check_fields
 
-_SLACK = 1e-9  # [s] times that differ by less are the same
+STANDING_SPEED = 1e-3
+"""Speed [m/s, rad/s] of bases and joints below which a machine stands."""
 _Margin = Annotated[float, Bound(low=1.0, infinite=True)]
 _Slip = Annotated[float, Bound(low=0.0, high=0.2)]
 
@@ -29,12 +30,12 @@ class OdometryParams(Checked):
     """Errors of encoders and localization. All noise is Gaussian, cut off at three standard deviations.
 
     Attributes:
-        encoder_noise: of a wheel's reading [m at the rim]; readings err, not increments, so it does not add up.
-        joint_noise: of a joint encoder [rad or m].
-        fix_period: between localization fixes [s]; infinite for none.
-        fix_noise: of a fix's x and of its y [m].
-        fix_angle_noise: of its yaw [rad].
-        fix_latency: from the time that a fix tells of to its arrival [s].
+        encoder_noise: noise of a wheel's reading [m at the rim]; readings err, not increments, so it does not add up.
+        joint_noise: noise of a joint encoder [rad or m].
+        fix_period: time between localization fixes [s]; infinite for none.
+        fix_noise: noise of a fix's x and of its y [m].
+        fix_angle_noise: noise of its yaw [rad].
+        fix_latency: time from the measurement of a fix to its arrival [s].
     """
 
     encoder_noise: NonNegative = 5e-5
@@ -91,7 +92,7 @@ class Odometry:
         """The measurement of a true state.
 
         Args:
-            time: [s].
+            time: time [s].
             travel: (k,) true travel of the drive coordinates since the reset, as the encoders turn [m or rad].
             joints: (n,) true joint positions.
             pose: true base pose x, y, yaw; None for a fixed base.
@@ -106,13 +107,13 @@ class Odometry:
             joints = joints.copy()
         if pose is None:
             return Measurement(time, np.zeros(0), joints)
-        if time <= self._lost_until + _SLACK:
-            while self._next_fix <= time + _SLACK:
+        if time <= self._lost_until + TIME_SLACK:
+            while self._next_fix <= time + TIME_SLACK:
                 self._next_fix += p.fix_period
             return Measurement(time, None, joints)
         drive = np.array([b - a for a, b in zip(before, self._reading, strict=True)])
-        if time >= self._next_fix - _SLACK:
-            while self._next_fix <= time + _SLACK:
+        if time >= self._next_fix - TIME_SLACK:
+            while self._next_fix <= time + TIME_SLACK:
                 self._next_fix += p.fix_period
             x, y, yaw = pose
             self._pending.append(
@@ -123,13 +124,13 @@ class Odometry:
                     yaw + p.fix_angle_noise * next(normal),
                 )
             )
-        if self._pending and self._pending[0][0] + p.fix_latency <= time + _SLACK:
+        if self._pending and self._pending[0][0] + p.fix_latency <= time + TIME_SLACK:
             at, *fix = self._pending.popleft()
             return Measurement(time, drive, joints, np.array(fix), at)
         return Measurement(time, drive, joints)
 
 
-_STICTION = 5e-4  # [m/s, rad/s] a motor with zero command stands below this speed
+_STICTION_SPEED = 5e-4  # [m/s, rad/s] a motor with zero command stands below this speed
 
 
 def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[float, float]:
@@ -152,12 +153,12 @@ def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[f
     left = math.exp(-h / lag)
     way += u * h - gap * lag * (1.0 - left)
     v = u - gap * left
-    if u == 0.0 and abs(v) < _STICTION:
+    if u == 0.0 and abs(v) < _STICTION_SPEED:
         v = 0.0
     return v, way
 
 
-_ARC = 0.005  # [s] longest time that is integrated as one arc
+_LONGEST_ARC = 0.005  # [s] longest time that is integrated as one arc
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,16 +167,16 @@ class PlantParams:
 
     Attributes:
         wheel_lag: time constant of the wheels' speed loops [s].
-        joint_lag: of the joints' [s].
+        joint_lag: time constant of the joints' speed loops [s].
         speed_margin: the motors can turn this many times as fast as the limits that are planned with.
-        acceleration_margin: and speed up or brake this many times as hard. The defaults are assumptions; a machine
+        acceleration_margin: they can speed up or brake this many times as hard. The defaults are assumptions; a machine
             without such margins is planned with ``limits.scaled(…)``.
-        slip: largest part of a rim's travel that is lost (or gained) on the floor, per wheel; for an omnidirectional
-            base per body axis. It wanders between ±slip with a standard deviation of half of it.
+        slip: largest part of a rim's travel that is lost (or gained) on the floor, for each wheel; for an
+            omnidirectional base per body axis. It wanders between ±slip with a standard deviation of half of it.
         slip_time: correlation time of that [s].
         slip_noise: standard deviation of further slip, drawn anew in every step.
         jitter: a command arrives late by up to this [s], evenly distributed; the one before holds meanwhile.
-        odometry: errors of what is measured.
+        odometry: errors of the measurements.
     """
 
     wheel_lag: NonNegative = 0.04
@@ -195,17 +196,23 @@ class PlantParams:
 
     @staticmethod
     def seen_closely() -> PlantParams:
-        """With fixes to half a millimetre and half a milliradian, as a camera at the hand gives them of what it looks
+        """With fixes to half a millimetre and half a milliradian, as from a camera at the hand for the things it looks
         at; for :meth:`DriveParams.standing`."""
         return PlantParams(odometry=OdometryParams(fix_noise=5e-4, fix_angle_noise=5e-4))
 
     @staticmethod
     def ideal() -> PlantParams:
-        """No lag, no limit of speed or acceleration, no slip, jitter, noise or latency: commands are driven exactly."""
+        """No lag, limits of speed or acceleration, slip, jitter, noise or latency: commands are driven exactly."""
         return PlantParams(
-            wheel_lag=0.0, joint_lag=0.0, speed_margin=math.inf, acceleration_margin=math.inf, slip=0.0,
-            slip_noise=0.0, jitter=0.0, odometry=OdometryParams.ideal(),
-        )  # fmt: skip
+            wheel_lag=0.0,
+            joint_lag=0.0,
+            speed_margin=math.inf,
+            acceleration_margin=math.inf,
+            slip=0.0,
+            slip_noise=0.0,
+            jitter=0.0,
+            odometry=OdometryParams.ideal(),
+        )
 
 
 class Plant(Protocol):
@@ -213,7 +220,7 @@ class Plant(Protocol):
 
     @property
     def robot(self) -> RobotModel:
-        """What it simulates."""
+        """The robot that it simulates."""
         ...
 
     @property
@@ -262,9 +269,9 @@ class KinematicPlant:
 
     Args:
         robot: the robot; any kind of base.
-        limits: what its motions are planned with.
-        params: how the machine differs.
-        seed: of all noise, or a generator.
+        limits: limits with which its motions are planned.
+        params: how the machine differs from its plan.
+        seed: seed of all noise, or a generator.
 
     Attributes:
         lost: (k,) further part of each drive coordinate's travel that is lost on the floor, as a fault.
@@ -391,7 +398,7 @@ class KinematicPlant:
         p = self.params
         drive, joints = self._command
         if self._k:
-            pieces = max(1, math.ceil(h / _ARC - 1e-9))
+            pieces = max(1, math.ceil(h / _LONGEST_ARC - 1e-9))
             piece = h / pieces
             for _ in range(pieces):
                 ground = []
@@ -419,7 +426,7 @@ def check_limits(robot: RobotModel, limits: MotionLimits) -> None:
     """Check that limits have the robot's numbers of drive coordinates and joints.
 
     Raises:
-        ParameterError: they have not.
+        ParameterError: they do not.
     """
     wanted = {"diff_drive": 2, "omni": 3, "fixed": 0}[robot.base_kind.value]
     joints = len(robot.joint_names)

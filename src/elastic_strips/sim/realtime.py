@@ -1,7 +1,7 @@
 """Realtime: a drive against the wall clock; machine, executor and planning each in a process of its own.
 
-This process plans, perceives and simulates the world around the robot. The executor's needs nothing of it but the next
-motion, and the machine's nothing of the executor but the next command.
+This process plans, perceives and simulates the world around the robot. The executor needs only the next
+motion from it, and the machine only the next command from the executor.
 """
 
 from __future__ import annotations
@@ -20,28 +20,26 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control.controller import Controller
-from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.interfaces import Event, RunState
-from elastic_strips.control.log_stream import read_log
+from elastic_strips.control.process.executor_process import ExecutorProcess
+from elastic_strips.control.process.log_stream import read_log
 from elastic_strips.control.record import DriveResult, RecordError
-from elastic_strips.scene import Scene, World
+from elastic_strips.scene import World
 from elastic_strips.validation import check_number
 
-from .closed_loop import Simulation, sensed_by
+from .closed_loop import LONGEST_OVERTIME, Simulation, sensed_by
 from .machine_process import MachineProcess, TrueState
-from .perception import Sensing
+from .perception import Perception
 from .plant import Plant
 
 _log = logging.getLogger(__name__)
-_STARTS = 0.1  # [s] from now to time 0
-_STOPS = 1.0  # [s] in which a machine stops that gets no commands
-_RESTS = 1e-3  # [m/s, rad/s] a machine slower than this stands
-_PATIENCE = 30.0  # [s] after the time limit, for a robot that does not come to rest
-_WORLD = 0.0099  # [s] from one step of pedestrians and sensors to the next
+_LEAD_TIME = 0.1  # [s] from now to time 0
+_STOPPING_TIME = 1.0  # [s] in which a machine stops that gets no commands
+_WORLD_PERIOD = 0.0099  # [s] from one step of pedestrians and sensors to the next
 
 
 class MachineView:
-    """Workspace: what this process knows of the machine in its own process: the last true state."""
+    """Workspace: the last true state of the machine, which runs in a process of its own."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant  # as it was before it was sent there
@@ -75,18 +73,18 @@ class RealtimeSimulation(Simulation[Controller]):
     """Workspace: a :class:`Simulation` whose machine and executor run in processes of their own, on the wall clock.
 
     Args:
-        controller: whose executor is ``executor``.
-        executor: not started yet.
+        controller: the controller whose executor is ``executor``.
+        executor: the executor, not started yet.
         make_plant: makes the machine in its process; can be pickled.
-        plant: one like it, at the start.
-        world, perception, goal, watch, metadata: of the :class:`Simulation`.
+        plant: a plant like it, at the start.
+        world, perception, goal, watch, metadata: as for the :class:`Simulation`.
         log: file that the executor writes while it drives.
-        temporary: whether that is removed after the run, or where there is none.
+        temporary: whether the log is removed after the run, or if there is no run.
         eager: whether planning goes on without a pause, rather than at the planning rate.
 
     Attributes:
         machine: the machine's process, while it runs; else None.
-        executor: of the controller.
+        executor: the controller's executor.
         log: file of the executor's log.
     """
 
@@ -97,7 +95,7 @@ class RealtimeSimulation(Simulation[Controller]):
         world: World,
         make_plant: Callable[[], Plant],
         plant: Plant,
-        perception: Sensing,
+        perception: Perception,
         *,
         goal: Array | None = None,
         watch: Callable[[RealtimeSimulation], object] | None = None,
@@ -108,9 +106,15 @@ class RealtimeSimulation(Simulation[Controller]):
     ) -> None:
         self.view: MachineView = MachineView(plant)
         super().__init__(
-            controller, world, cast("Plant", self.view), perception, goal=goal, metadata=metadata, realtime=True,
+            controller,
+            world,
+            cast("Plant", self.view),
+            perception,
+            goal=goal,
+            metadata=metadata,
+            realtime=True,
             watch=cast("Callable[[Simulation[Controller]], object] | None", watch),
-        )  # fmt: skip
+        )
         self.executor: ExecutorProcess = executor
         self.machine: MachineProcess | None = None
         self.eager: bool = eager
@@ -121,7 +125,7 @@ class RealtimeSimulation(Simulation[Controller]):
         self._moved = -np.inf  # time [s] of the last step of the world
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is over, or :meth:`stop` was called."""
+        """Drive until the last goal is reached, the time is up, or :meth:`stop` was called."""
         params, controller, executor = self.params, self.controller, self.executor
         limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
         began = time.perf_counter()
@@ -134,10 +138,10 @@ class RealtimeSimulation(Simulation[Controller]):
                 stack.enter_context(executor)
                 executor.start(machine.driver())
                 controller.warm_up()
-                epoch = time.monotonic() + _STARTS
+                epoch = time.monotonic() + _LEAD_TIME
                 machine.begin(epoch)
                 executor.begin(epoch)
-                time.sleep(_STARTS)
+                time.sleep(_LEAD_TIME)
                 self._drive(machine, limit)
             self._observe(machine)
             return self._result(time.perf_counter() - began)
@@ -158,26 +162,26 @@ class RealtimeSimulation(Simulation[Controller]):
                 controller.stop(f"time limit of {limit:g} s")
             sensed, trouble = sensed_by(self.perception, t)
             controller.sensing_took = executor.now - t
-            controller.plan(t, cast("Scene | None", sensed), trouble=trouble)
+            controller.plan(t, sensed, trouble=trouble)
             if controller.tick is not None and controller.tick.time == t:
                 self._after_tick(controller.tick)
-            if (controller.ended and self._settled()) or t > limit + _PATIENCE:
+            if (controller.ended and self._settled()) or t > limit + LONGEST_OVERTIME:
                 return
             if not machine.alive:
                 controller.log("fault", "the machine's process is gone")
                 return
             if controller.state is RunState.FAILED:  # the executor is gone: the machine stops by itself
-                time.sleep(_STOPS)
+                time.sleep(_STOPPING_TIME)
                 return
             if not self.eager:  # the perception's time is part of the tick
                 time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))
 
     def _observe(self, machine: MachineProcess) -> None:
-        """Take in what the machine did, and let the world go on."""
+        """Take in the machine's states, and let the world go on."""
         states = machine.truth()
         self._truth += states
         for state in states:
-            if state.time < self._moved + _WORLD:
+            if state.time < self._moved + _WORLD_PERIOD:
                 continue
             self._moved = state.time
             self.view.state = state
@@ -197,7 +201,7 @@ class RealtimeSimulation(Simulation[Controller]):
 
 
 def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> None:
-    """Record what the machine did, period by period, with what the executor wrote down at the same time."""
+    """Record the machine's states, period by period, with the executor's log of the same time."""
     dt, nan, state = driven.params.control_dt, [np.nan] * driven.robot.nv, int(RunState.STOPPED)
     written = {round(float(str(row["t"])) / dt): row for row in rows if "event" not in row}
     last = -1
@@ -212,7 +216,14 @@ def _record(driven: RealtimeSimulation, rows: Sequence[dict[str, object]]) -> No
             return np.array(row.get(name, empty), dtype=float)
 
         driven.recorder.control(
-            truth.time, coordinates=truth.coordinates, v=truth.v, motors=truth.motors, reference=values("reference"),
-            reference_v=values("reference_v"), estimate=values("estimate"),
-            drive=values("drive") if row else None, joints=values("joints") if row else None, state=state,
-        )  # fmt: skip
+            truth.time,
+            coordinates=truth.coordinates,
+            v=truth.v,
+            motors=truth.motors,
+            reference=values("reference"),
+            reference_v=values("reference_v"),
+            estimate=values("estimate"),
+            drive=values("drive") if row else None,
+            joints=values("joints") if row else None,
+            state=state,
+        )

@@ -16,7 +16,7 @@ from .computing import Computing
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
 
-_NEAR = 0.02  # [m] larger distances are not measured
+_CONTACT_REACH = 0.02  # [m] larger distances are not measured
 
 
 class ContactSensor:
@@ -28,7 +28,7 @@ class ContactSensor:
 
     def __init__(self, robot: RobotModel) -> None:
         self._kin = Kinematics(robot.tree, 1)
-        self._obstacles = ObstacleProximity(BodySet.links(robot), influence=_NEAR)
+        self._obstacles = ObstacleProximity(BodySet.links(robot), influence=_CONTACT_REACH)
 
     def touched(self, scene: Scene, coordinates: Array) -> str:
         """The obstacle that is touched at a coordinate row (nv,), or ""."""
@@ -44,12 +44,12 @@ class ContactSensor:
 LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 """Bounds of the errors of tracks from a laser at 20 Hz; tests compare them with the true errors."""
 LASER_EASE = 0.6
-"""Part of the largest speeds for a robot with a laser alone: an obstacle that appears from behind another one is
+"""Part of the largest speeds for a robot with only a laser: an obstacle that appears from behind another one is
 tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
-_LOW = 0.3
+_LASER_PLANE_HEIGHT = 0.3
 """Pieces that reach below this height [m] are in the plane of a base's laser."""
-_STEP = 0.01  # [s] between sensor updates while the robot stands at its start
-_FEEL = 0.05  # [s] between queries of the contact sensor
+_STANDING_UPDATE_PERIOD = 0.01  # [s] between sensor updates while the robot stands at its start
+_CONTACT_PERIOD = 0.05  # [s] between queries of the contact sensor
 
 
 class SensorPerception:
@@ -58,24 +58,24 @@ class SensorPerception:
     Before the first step the sensors read from the start for a while.
 
     Args:
-        robot: with the sensors' frames.
-        world: that the sensors see.
+        robot: the robot with the sensors' frames.
+        world: the world that the sensors see.
         start: configuration (nq,).
         sensors: their parameters.
-        params: of the scene; defaults with the robot's `body_radius` where None.
-        seed: of the sensors' noise.
+        params: parameters of the scene; defaults with the robot's `body_radius` where None.
+        seed: seed of the sensors' noise.
         look: time of reading before the first step [s].
         bumper: whether the robot has a contact sensor; during a contact it stands, and readings are ignored: an
             obstacle that touches the robot covers its laser.
-        computing: what it costs to process readings.
+        computing: cost of processing readings.
 
     Attributes:
         suite: the sensors.
-        estimator: of the scene.
+        estimator: estimates the scene.
         params: the sensors' delay, for figures that depend on it.
-        computing: may be replaced.
-        cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before
-            included, that of simulating the sensors not.
+        computing: the cost; it may be replaced.
+        cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before is
+            included, that of simulating the sensors is not.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.
@@ -107,8 +107,8 @@ class SensorPerception:
         self.cost: float = 0.0
         self._spent = 0.0  # [s] since the last scene
         self._past = PoseBuffer()
-        for k in range(round(look / _STEP)):
-            self.observe(-look + k * _STEP, coordinates, coordinates)
+        for k in range(round(look / _STANDING_UPDATE_PERIOD)):
+            self.observe(-look + k * _STANDING_UPDATE_PERIOD, coordinates, coordinates)
 
     @property
     def contact(self) -> str:
@@ -122,7 +122,7 @@ class SensorPerception:
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Add the readings that are available at time ``t`` [s] to the scene; see :meth:`Perception.observe`."""
         self._past.add(t, estimate)
-        if self._contact_sensor is not None and t - self._looked >= _FEEL - 1e-9:
+        if self._contact_sensor is not None and t - self._looked >= _CONTACT_PERIOD - 1e-9:
             self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), coordinates)
         readings = self.suite.observe(t, coordinates)
         if self._touched:  # an obstacle on the sensors would stay in the map
@@ -150,4 +150,4 @@ class SensorPerception:
 
 def body_radius(robot: RobotModel) -> float:
     """Radius [m] of the largest disc about the base's origin within the robot at the height of a base's laser."""
-    return PlanarFootprint.of(robot, robot.home()).inner_below(_LOW)
+    return PlanarFootprint.of(robot, robot.home()).inner_below(_LASER_PLANE_HEIGHT)

@@ -26,7 +26,7 @@ class TaskResult(Summary):
     """Result of a task.
 
     Attributes:
-        done: whether all its steps were reached.
+        done: whether all steps were reached.
         reason: why it ended.
         deliberation: its steps.
         drive: result of the drive; None where the task could not be started.
@@ -49,18 +49,18 @@ class TaskSimulation:
         robot: the robot.
         world: the obstacles over time.
         start: configuration (nq,).
-        task: to be done.
+        task: the task to do.
         keep: constraint on the strip.
-        params: of the drive.
-        perception: of all three layers; see :func:`simulation`.
-        seed: of the search for goals, the plans, the plant and the perception.
+        params: parameters of the drive.
+        perception: perception for all three layers; see :func:`simulation`.
+        seed: seed of the search for goals, the plans, the plant and the perception.
         look: called after every planning tick, with the :class:`HybridControl`.
-        **options: of :func:`simulation`.
+        **options: as for :func:`simulation`.
 
     Attributes:
         deliberation: the task's steps.
         control: sequencing and reactive layer; None where the task cannot be started.
-        simulation: of it, or None.
+        simulation: the simulation of it, or None.
 
     Raises:
         MissingExtraError: py_trees (extra ``control``) is not installed.
@@ -93,16 +93,23 @@ class TaskSimulation:
         begin: Callable[..., Simulation[HybridControl]] = simulation
         try:
             self.simulation = begin(
-                robot, world, start, self.deliberation.steps[-1].q, params=params, perception=perception, seed=seed,
-                make=partial(HybridControl, robot, start, self.deliberation, keep=keep, look=look), **options,
-            )  # fmt: skip
+                robot,
+                world,
+                start,
+                self.deliberation.steps[-1].q,
+                params=params,
+                perception=perception,
+                seed=seed,
+                make=partial(HybridControl, robot, start, self.deliberation, keep=keep, look=look),
+                **options,
+            )
         except ConfigurationError as error:
             self.deliberation: TaskPlan = replace(self.deliberation, steps=(), reason=str(error))
             return
         self.control = self.simulation.controller
 
     def run(self, *, time_limit: float | None = None) -> TaskResult:
-        """Do the task; at most for ``time_limit`` [s], that of the drive's parameters where None."""
+        """Do the task, for at most ``time_limit`` [s]; where None, that of the drive's parameters."""
         control = self.control
         if self.simulation is None or control is None:
             return TaskResult(False, self.deliberation.reason, self.deliberation, None, (), ())

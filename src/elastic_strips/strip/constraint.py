@@ -18,10 +18,10 @@ from elastic_strips.validation import Bound, Positive, check_array, check_fields
 from .solver import System
 from .strip import Strip
 
-_PART = 0.01  # [rad] that joints turn between looks along a segment
-_PROJECTIONS = 30  # Newton's steps, at most
-_ASIDE, _LONGEST = 1e-3, 0.3  # damping, and what a step turns a joint at most [rad]
-_WITHIN = 0.2  # of the tolerance: so exactly rows are projected
+_LOOK_ANGLE = 0.01  # [rad] that joints turn between looks along a segment
+_MOST_NEWTON_STEPS = 30  # Newton's steps, at most
+_PROJECTION_DAMPING, _LARGEST_JOINT_STEP = 1e-3, 0.3  # damping, and what a step turns a joint at most [rad]
+_PROJECTION_SHARE = 0.2  # of the tolerance: so exactly rows are projected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,9 +29,9 @@ class OrientationConstraint:
     """An axis of a frame of the robot that is to point in a direction, such as that of a tray that stays level.
 
     Attributes:
-        frame: of the robot.
-        axis: in that frame, of any length.
-        direction: in the world, where it is to point.
+        frame: frame of the robot.
+        axis: axis in that frame, of any length.
+        direction: direction in the world in which it is to point.
         tolerance: the constraint is satisfied where no node is further off than this [rad].
         gain: how strongly the strip is drawn to it, beside ``DeformParams.k_r``.
     """
@@ -57,13 +57,13 @@ class OrientationConstraint:
         direction: tuple[float, float, float] = (0.0, 0.0, 1.0),
         **values: float,
     ) -> OrientationConstraint:
-        """A frame stays turned to a direction as it is at a configuration; by default as level as it is there.
+        """Keep a frame turned to a direction as it is at a configuration; by default as level as it is there.
 
         Args:
             robot: the robot.
             q: configuration (nq,).
-            frame: of the robot.
-            direction: in the world; any turn about it is free.
+            frame: frame of the robot.
+            direction: direction in the world; any turn about it is free.
             **values: tolerance and gain.
 
         Raises:
@@ -81,8 +81,8 @@ class ConstraintForce:
     """The force of a constraint on strips of one robot.
 
     Args:
-        robot: whose frame it is.
-        constraint: what is to be satisfied.
+        robot: the robot of the frame.
+        constraint: the constraint to satisfy.
 
     Attributes:
         constraint: the same.
@@ -112,7 +112,7 @@ class ConstraintForce:
         self._turns = robot.tree.summed(turns)
 
     def push(self, system: System, kin: Kinematics) -> None:
-        """Add force and matrix of V = Σ ½ k ‖a − t‖², a the axis and t its target, if the constraint is active."""
+        """Add force and matrix of V = Σ ½ k ‖a − t‖², with the axis a and its target t, if the constraint is active."""
         if not self.active:
             return
         n, gain = kin.n, self.constraint.gain
@@ -133,14 +133,14 @@ class ConstraintForce:
         return self.errors(kin)
 
     def bound(self, strip: Strip) -> tuple[float, int]:
-        """By how much [rad] a strip misses the constraint at most anywhere, between its nodes too; and the segment.
+        """Largest angle [rad] by which a strip misses the constraint, between its nodes too; and the segment of it.
 
         The axis turns by no more than the joints that turn it do together.
         """
         space, rows = self._robot.space, strip.coordinates
         v = space.difference(rows[:-1], rows[1:])
         turn = np.abs(v) @ self._turns
-        parts = np.maximum(np.ceil(turn / _PART).astype(int), 1)
+        parts = np.maximum(np.ceil(turn / _LOOK_ANGLE).astype(int), 1)
         segment = np.repeat(np.arange(len(parts)), parts)
         share = (np.arange(len(segment)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[segment]
         off = self.errors_at(np.vstack((space.integrate(rows[segment], share[:, None] * v[segment]), rows[-1:])))
@@ -162,7 +162,7 @@ class ConstraintForce:
         """Refuse configurations (K, nq) that do not satisfy the constraint.
 
         Raises:
-            ConfigurationError: names it, and by how much it misses.
+            ConfigurationError: one of them does not; the message says which, and by how much.
         """
         for name, off in zip(what, self.errors_at(self._robot.space.to_coordinates(q)), strict=True):
             if off > self.constraint.tolerance:
@@ -175,23 +175,23 @@ class ConstraintForce:
         """Rows (N, nv) that satisfy the constraint, by the least motion of the joints, and by how much (N,) [rad] each
         misses it still.
 
-        The base stays: where it drives is a matter of the path.
+        The base stays, because the path decides where it drives.
         """
         space, b = self._robot.space, self._robot.space.base_nv
         rows = coordinates.copy()
         kin = Kinematics(self._robot.tree, len(rows))
-        for k in range(_PROJECTIONS + 1):
+        for k in range(_MOST_NEWTON_STEPS + 1):
             kin.update(rows)
             angle = self.errors(kin)
-            todo = angle > _WITHIN * self.constraint.tolerance
-            if not todo.any() or k == _PROJECTIONS:
+            todo = angle > _PROJECTION_SHARE * self.constraint.tolerance
+            if not todo.any() or k == _MOST_NEWTON_STEPS:
                 break
             off, turns = self._off(kin)
             J = turns[todo][:, :, b:]  # (K, 3, n)
-            step = np.linalg.solve(J @ J.transpose(0, 2, 1) + _ASIDE * np.eye(3), off[todo][:, :, None])
+            step = np.linalg.solve(J @ J.transpose(0, 2, 1) + _PROJECTION_DAMPING * np.eye(3), off[todo][:, :, None])
             move = -(J.transpose(0, 2, 1) @ step)[:, :, 0]
             longest = np.abs(move).max(axis=1, keepdims=True)
-            rows[todo, b:] += move * np.minimum(1.0, _LONGEST / np.maximum(longest, _LONGEST))
+            rows[todo, b:] += move * np.minimum(1.0, _LARGEST_JOINT_STEP / np.maximum(longest, _LARGEST_JOINT_STEP))
             np.clip(rows, space.lower, space.upper, out=rows)
         return rows, angle
 

@@ -2,64 +2,83 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.collision import Certificate, ProtectiveHulls
-from elastic_strips.collision.strip_certificate import coordinate_clearance, protective_hulls
+from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.errors import ParameterError
-from elastic_strips.ownership import exclusive
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.validation import check_type
 
-from .base_deformer import BaseDeformer, NodePredictor, TickResult
 from .constraint import ConstraintForce, OrientationConstraint
-from .forces import (
-    add_elastic,
-    add_joint_limits,
-    add_obstacle_repulsion,
-    add_pieces,
-    add_posture,
-    add_self_repulsion,
-    add_stretch,
-    repulsive_magnitude,
-)
+from .forces import FORCES, Acting, repulsive_magnitude
 from .params import DeformParams
 from .recovery import Intrusions, hold_joints, own_distances_to_keep
 from .report import SLIP_LIMIT, DeformReport, DeformStatus, StripForces, tick_status
 from .resampling import kept_segments, node_spacing, resample
+from .settling import Settler, TickPolicy, check_ending, run_ticks
 from .solver import BandedSolver, System, project_rolling
 from .strip import Strip
+from .workspace import NodePredictor, PhaseClock, TickResult, Workspace
 
 _STEP_LEVER = 0.4  # an angle counts at least so many metres a radian in the bound of a step
-_SPARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
-_NEEDED_FOR = 8  # rounds of maintenance in which no node is removed again, where removing cost the certificate
-_HALVINGS, _SAME = 8, 1e-9  # of a step that raises the energy in ``settle``, and by how much it may for rounding
-_BOLD = 0.02  # of the damping, in ``settle``: what a step may not do there is seen before it is done
-_STRETCH, _TAUT = 20.0, 0.75  # gain of segments beyond this part of ``max_spacing``, in ``settle``
-_FIRM, _ROOM = 250.0, 0.004  # gain of the stiff layer in ``settle``, and what it adds [m] for the way between two nodes
-_FLAT, _SLIGHT = 10, 5e-4  # at rest in ``settle``: so many ticks that lower the energy by less than this part of it
-_LOSS = 1e-3  # what a strip may lose of its clearance [m] in ``settle``
-_FELT = 0.98  # part of the influence distance up to which clearance is kept in ``settle``
-_HOLDS = 2  # times that a step is solved again for the robot's own links
+_JOINED_SPACING_SHARE = 0.6  # part of ``max_spacing`` up to which segments with much room about them are joined
+_KEPT_ROUNDS = 8  # rounds of maintenance in which no node is removed again, where removing cost the certificate
+_MOST_HOLDS = 2  # times that a step is solved again for the robot's own links
 _SELF_REACH = 0.02  # distances between the robot's own links are exact below this [m], or further
 
 
-class Deformer(BaseDeformer[DeformReport]):
+class _Proof(Enum):
+    """Whether the current nodes have a certificate, which an iteration does not lose without need.
+
+    ``POSSIBLE``: no node is too near to anything, and what is between them is looked at where a step has lost it.
+    """
+
+    NONE = 0
+    POSSIBLE = 1
+    KNOWN = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Request:
+    """What is asked of a tick.
+
+    Attributes:
+        scene: the obstacles.
+        policy: of whoever asks.
+        detail: whether forces and protective hulls are wanted for the report.
+        retry: whether half a step is tried where a whole one would lose the certificate.
+    """
+
+    scene: Scene
+    policy: TickPolicy
+    detail: bool = False
+    retry: bool = True
+
+
+_CONTROL = TickPolicy()
+
+
+class Deformer(OneThread):
     """Deforms strips of one robot; owns mutable buffers, so one per thread.
 
     Give each report's strip back to the next :meth:`step`: then only what moved is computed anew. Forces act at the
     links' witness points, an update is one implicit step, and the rolling constraint holds exactly afterwards.
 
     Args:
-        robot: whose strips.
+        robot: the robot of the strips.
         params: parameters.
-        constraint: what the strips are to satisfy besides.
+        constraint: a constraint that the strips are to satisfy as well.
 
     Attributes:
+        workspace: what is known of the current nodes.
         constraint: the same with its switch ``active``, or None.
         spacing_weight: (nv,) metric in which node spacing is measured [m²/m² or m²/rad²].
 
@@ -75,9 +94,12 @@ class Deformer(BaseDeformer[DeformReport]):
         check_type("params", params, DeformParams, ParameterError)
         check_type("constraint", constraint, OrientationConstraint, none=True)
         self_reach = max(params.self_influence, _SELF_REACH, 2.0 * params.self_clearance)
-        super().__init__(
+        self.workspace: Workspace = Workspace(
             robot, params, reach=params.influence, self_reach=self_reach, self_influence=params.self_influence
         )
+        self.share_with(self.workspace)
+        self.robot: RobotModel = robot
+        self.clock: PhaseClock = self.workspace.clock
         self.params: DeformParams = params
         self.constraint: ConstraintForce | None = None if constraint is None else ConstraintForce(robot, constraint)
         space = robot.space
@@ -99,25 +121,18 @@ class Deformer(BaseDeformer[DeformReport]):
         self._line, self._line_ends = np.zeros((0, space.nv)), np.zeros((2, space.nv))
         self._solver = BandedSolver()
         self._system = System(0, space.nv)
-        self._proven: bool | None = False  # whether the current nodes could be driven; None where they may be
+        self._proof = _Proof.NONE
         self._scene: Scene | None = None
         self._trust = 1.0
-        self._floor = 0.0  # clearance [m] that ``settle`` began with
-        self._kept = 0.0  # clearance [m] that ``settle`` keeps between nodes, too
-        self._dips = False  # whether it is not kept yet
-        self._pieces = np.ones(0)  # (N−1,) into how many ``settle`` has divided each segment
-        self._fallen: list[float] = []  # energies in ``settle`` since nodes came
         self._needed = 0  # rounds of maintenance that remove no node
-        self._detail = False  # whether forces are wanted for the report
-        self._retries = True  # whether half a step is tried
 
     @exclusive
     def keep_clearance(self, clearance: float, self_clearance: float | None = None) -> None:
-        """Keep another clearance [m] to obstacles from now on, and another one of the robot's own links if given.
+        """Keep another clearance [m] to obstacles from now on, and if given another one between the robot's own links.
 
         Raises:
-            ParameterError: it is negative, or not below the influence distance; or that of the own links is larger
-                than what the deformer was made for.
+            ParameterError: a clearance is negative, or not below the influence distance; or that of the own links is
+                larger than the one that the deformer was made for.
         """
         own = self.params.self_clearance if self_clearance is None else self_clearance
         params = self.params.replaced(clearance=clearance, self_clearance=own)
@@ -150,46 +165,110 @@ class Deformer(BaseDeformer[DeformReport]):
                 None makes exactly one iteration. Nodes are not resampled in a tick whose budget is already spent.
             detail: whether to add forces and protective hulls to the report, to look at.
             nodes: whether nodes may be inserted and removed.
-            retry: whether half a step is tried where a full one would lose the certificate; else the strip stays, and
-                the next tick's step is the shorter one.
-            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
+            retry: whether half a step is tried where a full one would lose the certificate; otherwise the strip stays,
+                and the next tick's step is the shorter one.
+            prediction: where moving obstacles will be when the nodes are reached; where None, they count as they stand.
 
         Raises:
             ConfigurationError: the strip belongs to another robot.
             ParameterError: a budget that is not a positive number.
         """
-        work = self.workspace
-        already, known = work.queries, work.holds(strip)
-        self._detail, self._retries = detail, retry
-        self._load(strip, scene, prediction, budget=budget, to_move=True)
-        self._proven = self._to_keep(strip, scene, known)
-        result = self._iterations(scene, budget)
-        if nodes and (budget is None or self.clock.elapsed <= budget):
-            result = self._resample(scene, result)
-        return self._report(scene, result, work.queries - already, detail)
+        asked = _Request(scene, _CONTROL, detail, retry)
+        return self._tick(strip, asked, budget=budget, nodes=nodes, prediction=prediction)
+
+    @exclusive
+    def settle(
+        self,
+        strip: Strip,
+        scene: Scene,
+        *,
+        max_ticks: int | None = None,
+        until: str | Callable[[DeformReport], bool] = "rest",
+        watch: Callable[[DeformReport], object] | None = None,
+        detail: bool = False,
+    ) -> DeformReport:
+        """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over.
+
+        On the way to rest strips get no worse: no tick raises their energy, but for nodes that come or go, and what
+        they had of clearance a stiff layer keeps. One that is certified when the ticks are over, and not at rest, is
+        ``DEFORMING``.
+
+        Args:
+            strip: where to start.
+            scene: the obstacles, standing still.
+            max_ticks: at most this many ticks; the parameter's value where None.
+            until: ``"rest"``, or ``"certified"`` to stop at the first certified strip; or a function of a tick's report
+                that says whether to stop.
+            watch: called with the report of every tick.
+            detail: as in :meth:`step`, for every report.
+
+        Returns:
+            The last tick's report, with ``ticks`` counted and ``timings`` summed; ``BROKEN`` where it ended without a
+            certificate.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+            ParameterError: ``until`` or ``max_ticks`` outside its range.
+        """
+        limit, policy = check_ending(self.params, until, max_ticks, watch), _CONTROL
+        if until == "rest":
+            self.workspace.begin(strip, scene)
+            policy = Settler(
+                self.workspace,
+                scene,
+                self.params,
+                stiffness=self._stiffness,
+                spacing_weight=self.spacing_weight,
+                rolling=self._rolling,
+            )
+        asked = _Request(scene, policy, detail)
+        return run_ticks(lambda strip: self._tick(strip, asked), strip, limit=limit, until=until, watch=watch)
 
     @exclusive
     def certify(self, strip: Strip, scene: Scene) -> Certificate:
-        """Certify a strip as it is, without moving it."""
-        self._proven, self._scene = False, None
-        return super().certify(strip, scene)
+        """Certify a strip as it is, without moving it.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+        """
+        self._proof, self._scene = _Proof.NONE, None
+        self.workspace.begin(strip, scene)
+        return self.workspace.certify(scene)
+
+    @exclusive
+    def assess(
+        self, strip: Strip, scene: Scene, *, detail: bool = False, prediction: NodePredictor | None = None
+    ) -> DeformReport:
+        """Report on a strip as it is: certificate, clearance, hulls; nothing moves.
+
+        Args:
+            strip, scene, detail: as in :meth:`step`.
+            prediction: where moving obstacles will be when the nodes are reached; as they stand where None.
+
+        Raises:
+            ConfigurationError: the strip belongs to another robot.
+        """
+        self.workspace.begin(strip, scene, prediction)
+        slip = float(strip.lateral_slip.max(initial=0.0)) if self._rolling else 0.0
+        result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
+        return self._report(_Request(scene, _CONTROL, detail), result, 0)
 
     @exclusive
     def reset(self) -> None:
-        """Forget all that is known from tick to tick; for after an exception."""
-        self._proven, self._scene, self._trust, self._needed = False, None, 1.0, 0
-        super().reset()
+        """Forget all that is kept from tick to tick, as is needed after an exception."""
+        self._proof, self._scene, self._trust, self._needed = _Proof.NONE, None, 1.0, 0
+        self.workspace.reset()
 
     @exclusive
     def carry(self, strip: Strip, coordinates: Array, source: Indices) -> Strip:
-        """A strip made of the last one's nodes and new ones; what is known of the old nodes is carried over.
+        """A strip made of the last one's nodes and new ones; distances of the old nodes are carried over.
 
         Args:
             strip: the strip of the last report.
             coordinates: (M, nv) the new nodes.
             source: (M,) which node of ``strip`` each was; −1 for a new one.
         """
-        self._check(strip)
+        self.workspace.check(strip)
         ends = self.robot.space.from_coordinates(coordinates[[0, -1]])
         for end in (0, -1):
             if source[end] >= 0:
@@ -200,67 +279,64 @@ class Deformer(BaseDeformer[DeformReport]):
 
     # the parts of a tick
 
-    def _begin(self, strip: Strip, scene: Scene) -> None:
-        """What lies between the strip and the obstacles must not become less: the stiff layer at the nodes is that
-        thick, and where the strip comes nearer between two of them, another is put in."""
-        self._load(strip, scene)
+    def _tick(
+        self,
+        strip: Strip,
+        asked: _Request,
+        *,
+        budget: float | None = None,
+        nodes: bool = True,
+        prediction: NodePredictor | None = None,
+    ) -> DeformReport:
         work = self.workspace
-        self._floor = max(work.obstacles.least_clearance(), 0.0) + _ROOM
-        has = coordinate_clearance(self.robot, work.coordinates, scene, tolerance=_LOSS / 5.0)
-        self._kept = min(has, _FELT * self.params.influence) - _LOSS
-        self._pieces = np.ones(len(strip) - 1)
-        self._fallen = []
+        already, known = work.queries, work.holds(strip)
+        work.begin(strip, asked.scene, prediction, budget=budget, to_move=True)
+        self._proof = self._to_keep(strip, asked.scene, known)
+        result = work.iterate(lambda: self._iterate(asked), budget)
+        if nodes and (budget is None or self.clock.elapsed <= budget):
+            result = self._resample(asked, result)
+        return self._report(asked, result, work.queries - already)
 
-    def _nearer(self, scene: Scene) -> Mask:
-        """(N−1,) segments on which the strip may be nearer to obstacles than ``settle`` is to keep."""
-        params, work = self.params, self.workspace
-        if self._kept <= params.clearance:
-            return np.zeros(len(work.coordinates) - 1, dtype=bool)
-        v = self.robot.space.difference(work.coordinates[:-1], work.coordinates[1:])
-        found = work.certifier.certify(
-            work.kin, v, clearance=self._kept, self_clearance=params.self_clearance, scene=scene
-        )
-        return ~found.segments
-
-    def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> bool | None:
-        """Whether the strip has a certificate that must not be lost; None where it may have one: no node is too near
-        to anything, and what is between them is looked at where the step has lost it. ``known`` says that it is the
-        last report's strip."""
+    def _to_keep(self, strip: Strip, scene: Scene, known: bool) -> _Proof:
+        """What is known of the certificate of a strip; ``known`` says that it is the last report's."""
         work, params = self.workspace, self.params
-        if known and self._proven:
-            return not work.obstacles.nearer_than(params.clearance)  # else the scene has taken it already
+        if known and self._proof is _Proof.KNOWN:  # unless the scene has taken it already
+            return _Proof.NONE if work.obstacles.nearer_than(params.clearance) else _Proof.KNOWN
         if known and (scene is self._scene or work.prediction is not None):
-            return False
+            return _Proof.NONE
         if float(strip.lateral_slip.max(initial=0.0)) > SLIP_LIMIT or work.obstacles.nearer_than(params.clearance):
-            return False
-        return False if work.self_pairs.nearer_than(params.self_clearance) else None
+            return _Proof.NONE
+        return _Proof.NONE if work.self_pairs.nearer_than(params.self_clearance) else _Proof.POSSIBLE
 
-    def _iterate(self, scene: Scene) -> TickResult:
+    def _iterate(self, asked: _Request) -> TickResult:
         """One iteration; where the current nodes are proven, or may be, it does not lose the proof without need."""
-        work, keep = self.workspace, self._proven is not False
+        work, keep, policy, scene = self.workspace, self._proof is not _Proof.NONE, asked.policy, asked.scene
         before = work.coordinates.copy()
         if not keep:
             self._trust = 1.0
-        if keep or self._descends:
-            coordinates, slip, energies, forces = self._update()
+        forces = self._assemble(policy, detail=asked.detail)
+        energies = dict(self._system.energies)
+        if keep or not policy.gives_way:
+            coordinates, slip = self._stepped(before, policy)
         else:
-            intrusions = Intrusions.of(work.kin, work.obstacles, self.params.clearance)
-            coordinates, slip, energies, forces = self._update(intrusions)
-            coordinates, slip = self._apart(before, intrusions, coordinates, slip)
-        moved = float(np.abs(coordinates - before).max(initial=0.0))
+            coordinates, slip = self._given_way(before, policy)
         work.replace(coordinates, scene)
-        if self._descends:
-            coordinates, slip = self._lower(before, coordinates, slip, sum(energies.values()), scene)
-            moved = float(np.abs(coordinates - before).max(initial=0.0))
+        coordinates, slip = policy.taken(before, coordinates, slip, energies, scene, lambda: self._energy(policy))
+        moved = float(np.abs(coordinates - before).max(initial=0.0))
         result = TickResult(work.certify(scene), slip, moved, energies, forces)
         if keep and not _is_proven(result):
-            result = self._shortened(before, coordinates, scene, result)
+            result = self._shortened(before, coordinates, asked, result)
         else:
             self._trust = min(1.0, 2.0 * self._trust)
-        self._proven = _is_proven(result)
+        self._proof = _Proof.KNOWN if _is_proven(result) else _Proof.NONE
         return result
 
-    def _apart(self, before: Array, intrusions: Intrusions, coordinates: Array, slip: float) -> tuple[Array, float]:
+    def _energy(self, policy: TickPolicy) -> float:
+        """Potential of all forces at the current nodes."""
+        self._assemble(policy)
+        return sum(self._system.energies.values())
+
+    def _given_way(self, before: Array, policy: TickPolicy) -> tuple[Array, float]:
         """A broken strip's step, with its rolling residual: where it would bring the robot's own links together it is
         solved again with the joints of those nodes stiff, so that the base gives way instead.
 
@@ -268,85 +344,64 @@ class Deformer(BaseDeformer[DeformReport]):
         obstacle pushes would go through the body, and come back over many ticks.
         """
         work, b = self.workspace, self.robot.space.base_nv
+        intrusions = Intrusions.of(work.kin, work.obstacles, self.params.clearance)
+        coordinates, slip = self._stepped(before, policy, intrusions)
         pairs = work.self_pairs
         if b == 0 or len(pairs.pairs) == 0:
             return coordinates, slip
         least, held = own_distances_to_keep(pairs, self.params.self_clearance), np.zeros(len(before), dtype=bool)
-        for _ in range(_HOLDS):
+        for _ in range(_MOST_HOLDS):
             work.try_joints(coordinates)
             lost = (pairs.bound < least).any(axis=1) & ~held
             if not lost.any():
                 break
             held |= hold_joints(self._system, b, lost)
-            coordinates, slip = self._stepped(before, intrusions)
+            coordinates, slip = self._stepped(before, policy, intrusions)
         return coordinates, slip
 
-    def _lower(
-        self, before: Array, coordinates: Array, slip: float, energy: float, scene: Scene
-    ) -> tuple[Array, float]:
-        """As much of a step as does not raise the energy, with its rolling residual; none where nothing does."""
-        space, work = self.robot.space, self.workspace
-        part, way = 1.0, space.difference(before, coordinates)
-        for _ in range(_HALVINGS):
-            self._assemble()
-            if sum(self._system.energies.values()) <= energy + _SAME * max(energy, 1.0):
-                return coordinates, slip
-            part *= 0.5
-            coordinates, slip = space.integrate(before, part * way), 0.0
-            np.clip(coordinates, space.lower, space.upper, out=coordinates)
-            if self._rolling:
-                coordinates, slip = project_rolling(space, coordinates)
-            work.replace(coordinates, scene)
-        work.replace(before, scene)
-        return before, 0.0
-
-    def _assemble(self) -> StripForces:
-        """Forces, matrix and energies at the current nodes, in the system; external forces, to look at."""
+    def _assemble(self, policy: TickPolicy, *, detail: bool = False) -> StripForces:
+        """Forces, matrix and energies at the current nodes, in the system; external forces, where they are wanted."""
         params, space, kin = self.params, self.robot.space, self.workspace.kin
-        obstacles, self_pairs = self.workspace.obstacles, self.workspace.self_pairs
-        n = kin.n
+        obstacles, n = self.workspace.obstacles, kin.n
         coordinates = kin.coordinates[:n]
         if self._system.force.shape[0] != n:
             self._system = System(n, space.nv)
         system = self._system
         system.clear()
-        v = space.difference(coordinates[:-1], coordinates[1:])
-        add_elastic(system, space, v, self._stiffness)
-        near, k_near = params.near, params.k_near
-        if self._descends:
-            add_pieces(system, space, v, self._stiffness, self._pieces**1.5)
-            taut = _TAUT * params.max_spacing
-            add_stretch(system, space, v, self.spacing_weight, stiffness=_STRETCH, length=taut)
-            near, k_near = max(near, self._floor), max(k_near, _FIRM)
-        near = min(near, params.influence)
-        add_obstacle_repulsion(system, kin, obstacles, k_r=params.k_r, k_near=k_near, near=near)
+        near, k_near = policy.stiff_layer(params)
+        acting = Acting(
+            params=params,
+            space=space,
+            kin=kin,
+            coordinates=coordinates,
+            v=space.difference(coordinates[:-1], coordinates[1:]),
+            obstacles=obstacles,
+            self_pairs=self.workspace.self_pairs,
+            near=min(near, params.influence),
+            k_near=k_near,
+            stiffness=self._stiffness,
+            k_posture=self._posture,
+            posture=self._straight,
+            constraint=self.constraint,
+            further=policy.add_forces,
+        )
+        for force in FORCES:
+            force(system, acting)
         forces = StripForces.none()
-        if self._detail:
+        if detail:
             contacts = obstacles.contacts()
             push = repulsive_magnitude(contacts.distance, params.k_r, params.influence)
             forces = StripForces(contacts.witness, push[:, None] * contacts.direction)
-        add_self_repulsion(system, kin, self_pairs, k_s=params.k_self)
-        add_joint_limits(
-            system, space, coordinates, k_l=params.k_limit * params.joint_lever**2, margin=params.limit_margin
-        )
-        if self.constraint is not None:
-            self.constraint.push(system, kin)
-        if params.k_posture > 0.0:
-            add_posture(system, space, coordinates, self._straight(coordinates), k_p=self._posture)
         self.clock.mark("forces")
         return forces
 
-    def _update(self, intrusions: Intrusions | None = None) -> tuple[Array, float, dict[str, float], StripForces]:
-        """Where the forces move the nodes: coordinates (N, nv), rolling residual [m], energies, external forces."""
-        forces = self._assemble()
-        moved, residual = self._stepped(self.workspace.coordinates, intrusions)
-        return moved, residual, dict(self._system.energies), forces
-
-    def _stepped(self, coordinates: Array, intrusions: Intrusions | None) -> tuple[Array, float]:
+    def _stepped(
+        self, coordinates: Array, policy: TickPolicy, intrusions: Intrusions | None = None
+    ) -> tuple[Array, float]:
         """Where the system's step leads from nodes (N, nv), no farther than needed where something is in the strip; and
         the rolling residual [m]."""
         params, space = self.params, self.robot.space
-        delta = self._solver.solve(self._system, _BOLD * self._damping if self._descends else self._damping)
+        delta = self._solver.solve(self._system, policy.damping_factor * self._damping)
         largest = float(np.abs(delta * self._step_lever).max(initial=0.0))
         limit = self._trust * params.max_step
         if largest > limit:
@@ -364,20 +419,20 @@ class Deformer(BaseDeformer[DeformReport]):
 
     def _straight(self, coordinates: Array) -> Array:
         """(N, nv) as many nodes on the straight line between the ends."""
-        ends = coordinates[[0, -1]]
-        if len(self._line) != len(coordinates) or not np.array_equal(self._line_ends, ends):
+        ends = coordinates[:: len(coordinates) - 1]
+        if len(self._line) != len(coordinates) or (self._line_ends != ends).any():
             part = np.linspace(0.0, 1.0, len(coordinates))
-            self._line, self._line_ends = self.robot.space.interpolate(ends[:1], ends[1:], part), ends
+            self._line, self._line_ends = self.robot.space.interpolate(ends[:1], ends[1:], part), ends.copy()
         return self._line
 
-    def _shortened(self, before: Array, coordinates: Array, scene: Scene, full: TickResult) -> TickResult:
+    def _shortened(self, before: Array, coordinates: Array, asked: _Request, full: TickResult) -> TickResult:
         """A step must not lose the certificate where a shorter one, or none, keeps it; the next ones are shorter too.
 
         The strip does not count as at rest then: ``moved`` stays that of the full step.
         """
-        space, work = self.robot.space, self.workspace
+        space, work, scene = self.robot.space, self.workspace, asked.scene
         self._trust = max(0.5 * self._trust, 0.05)
-        if self._retries:
+        if asked.retry:
             half, slip = space.integrate(before, 0.5 * space.difference(before, coordinates)), 0.0
             if self._rolling:
                 half, slip = project_rolling(space, half)
@@ -394,18 +449,16 @@ class Deformer(BaseDeformer[DeformReport]):
         work.replace(coordinates, scene)  # the obstacle came too near: the full step leads away
         return full
 
-    def _resample(self, scene: Scene, result: TickResult) -> TickResult:
-        params, space, work = self.params, self.robot.space, self.workspace
+    def _resample(self, asked: _Request, result: TickResult) -> TickResult:
+        params, space, work, scene = self.params, self.robot.space, self.workspace, asked.scene
         self._needed = max(self._needed - 1, 0)
         proven = _is_proven(result)
-        removes = not self._descends and (self._needed == 0 or not proven)  # who goes would be needed again
+        removes = asked.policy.removes_nodes and (self._needed == 0 or not proven)
         spacing = node_spacing(space, work.coordinates, self.spacing_weight)
         split = None if work.prediction else ~result.certificate.segments  # what moves on will be gone
-        self._dips = False
-        if split is not None and self._descends:
-            nearer = self._nearer(scene)
-            self._dips = bool(nearer.any())
-            split |= nearer
+        others = None if split is None else asked.policy.to_split(scene)
+        if split is not None and others is not None:
+            split |= others
         edit = resample(
             space,
             work.coordinates,
@@ -423,37 +476,29 @@ class Deformer(BaseDeformer[DeformReport]):
         coordinates, source = edit
         if self._rolling:  # a removed node joins two arcs into one that must be drivable again
             coordinates, slip = project_rolling(space, coordinates)
-        if self._descends:
-            old = np.maximum.accumulate(source)[:-1]  # which segment each was a part of
-            self._fallen = []
-            self._pieces = (self._pieces * np.bincount(old, minlength=len(self._pieces)))[old]
         known = None
         if work.prediction is None:  # what moves on is elsewhere when other nodes are reached
             known = kept_segments(before, coordinates, source, result.certificate.segments)
         work.edit(coordinates, source, scene)
         edited = replace(result, certificate=work.certify(scene, known), slip=slip)
         if proven and not _is_proven(edited):  # the removed nodes were needed
-            self._needed = _NEEDED_FOR
+            self._needed = _KEPT_ROUNDS
             work.replace(before, scene)
             return replace(result, certificate=work.certify(scene))
+        asked.policy.resampled(source)
         return edited
 
     def _spare(self, spacing: Array) -> Mask | None:
         """(N,) nodes that a proven strip does not need: it was divided there while something was in its way, and there
         is more room about them now than their neighbours are apart."""
         joined = spacing[:-1] + spacing[1:]
-        close = joined < _SPARE * self.params.max_spacing
+        close = joined < _JOINED_SPACING_SHARE * self.params.max_spacing
         if not close.any():
             return None
         free = self.workspace.obstacles.clearance().min(axis=1, initial=np.inf) - self.params.clearance
         spare = np.zeros(len(free), dtype=bool)
         spare[1:-1] = close & (np.minimum(np.minimum(free[:-2], free[2:]), free[1:-1]) > joined)
         return spare
-
-    def _flat(self, energy: float) -> bool:
-        """Whether the energy has all but ceased to fall: where obstacles' faces meet, steps go to and fro for long."""
-        self._fallen.append(energy)
-        return len(self._fallen) > _FLAT and self._fallen[-1 - _FLAT] - energy < _SLIGHT * energy
 
     def _hulls(self) -> ProtectiveHulls:
         work, cap = self.workspace, self.params.influence
@@ -463,11 +508,9 @@ class Deformer(BaseDeformer[DeformReport]):
         world = work.kin.points(points.joint, local)
         return protective_hulls(world, np.repeat(free[:, None], len(points.names), axis=1), cap=cap)
 
-    def _report(self, scene: Scene, result: TickResult, queries: int, detail: bool) -> DeformReport:
-        hulls = self._hulls() if detail else None
-        rest, wide = result.moved < self.params.rest_step, ""
-        if self._descends:
-            rest = not self._dips and (rest or self._flat(sum(result.energies.values())))
+    def _report(self, asked: _Request, result: TickResult, queries: int) -> DeformReport:
+        hulls, wide = self._hulls() if asked.detail else None, ""
+        rest = asked.policy.rests(result.moved < self.params.rest_step, result.energies)
         if rest:
             coordinates = self.workspace.coordinates
             spacing = float(node_spacing(self.robot.space, coordinates, self.spacing_weight).max())
@@ -477,21 +520,23 @@ class Deformer(BaseDeformer[DeformReport]):
         if result.slip > SLIP_LIMIT:
             status = DeformStatus.BROKEN if rest else DeformStatus.DEFORMING
             reason = f"a segment slips sideways by {result.slip:.2e} m, more than {SLIP_LIMIT:g} m"
-        report = self._reported(DeformReport, scene, result, queries, detail, status=status, reason=reason, hulls=hulls)
-        self._proven, self._scene = _is_proven(result), scene
+        report = self.workspace.report(
+            DeformReport, asked.scene, result, queries, asked.detail, status=status, reason=reason, hulls=hulls
+        )
+        self._proof, self._scene = _Proof.KNOWN if _is_proven(result) else _Proof.NONE, asked.scene
         if self.constraint is None:
             return report
         return replace(report, constraint_errors=self.constraint.errors(self.workspace.kin))
 
 
 def _is_proven(result: TickResult) -> bool:
-    """Whether what a tick came to could be driven: certified, and drivable by the wheels."""
+    """Whether the result of a tick could be driven: certified, and drivable by the wheels."""
     return result.certificate.certified and result.slip <= SLIP_LIMIT
 
 
 def _wide_spacing(spacing: float, nodes: int, params: DeformParams) -> str:
-    """How far apart nodes are, where that is more than ``max_spacing``; else ""."""
+    """A phrase that says how far apart nodes are, if that is more than ``max_spacing``; else ""."""
     if spacing <= params.max_spacing * (1.0 + 1e-6):
         return ""
-    full = f", for there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
+    full = f", because there are max_nodes={params.max_nodes}" if nodes >= params.max_nodes else ""
     return f"; its nodes are up to {spacing:.3g} m apart, more than max_spacing={params.max_spacing:g} m{full}"

@@ -1,6 +1,9 @@
-"""Forces of the default preset. Each adds force, matrix and potential to a :class:`System`."""
+"""Forces of the default preset. Each adds force, matrix and potential to a :class:`System`; `FORCES` lists them all."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +12,8 @@ from elastic_strips.collision import ObstacleProximity, SelfProximity
 from elastic_strips.collision.narrowphase import Contacts
 from elastic_strips.robot import ConfigurationSpace, Kinematics
 
+from .constraint import ConstraintForce
+from .params import DeformParams
 from .solver import System
 
 
@@ -25,7 +30,7 @@ def repulsive_magnitude(distance: Array, k_r: float, influence: float) -> Array:
 def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Array) -> None:
     """Springs between neighbouring nodes: V = ½ Σ_j v_jᵀ diag(w) v_j with v_j = ``pin.difference(q_j, q_{j+1})``.
 
-    Being quadratic in the spacing itself, it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.
+    V is quadratic in the spacing itself, so it shortens the strip *and* spreads its nodes evenly, which Eq. 4 does not.
     A large weight of the base's v_y is the rolling penalty of a differential drive.
 
     Args:
@@ -60,10 +65,10 @@ def add_elastic(system: System, space: ConfigurationSpace, v: Array, weight: Arr
 
 
 def add_pieces(system: System, space: ConfigurationSpace, v: Array, weight: Array, pieces: Array) -> None:
-    """What springs lack that are pieces of one: the half of a spring is twice as stiff.
+    """Add what springs lack that are pieces of one spring: half of a spring is twice as stiff.
 
-    So a node that is put in changes no force and no energy, and stays where it was put; as one more of equal springs it
-    would be drawn away, and be put in again.
+    So a node that is put in changes no force and no energy, and stays where it was put. With one more equal spring it
+    would be drawn away, and another node put in again.
 
     Args:
         system, space, v, weight: as for :func:`add_elastic`, which has been called.
@@ -91,7 +96,8 @@ def add_stretch(
     Args:
         system, space, v: as for :func:`add_elastic`.
         weight: (nv,) metric of the spacing.
-        stiffness: k; length: s [m], or (N−1,) of each segment.
+        stiffness: k.
+        length: s [m], or (N−1,) lengths of the segments.
     """
     over = (v * v) @ weight / np.square(length) - 1.0
     long = np.flatnonzero(over > 0.0)
@@ -158,20 +164,20 @@ def add_obstacle_repulsion(
 ) -> None:
     """:func:`add_repulsion` of all that is within a proximity's influence distance."""
     influence = obstacles.influence
-    if system.native is None or obstacles.narrow.native is None or obstacles.arrays is None:
+    if system.native is None or obstacles.narrow.native is None or obstacles.candidates is None:
         contacts, joint = obstacles.contacts(), obstacles.bodies.joint
         add_repulsion(system, kin, contacts, joint, k_r=k_r, influence=influence, k_near=k_near, near=near)
         return
     system.energies["repulsion"] = system.native.add_repulsion(
-        obstacles.narrow.native, kin.J, obstacles.arrays, influence, k_r, near, k_near
+        obstacles.narrow.native.calls, kin.J, obstacles.arrays, influence, k_r, near, k_near
     )
 
 
 def add_self_repulsion(system: System, kin: Kinematics, proximity: SelfProximity, *, k_s: float) -> None:
     """Repulsion between the robot's own links: V = Σ ½ k_s (d_s − d)₊², d_s the pair's repulsion distance."""
-    if system.native is not None and proximity.native is not None and proximity.arrays is not None:
+    if system.native is not None and proximity.native is not None:
         system.energies["self_collision"] = system.native.add_self_repulsion(
-            proximity.native, kin.T, kin.J, proximity.arrays, proximity.repulsion, k_s
+            proximity.native.calls, kin.T, kin.J, proximity.arrays, proximity.repulsion, k_s
         )
         return
     contacts = proximity.contacts()
@@ -189,7 +195,7 @@ def add_self_repulsion(system: System, kin: Kinematics, proximity: SelfProximity
 def add_joint_limits(
     system: System, space: ConfigurationSpace, coordinates: Array, *, k_l: float, margin: float
 ) -> None:
-    """Push joints back that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
+    """Push back joints that come within ``margin`` [rad or m] of a limit: V = Σ ½ k_l (margin − gap)₊²."""
     below, above = space.lower + margin - coordinates, coordinates - (space.upper - margin)
     system.energies["joint_limits"] = 0.0
     if max(below.max(initial=0.0), above.max(initial=0.0)) <= 0.0:
@@ -212,7 +218,9 @@ def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, t
         target: (nv,) or (N, nv) posture; the base's entries do not count.
         k_p: (nv,) gains, zero for the base.
     """
-    b, target = space.base_nv, np.broadcast_to(target, coordinates.shape)
+    b = space.base_nv
+    if target.shape != coordinates.shape:
+        target = np.broadcast_to(target, coordinates.shape)
     if system.native is not None:
         target = np.ascontiguousarray(target)
         system.energies["posture"] = system.native.add_posture(coordinates, target, k_p, space.circular)
@@ -227,3 +235,80 @@ def add_posture(system: System, space: ConfigurationSpace, coordinates: Array, t
     index = np.arange(space.nv)
     system.diagonal[:, index, index] += k_p
     system.energies["posture"] = energy
+
+
+class Acting(NamedTuple):
+    """What forces act on in one update, and how.
+
+    Attributes:
+        params: with the gains.
+        space: configuration space.
+        kin: kinematics of the nodes.
+        coordinates: (N, nv) nodes.
+        v: (N−1, nv) segment tangents.
+        obstacles, self_pairs: what is near the links.
+        near, k_near: distance [m] and gain of the stiff layer about obstacles.
+        stiffness: (nv,) of the springs between nodes.
+        k_posture: (nv,) gains of the posture, zero for the base.
+        posture: makes (N, nv) the posture of nodes.
+        constraint: what the strip is to satisfy besides, or None.
+        further: adds forces of whoever asks for the tick, for the segment tangents ``v``.
+    """
+
+    params: DeformParams
+    space: ConfigurationSpace
+    kin: Kinematics
+    coordinates: Array
+    v: Array
+    obstacles: ObstacleProximity
+    self_pairs: SelfProximity
+    near: float
+    k_near: float
+    stiffness: Array
+    k_posture: Array
+    posture: Callable[[Array], Array]
+    constraint: ConstraintForce | None
+    further: Callable[[System, Array], None]
+
+
+def _elastic(system: System, at: Acting) -> None:
+    add_elastic(system, at.space, at.v, at.stiffness)
+
+
+def _further(system: System, at: Acting) -> None:
+    at.further(system, at.v)
+
+
+def _obstacle_repulsion(system: System, at: Acting) -> None:
+    add_obstacle_repulsion(system, at.kin, at.obstacles, k_r=at.params.k_r, k_near=at.k_near, near=at.near)
+
+
+def _self_repulsion(system: System, at: Acting) -> None:
+    add_self_repulsion(system, at.kin, at.self_pairs, k_s=at.params.k_self)
+
+
+def _joint_limits(system: System, at: Acting) -> None:
+    gain = at.params.k_limit * at.params.joint_lever**2
+    add_joint_limits(system, at.space, at.coordinates, k_l=gain, margin=at.params.limit_margin)
+
+
+def _constraint(system: System, at: Acting) -> None:
+    if at.constraint is not None:
+        at.constraint.push(system, at.kin)
+
+
+def _posture(system: System, at: Acting) -> None:
+    if at.params.k_posture > 0.0:
+        add_posture(system, at.space, at.coordinates, at.posture(at.coordinates), k_p=at.k_posture)
+
+
+FORCES: tuple[Callable[[System, Acting], None], ...] = (
+    _elastic,
+    _further,
+    _obstacle_repulsion,
+    _self_repulsion,
+    _joint_limits,
+    _constraint,
+    _posture,
+)
+"""All forces of an update, in the order in which they are added up."""

@@ -14,19 +14,19 @@ P = TypeVar("P", bound="StripParams")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StripParams:
-    """What the parameters of all presets have; all lengths [m], angles [rad].
+    """Parameters that all presets have; all lengths [m], angles [rad].
 
     Attributes:
         preset: name of the preset.
         influence: distance d_r within which obstacles push; the paper's *safe distance*.
-        clearance: distance that the certificate proves; a hard bound, another parameter than ``influence``. 0 proves
+        clearance: distance that the certificate proves; a hard bound, unlike ``influence``. 0 proves
             that nothing touches.
-        self_clearance: distance that the certificate proves between the robot's own links; 0 as for ``clearance``.
+        self_clearance: distance that the certificate proves between the robot's own links; 0 proves that none touch.
         k_r: repulsion gain.
         k_c: contraction gain.
         rest_step: a strip whose iteration moves less is at rest [m or rad].
-        max_ticks: most ticks of ``settle``.
-        certificate_depth: most halvings of a segment before it counts as not decided.
+        max_ticks: largest number of ticks of ``settle``.
+        certificate_depth: largest number of halvings of a segment, after which it counts as not decided.
     """
 
     preset: ClassVar[str]
@@ -66,19 +66,20 @@ class StripParams:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeformParams(StripParams):
-    """What a tick of :class:`Deformer` does; all lengths [m], angles [rad]. See :class:`StripParams` for the others.
+    """Parameters of :class:`Deformer`; all lengths [m], angles [rad]. See :class:`StripParams` for the others.
 
     Attributes:
         near: distance of the stiff repulsive layer; k_near: its gain.
-        k_self, self_influence: repulsion between the robot's own links; links that are nearer by design push later.
-        k_limit, limit_margin: joint limits.
-        k_posture: pull of the joints towards the straight joint-space line from start to goal.
+        k_self, self_influence: gain and distance of repulsion between own links; links that are nearer by design push
+            later.
+        k_limit, limit_margin: gain and margin of the joint limits.
+        k_posture: gain of the pull towards the straight line in joint space from start to goal.
         yaw_lever, joint_lever: lengths that make angles comparable with metres in the spacing [m/rad].
         rolling_stiffness: penalty of sideways travel before the exact projection.
         damping: D of (D + K) δ = Γ.
-        max_step: most that a node's base or joints move in one iteration [m or rad].
+        max_step: largest motion of a node's base or joints in one iteration [m or rad].
         max_spacing, min_spacing: node spacing that resampling keeps.
-        max_nodes: upper bound of nodes.
+        max_nodes: largest number of nodes.
     """
 
     preset: ClassVar[str] = "default"

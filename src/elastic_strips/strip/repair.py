@@ -20,18 +20,18 @@ from .report import DeformReport
 from .solver import project_rolling
 from .strip import Strip
 
-_SHARES = 200  # of the path, where two are compared
+_COMPARED_PLACES = 200  # of the path, where two are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RepairReport(Summary):
-    """What came of :func:`repair`.
+    """The result of :func:`repair`.
 
     Attributes:
         strip: the repaired path, or the best that was reached; its ends are those of the path.
         certified: whether it is certified.
         moved: largest displacement [m] of any control point, at the same share of the path.
-        report: of the last tick.
+        report: report of the last tick.
         reason: why it is not certified, or empty.
     """
 
@@ -58,10 +58,10 @@ def repair(
     Args:
         robot: the robot.
         scene: the obstacles, standing still.
-        path: a strip, or configurations (N, nq); a differential drive's are first moved, as little as possible, until
-            wheels can follow them.
-        params: of the deformation; the default preset where None.
-        max_ticks: most ticks.
+        path: a strip, or configurations (N, nq); those of a differential drive are first moved, as little as possible,
+            until wheels can follow them.
+        params: parameters of the deformation; the default preset where None.
+        max_ticks: largest number of ticks.
 
     Raises:
         ConfigurationError: the path does not fit the robot.
@@ -86,11 +86,11 @@ def repair(
 def displacement(one: Strip, two: Strip) -> float:
     """Largest displacement [m] of any control point between two strips of a robot.
 
-    At the same node; or, where there are more or fewer, at the same share of the way.
+    They are compared at the same node, or at the same share of the way where the numbers of nodes differ.
     """
     a, b = _points(one), _points(two)
     if len(a) != len(b):
-        count = max(len(a), len(b), _SHARES)
+        count = max(len(a), len(b), _COMPARED_PLACES)
         a, b = _resampled(a, count), _resampled(b, count)
     return float(np.linalg.norm(a - b, axis=2).max())
 

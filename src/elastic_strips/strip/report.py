@@ -37,7 +37,8 @@ class StripForces(Summary):
     """External forces of the last update, to look at.
 
     Attributes:
-        points: (K, 3) where they act [m]; vectors: (K, 3) force [gain · m].
+        points: (K, 3) where they act [m].
+        vectors: (K, 3) forces [gain · m].
     """
 
     points: Array
@@ -55,11 +56,11 @@ class DeformReport(Summary):
 
     Attributes:
         strip: the deformed strip.
-        status, reason: what state it is in, and why.
+        status, reason: its state, and why.
         certificate: proof of its clearance, segment by segment.
         node_clearance: lower bound of its nodes' distance to obstacles [m], capped at the influence distance; for
             control loops; :attr:`clearance` is that of the whole strip.
-        scene: the obstacles that it is about.
+        scene: the obstacles of the report.
         energies: potential by force.
         timings: seconds by phase; they sum to ``seconds``.
         seconds: duration of the tick.
@@ -68,8 +69,8 @@ class DeformReport(Summary):
         moved: largest displacement of any base or joint in the last iteration [m or rad].
         slip: largest sideways travel |v_y| of a segment [m]; differential drives only.
         queries: exact distance queries made.
-        forces: external forces, or None where they were not requested.
-        hulls: protective hulls, or None where they were not requested.
+        forces: external forces; None where they were not requested.
+        hulls: protective hulls; None where they were not requested.
         constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
     """
 
@@ -97,10 +98,13 @@ class DeformReport(Summary):
     def _summary(self) -> dict[str, object]:
         segments = self.certificate.segments
         return {
-            "status": self.status.value, "reason": self.reason, "robot": self.strip.robot.name,
-            "nodes": len(self.strip), "certified": f"{int(segments.sum())} of {len(segments)} segments",
+            "status": self.status.value,
+            "reason": self.reason,
+            "robot": self.strip.robot.name,
+            "nodes": len(self.strip),
+            "certified": f"{int(segments.sum())} of {len(segments)} segments",
             "ticks": self.ticks,
-        }  # fmt: skip
+        }
 
     def _measured(self) -> dict[str, object]:
         length = f"{self.strip.length:.3f} {'m' if self.strip.robot.space.planar else 'rad'}"
@@ -133,7 +137,7 @@ class DeformReport(Summary):
 
     @property
     def failure(self) -> DeformStatus:
-        """What a strip counts as that is not usable at the end."""
+        """Status of a strip that is not usable at the end."""
         return DeformStatus.BROKEN
 
 
@@ -144,9 +148,9 @@ def tick_status(certificate: Certificate, rest: bool, wide: str = "") -> tuple[D
     """Status and reason of a drivable strip after one tick.
 
     Args:
-        certificate: of the strip.
+        certificate: the strip's certificate.
         rest: whether the strip has stopped moving.
-        wide: how far apart the nodes are, where that is more than they should be.
+        wide: a phrase that says how far apart the nodes are, if they are too far apart.
     """
     if not certificate.certified:
         return DeformStatus.BROKEN if rest else DeformStatus.DEFORMING, str(certificate.broken)
@@ -164,6 +168,12 @@ def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: floa
         else:
             status, reason = last.failure, f"{reason} (after {ticks} ticks)"
     return replace(
-        last, status=status, reason=reason, timings=timings, seconds=seconds, iterations=ticks, ticks=ticks,
+        last,
+        status=status,
+        reason=reason,
+        timings=timings,
+        seconds=seconds,
+        iterations=ticks,
+        ticks=ticks,
         queries=queries,
-    )  # fmt: skip
+    )

@@ -33,8 +33,8 @@ def resample(
         spacing: (N−1,) lengths of the segments, of :func:`node_spacing`.
         max_spacing: a longer segment is divided.
         min_spacing: a node is dropped where both its segments together are shorter.
-        split: (N−1,) segments to halve in any case (those without a certificate).
-        spare: (N,) nodes that are dropped however long their segments are, unless a neighbour was.
+        split: (N−1,) segments to halve in any case, because they have no certificate.
+        spare: (N,) nodes that are dropped however long their segments are, unless a neighbour was dropped.
         max_nodes: no node is inserted above this number.
 
     Returns:
@@ -78,8 +78,9 @@ def kept_segments(before: Array, coordinates: Array, source: Indices, which: Mas
     """(M−1,) segments of edited nodes that are segments of the nodes before, to the last bit, and among ``which``.
 
     Args:
-        before: (N, nv) nodes before; coordinates: (M, nv) now.
-        source: (M,) which node before each was, −1 for a new one.
+        before: (N, nv) nodes before.
+        coordinates: (M, nv) nodes now.
+        source: (M,) which node each was before, −1 for a new one.
         which: (N−1,) segments before.
     """
     stays = (source >= 0) & (coordinates == before[source]).all(axis=1)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
+from elastic_strips.constants import ROLLING_LARGEST_STEP, ROLLING_TOLERANCE, ROLLING_YAW_WEIGHT
+from elastic_strips.errors import NumericalError
 from elastic_strips.native import kernel
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import ConfigurationSpace
@@ -15,10 +17,6 @@ from elastic_strips.work import count_work
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-ROLLING_TOLERANCE = 1e-9
-"""Largest sideways travel [m] of a segment that counts as none."""
-
-_YAW_WEIGHT = 0.1  # cost of turning against moving, in the projection [m²/rad²]
 _PLANE = ConfigurationSpace(
     nq=4,
     nv=3,
@@ -92,7 +90,7 @@ class BandedSolver(OneThread):
             damping: (nv,) positive diagonal D.
 
         Raises:
-            FloatingPointError: the matrix is not positive definite (an infinite or NaN entry).
+            NumericalError: the matrix is not positive definite (an infinite or NaN entry).
         """
         n, nv = system.force.shape
         inner = n - 2
@@ -100,8 +98,7 @@ class BandedSolver(OneThread):
         if inner <= 0:
             return delta
         if system.native is not None:
-            if not system.native.solve(damping, delta):
-                raise FloatingPointError("the matrix of the step is not positive definite")
+            system.native.solve(damping, delta)
             return delta
         from scipy.linalg.lapack import dpbsv  # late: slow to import
 
@@ -119,7 +116,7 @@ class BandedSolver(OneThread):
             band[-1, b, nv - b :] = 0.0
         _, solution, info = dpbsv(self._band.T, system.force[1:-1].reshape(-1), lower=1, overwrite_ab=1)
         if info != 0 or not np.isfinite(diagonal).all() or not np.isfinite(solution).all():
-            raise FloatingPointError(f"the matrix of the step is not positive definite (LAPACK dpbsv: {info})")
+            raise NumericalError(f"the matrix of the step is not positive definite (LAPACK dpbsv: {info})")
         delta[1:-1] = solution.reshape(inner, nv)
         self._band[:] = 0.0
         return delta
@@ -148,7 +145,7 @@ def project_rolling(space: ConfigurationSpace, coordinates: Array, *, iterations
     from scipy.linalg.lapack import dptsv  # late: slow to import
 
     base, plane = coordinates[:, :3], _PLANE
-    inverse_mass = np.array([1.0, 1.0, 1.0 / _YAW_WEIGHT])
+    inverse_mass = np.array([1.0, 1.0, 1.0 / ROLLING_YAW_WEIGHT])
     residual, iteration = np.inf, 0
     for iteration in range(iterations + 1):
         v = plane.difference(base[:-1], base[1:])
@@ -176,8 +173,8 @@ def project_rolling(space: ConfigurationSpace, coordinates: Array, *, iterations
         step[:-1] += weighted_a * multiplier[:, None]
         step[1:] += weighted_b * multiplier[:, None]
         largest = float(np.abs(step).max())
-        if largest > 0.5:
-            step *= 0.5 / largest
+        if largest > ROLLING_LARGEST_STEP:
+            step *= ROLLING_LARGEST_STEP / largest
         base[:] = plane.integrate(base, step)
     count_work(batches=iteration + 1)
     return coordinates, residual

@@ -19,12 +19,12 @@ from elastic_strips.validation import check_number, check_type
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Strip(Summary):
-    """An elastic strip: configurations q (N, nq) of one robot, N ≥ 2, start and goal included.
+    """An elastic strip: configurations q (N, nq) of one robot, N ≥ 2, from start to goal.
 
     Between two nodes the robot follows ``pin.interpolate``: a screw arc of the base and a straight line of the joints.
 
     Attributes:
-        robot: whose configurations these are.
+        robot: the robot of the configurations.
         q: (N, nq) Pinocchio configurations, read-only.
     """
 
@@ -48,12 +48,12 @@ class Strip(Summary):
 
     @staticmethod
     def from_coordinates(robot: RobotModel, coordinates: Array, *, ends: Array | None = None) -> Strip:
-        """A strip from coordinate rows that are known to be sound (no checks).
+        """A strip of coordinate rows that are known to be valid (no checks).
 
         Args:
-            robot: whose strip.
+            robot: the robot of the strip.
             coordinates: (N, nv) nodes.
-            ends: (2, nq) configurations of the first and the last node, where these are to stay the same to the bit.
+            ends: (2, nq) configurations of the first and the last node, if these are to stay the same to the bit.
         """
         strip = object.__new__(Strip)
         q = robot.space.from_coordinates(coordinates)
@@ -120,9 +120,9 @@ class Strip(Summary):
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
 
-    A lower bound of the true value, at most ``tolerance`` [m] below it (of a segment that makes half a turn, whose arc
-    is not defined, as far below as the robot could reach). Infinite without obstacles; what is more than 10 km away
-    counts as 10 km away.
+    It is a lower bound of the true value, at most ``tolerance`` [m] below it (for a segment of half a turn, whose arc
+    is not defined, as far below as the robot could reach). It is infinite without obstacles; what is more than 10 km
+    away counts as 10 km away.
 
     Args:
         strip: the strip.

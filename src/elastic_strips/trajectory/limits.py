@@ -1,4 +1,4 @@
-"""Limits: how fast wheels and joints may turn and how fast that may change; drive coordinates and wheels of a URDF.
+"""Limits: how fast wheels and joints may turn and how fast that may change; and the coordinates of the drive.
 
 A path is timed in *drive coordinates*: the travel of each wheel's rim for a differential drive, the three components
 of the body's travel for an omnidirectional base, nothing for a fixed one; then the joints. In them every limit of the
@@ -8,157 +8,19 @@ motors is a plain box, and a constant velocity is an exact arc of the base.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
-from itertools import combinations
-from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
-from lxml import etree
 
 from elastic_strips.arrays import Array, Mask
-from elastic_strips.decompose import load_mesh
-from elastic_strips.errors import ParameterError, RobotError, SceneError, nearest_name
+from elastic_strips.errors import ParameterError, RobotError, nearest_name
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.collada import mesh_unit
-from elastic_strips.robot.urdf import floats, read_xml, resolve_mesh, search_folders
+from elastic_strips.robot.space import UNLIMITED_SPEED
+from elastic_strips.robot.wheels import DrivenWheels
 from elastic_strips.summary import Summary
 from elastic_strips.validation import NonNegative, check_fields, check_number, check_type
 
 _ASK = "give wheel_speed=…, track=… and wheel_radius=… (options of drive: --wheel-speed, --track, --wheel-radius)"
-_SAME = 2e-3  # wheels of a pair are mirror images to within this [m]
-
-
-@dataclass(frozen=True, slots=True)
-class _Wheels:
-    """The driven pair.
-
-    Attributes:
-        track: distance between the wheels [m].
-        radius: [m].
-        speed: the lower of their speed limits [rad/s], as the file states it.
-        joints: names of their joints.
-    """
-
-    track: float
-    radius: float
-    speed: float
-    joints: tuple[str, str]
-
-
-def _read_wheels(robot: RobotModel) -> _Wheels:
-    """The driven wheels of a robot's URDF: two continuous joints named ``*wheel*``, about ±y, mirror images in y.
-
-    Where none is named so, two of those that are not planned. Casters, which may be named so too, are left out: what is
-    called a caster, or is carried by a joint that moves, where the others are not.
-
-    Raises:
-        ParameterError: no URDF, no such pair, pairs that differ, or a wheel without a round shape.
-    """
-    if robot.urdf_path is None:
-        raise ParameterError(f"robot {robot.name!r} was not made of a URDF file, so its wheels are unknown: {_ASK}")
-    path = Path(robot.urdf_path)
-    try:
-        root = read_xml(path, root="robot", kind="URDF")
-        model = pin.buildModelFromXML(_skeleton(root))
-    except (RobotError, ValueError, RuntimeError) as error:
-        raise ParameterError(f"{path} cannot be read for its wheels ({error}): {_ASK}") from None
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    wheels, others = [], []
-    turning = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
-    named = _driven([joint for joint in turning if "wheel" in joint.get("name").lower()], model)
-    for joint in named or [joint for joint in turning if joint.get("name") in robot.locked]:
-        name = joint.get("name")
-        pose = data.oMi[model.getJointId(name)]
-        element = joint.find("axis")
-        local = [1.0, 0.0, 0.0] if element is None else floats(element, "xyz", 3, path, f"joint {name!r}", "1 0 0")
-        axis = pose.rotation @ np.array(local)
-        if abs(axis[1]) > 0.999 * np.linalg.norm(axis):
-            wheels.append((name, pose, joint.find("child").get("link")))
-        else:
-            others.append(name)
-    pairs = [
-        (a, b)
-        for a, b in combinations(wheels, 2)
-        if np.allclose(a[1].translation * [1.0, -1.0, 1.0], b[1].translation, atol=_SAME)
-        and abs(a[1].translation[1]) > _SAME
-    ]
-    if not pairs:
-        raise ParameterError(
-            f"{path} has no two continuous joints named *wheel* about ±y, mirrored in y (continuous and named so: "
-            f"{', '.join([w[0] for w in wheels] + others) or 'none'}): {_ASK}"
-        )
-    found = []
-    for a, b in pairs:
-        radii = [_radius(root, link, path) for _, _, link in (a, b)]
-        if radii[0] is None or radii[1] is None or abs(radii[0] - radii[1]) > _SAME:
-            raise ParameterError(f"{path}: the radii of wheels {a[0]!r} and {b[0]!r} are {radii} [m]: {_ASK}")
-        speeds = [float(model.velocityLimit[model.joints[model.getJointId(name)].idx_v]) for name, _, _ in (a, b)]
-        found.append(_Wheels(2.0 * abs(float(a[1].translation[1])), radii[0], min(speeds), (a[0], b[0])))
-    if any(abs(w.track - found[0].track) > _SAME or abs(w.radius - found[0].radius) > _SAME for w in found):
-        names = "; ".join(f"{a[0]}, {b[0]}" for a, b in pairs)
-        raise ParameterError(f"{path} has several different pairs of wheels ({names}): {_ASK}")
-    return found[0]
-
-
-def _driven(wheels: list[etree._Element], model: pin.Model) -> list[etree._Element]:
-    """The wheels that are no casters; all of them where none is left."""
-    for caster in (lambda name: "cast" in name.lower(), lambda name: model.parents[model.getJointId(name)] != 0):
-        wheels = [joint for joint in wheels if not caster(joint.get("name"))] or wheels
-    return wheels
-
-
-def _skeleton(root: etree._Element) -> str:
-    """The URDF's joints alone: what else it holds may not be strict."""
-    bare = deepcopy(root)
-    bare.set("name", bare.get("name") or "robot")
-    for element in list(bare):
-        if element.tag not in ("link", "joint"):
-            bare.remove(element)
-            continue
-        for child in list(element):
-            if child.tag not in ("origin", "parent", "child", "axis", "limit"):
-                element.remove(child)
-            elif child.tag == "limit":
-                for key in ("velocity", "effort"):
-                    child.set(key, child.get(key, "0"))
-    return etree.tostring(bare, encoding="unicode")
-
-
-def _radius(root: etree._Element, link_name: str, path: Path) -> float | None:
-    """Radius [m] of a wheel's link: of its round collision shape, then of its visual one, then of its meshes."""
-    link = next((link for link in root.findall("link") if link.get("name") == link_name), None)
-    if link is None:
-        return None
-    for tag in ("collision", "visual"):
-        shapes = [shape for element in link.findall(tag) for shape in element.findall("geometry/*")]
-        radii = [
-            floats(shape, "radius", 1, path, f"link {link_name!r}")[0]
-            for shape in shapes
-            if shape.tag in ("cylinder", "sphere", "capsule")
-        ]
-        if radii:
-            return float(max(radii))
-    folders = search_folders(path, ())
-    sizes = []
-    for mesh in link.findall(".//geometry/mesh"):
-        file = resolve_mesh(mesh.get("filename", ""), path, folders)
-        if file is None:
-            continue
-        scale = np.array(floats(mesh, "scale", 3, path, f"link {link_name!r}", "1 1 1"))
-        try:
-            vertices, _ = load_mesh(file)
-        except SceneError as error:
-            raise ParameterError(f"{path}: a wheel's mesh cannot be read ({error}): {_ASK}") from None
-        extents = np.sort(np.ptp(vertices, axis=0) * np.abs(scale)) * mesh_unit(file)
-        sizes.append(0.5 * float(extents[-1]))  # a wheel is a disc: its two larger extents are its diameter
-    return max(sizes, default=None)
-
-
-_UNLIMITED = 1e6
-"""Speeds [rad/s or m/s] above this mean in a description that there is no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -166,13 +28,13 @@ class MotionLimits(Summary):
     """Symmetric box limits of a robot's motors.
 
     Attributes:
-        track: distance between the driven wheels [m]; 0 where the base is no differential drive.
-        wheel_radius: radius of the driven wheels [m]; 0 where the base is no differential drive.
+        track: distance between the driven wheels [m]; 0 where the base is not a differential drive.
+        wheel_radius: radius of the driven wheels [m]; 0 where the base is not a differential drive.
         drive_speed: (k,) limits of the drive coordinates: rims left, right [m/s] (k = 2), or the body's x, y, yaw
             [m/s, m/s, rad/s] (k = 3), or none (k = 0).
         drive_acceleration: (k,) limits of their change [m/s² or rad/s²].
-        joint_speed: (n,) [rad/s or m/s].
-        joint_acceleration: (n,) [rad/s² or m/s²].
+        joint_speed: (n,) limits of the joints' speeds [rad/s or m/s].
+        joint_acceleration: (n,) limits of their accelerations [rad/s² or m/s²].
     """
 
     track: NonNegative
@@ -233,15 +95,18 @@ class MotionLimits(Summary):
             wheel_speed: largest speed of a driven wheel's rim [m/s]; from the URDF's wheels where None.
             wheel_acceleration: largest acceleration of a rim [m/s²].
             track: distance between the driven wheels [m]; from the URDF where None.
-            wheel_radius: [m]; from the URDF where None.
-            base_speed: x, y, yaw [m/s, m/s, rad/s] of an omnidirectional base, in its own frame.
-            base_acceleration: the same of their change [m/s², m/s², rad/s²].
-            joint_speed: of all joints, or joint → value [rad/s or m/s]; what is not given is the model's.
-            joint_acceleration: of all revolute joints [rad/s²], or joint → value; what is not given: 4 rad/s².
-            prismatic_acceleration: of the prismatic joints that ``joint_acceleration`` does not name [m/s²].
+            wheel_radius: radius of the driven wheels [m]; from the URDF where None.
+            base_speed: largest speeds x, y, yaw [m/s, m/s, rad/s] of an omnidirectional base, in its own frame.
+            base_acceleration: its largest accelerations [m/s², m/s², rad/s²].
+            joint_speed: largest speed of all joints, or joint → value [rad/s or m/s]; joints not named keep the
+                model's.
+            joint_acceleration: accelerations of all revolute joints [rad/s²], or joint → value; what is not given: 4
+                rad/s².
+            prismatic_acceleration: accelerations of the prismatic joints that ``joint_acceleration`` does not name
+                [m/s²].
 
         Raises:
-            ParameterError: a limit that is neither stated by the robot's description nor given, or is out of range.
+            ParameterError: a limit that neither the robot's description nor the caller gives, or that is out of range.
         """
         check_type("robot", robot, RobotModel, RobotError)
         speed, acceleration = _joint_limits(robot, joint_speed, joint_acceleration, prismatic_acceleration)
@@ -249,11 +114,11 @@ class MotionLimits(Summary):
         wheels: tuple[str, ...] = ()
         if robot.base_kind is BaseKind.DIFF_DRIVE:
             if wheel_speed is None or track is None or wheel_radius is None:
-                found = _read_wheels(robot)
+                found = _driven_wheels(robot)
                 track = found.track if track is None else track
                 wheel_radius = found.radius if wheel_radius is None else wheel_radius
                 if wheel_speed is None:
-                    wheels = () if 0.0 < found.speed < _UNLIMITED else found.joints
+                    wheels = () if 0.0 < found.speed < UNLIMITED_SPEED else found.joints
                     wheel_speed = found.speed * wheel_radius
             drive, change = [wheel_speed] * 2, [wheel_acceleration] * 2
         elif robot.base_kind is BaseKind.OMNI:
@@ -322,7 +187,7 @@ class MotionLimits(Summary):
         return np.concatenate([self.to_twist(y[..., :k]), y[..., k:]], axis=-1)
 
     def scaled(self, speed: float, acceleration: float) -> MotionLimits:
-        """The same limits times a factor of the speeds and one of the accelerations, each > 0."""
+        """The limits with speeds and accelerations each multiplied by a factor > 0."""
         return replace(
             self,
             drive_speed=self.drive_speed * speed,
@@ -330,6 +195,13 @@ class MotionLimits(Summary):
             joint_speed=self.joint_speed * speed,
             joint_acceleration=self.joint_acceleration * acceleration,
         )
+
+
+def _driven_wheels(robot: RobotModel) -> DrivenWheels:
+    try:
+        return robot.wheels
+    except RobotError as error:
+        raise ParameterError(f"{error}: {_ASK}") from None
 
 
 def _joint_limits(
@@ -345,7 +217,7 @@ def _joint_limits(
     out_speed, out_change = np.empty(len(names)), np.empty(len(names))
     for i, (name, sliding) in enumerate(zip(names, sliding_joints(robot), strict=True)):
         value = speeds.get(name, float(stated[i]))
-        out_speed[i] = value if name in speeds or 0.0 < value < _UNLIMITED else np.nan
+        out_speed[i] = value if name in speeds or 0.0 < value < UNLIMITED_SPEED else np.nan
         # one number for all joints means the revolute ones: 4 is plenty for an arm and absurd for a lift
         named = isinstance(acceleration, Mapping) and name in acceleration
         out_change[i] = prismatic_acceleration if sliding and not named else changes.get(name, 4.0)

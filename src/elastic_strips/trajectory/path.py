@@ -21,11 +21,11 @@ from elastic_strips.summary import Summary
 
 from .limits import MotionLimits, sliding_joints
 
-_LEVER = 0.25
+_ANGLE_LEVER = 0.25
 """Length that makes an angle comparable with a travel [m/rad]: of joints, and of the yaw of an omnidirectional base."""
 
-_MERGE = 2e-3  # nodes nearer to each other than this say nothing about a direction [m]
-_CORNER = float(np.cos(np.radians(50.0)))  # of a turn in drive coordinates: a sharper one needs a stop
+_MERGED_DISTANCE = 2e-3  # nodes nearer to each other than this say nothing about a direction [m]
+_CORNER_COSINE = float(np.cos(np.radians(50.0)))  # of a turn in drive coordinates: a sharper one needs a stop
 
 
 def metric(robot: RobotModel, limits: MotionLimits) -> Array:
@@ -34,8 +34,8 @@ def metric(robot: RobotModel, limits: MotionLimits) -> Array:
     Driving straight counts the base's travel; turning in place that of a rim over √2; a joint counts its lever.
     """
     k = limits.drive_dim
-    drive = {0: [], 2: [np.sqrt(0.5)] * 2, 3: [1.0, 1.0, _LEVER]}[k]
-    return np.concatenate([drive, np.where(sliding_joints(robot), 1.0, _LEVER)])
+    drive = {0: [], 2: [np.sqrt(0.5)] * 2, 3: [1.0, 1.0, _ANGLE_LEVER]}[k]
+    return np.concatenate([drive, np.where(sliding_joints(robot), 1.0, _ANGLE_LEVER)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +79,11 @@ def polyline(
     """The nodes (K, nv), K ≥ 2, as travel of drive and joints.
 
     Args:
-        robot, limits: whose.
+        robot, limits: the robot and its limits.
         weight: (m,) the metric.
         coordinates: (K, nv).
-        heading: (m,) direction of the velocity with which the robot arrives at the first node; None at rest.
+        heading: (m,) direction of the velocity with which the robot arrives at the first node; None where it rests
+            there.
     """
     tangent = robot.space.difference(coordinates[:-1], coordinates[1:])
     dy = limits.to_coordinates(tangent)
@@ -99,13 +100,13 @@ def _stops(y: Array, s: Array, heading: Array | None) -> Indices:
     A change between forwards and backwards is one of them, unless the base turns so fast about it that no wheel and no
     joint changes its speed abruptly.
     """
-    nodes = thinned(s, _MERGE, merge_first=heading is None)
+    nodes = thinned(s, _MERGED_DISTANCE, merge_first=heading is None)
     points = y[nodes]
     if heading is not None:  # the robot comes from behind the first node, so a corner right ahead is still one
         points[0] = -0.05 * heading / np.linalg.norm(heading)
     step = points[1:] - points[:-1]
     length = np.linalg.norm(step, axis=1)
-    stop = (step[:-1] * step[1:]).sum(axis=1) < _CORNER * length[:-1] * length[1:]
+    stop = (step[:-1] * step[1:]).sum(axis=1) < _CORNER_COSINE * length[:-1] * length[1:]
     return np.append(nodes[1:-1][stop], nodes[-1])
 
 
@@ -219,12 +220,12 @@ class Curve:
         return y, y1, y2
 
 
-_LARGEST = 0.1  # largest shape, as a part of its window's length: more would swing
-_NEAR = 1e-6  # distance from the strip that counts as none [m]
-_ITERATIONS = 6
-_STALLED = 0.9  # of the best so far: what is left has no room in any window
-_TIE = 1.0 + 1e-9  # the later of two that miss as much: the worst window may have no room, and others may
-_PANELS = 12  # of the integral over a window
+_LARGEST_SHAPE = 0.1  # largest shape, as a part of its window's length: more would swing
+_NO_DISTANCE = 1e-6  # distance from the strip that counts as none [m]
+_MOST_ITERATIONS = 6
+_STALLED_SHARE = 0.9  # of the best so far: what is left has no room in any window
+_TIE_RATIO = 1.0 + 1e-9  # the later of two that miss as much: the worst window may have no room, and others may
+_INTEGRAL_PANELS = 12  # of the integral over a window
 
 # Shapes to use, as (body's x, y or yaw; step, bump or odd bump). A step in yaw would turn all windows behind it.
 _ROLLING = (0, 0), (0, 1), (0, 2), (2, 1), (2, 2)
@@ -239,10 +240,10 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
     equations each. What one has no room for is left to the next.
 
     Args:
-        space: of the robot, with a planar root.
+        space: the robot's, with a planar root.
         limits: for the drive coordinates.
         line: the strip's polyline; the curve starts at its first node.
-        curve: of travel over length; it has no shapes yet.
+        curve: the travel over length; it has no shapes yet.
         window: about the length of a window [m].
     """
     count = max(round(curve.length / window), 1)
@@ -254,13 +255,20 @@ def corrected(space: ConfigurationSpace, limits: MotionLimits, line: Polyline, c
     y, y1, _ = curve((edges[:-1, None] + width * points).ravel())
     yaw = start[2] + limits.to_twist(y[:, :k])[:, 2].reshape(count, -1)
     twist = limits.to_twist(y1[:, :k]).reshape(count, -1, 3)
-    lever = 0.5 * limits.track if k == 2 else _LEVER
+    lever = 0.5 * limits.track if k == 2 else _ANGLE_LEVER
     best = np.zeros((count, SHAPES, 3))  # of travel in the body's x and y, and of lever × yaw [m]
     if (native := kernel()) is not None:
         native.lead_base(
-            *by_rows(yaw, twist, value, rate, target - start[:2]), width, lever, k == 2, _LARGEST, _NEAR, _STALLED,
-            _ITERATIONS, best,
-        )  # fmt: skip
+            *by_rows(yaw, twist, value, rate, target - start[:2]),
+            width,
+            lever,
+            k == 2,
+            _LARGEST_SHAPE,
+            _NO_DISTANCE,
+            _STALLED_SHARE,
+            _MOST_ITERATIONS,
+            best,
+        )
     else:
         best = _lead_base(yaw, twist, target - start[:2], width, lever, _ROLLING if k == 2 else _SLIDING)
     if not best.any():
@@ -289,7 +297,7 @@ def _lead_base(
     weights = np.zeros((count, SHAPES, 3))
     full = np.zeros(count, dtype=bool)
     best, least = weights, np.inf
-    for iteration in range(_ITERATIONS):
+    for iteration in range(_MOST_ITERATIONS):
         angle = yaw + weights[:, :, 2] @ value.T / lever
         vx = twist[..., 0] + weights[:, :, 0] @ rate.T / width
         vy = twist[..., 1] + weights[:, :, 1] @ rate.T / width
@@ -297,10 +305,10 @@ def _lead_base(
         px, py = cos * vx - sin * vy, sin * vx + cos * vy  # the base's motion per length
         miss = target - width * np.cumsum(np.stack([px @ part, py @ part], axis=1), axis=0)
         worst = float(np.abs(miss).max())
-        stalled = iteration > 1 and worst > _STALLED * least
-        if worst < _TIE * least:
+        stalled = iteration > 1 and worst > _STALLED_SHARE * least
+        if worst < _TIE_RATIO * least:
             best, least = weights, worst
-        if worst < _NEAR or stalled or iteration == _ITERATIONS - 1:
+        if worst < _NO_DISTANCE or stalled or iteration == _MOST_ITERATIONS - 1:
             break
         ask = miss.copy()
         ask[1:] -= np.where(full[:-1, None], 0.0, miss[:-1])
@@ -314,7 +322,7 @@ def _lead_base(
         weights = weights.copy()
         for i, (axis, c) in enumerate(parts):
             weights[:, c, axis] += step[:, i]
-        size = np.abs(weights).max(axis=(1, 2)) / (_LARGEST * width)
+        size = np.abs(weights).max(axis=(1, 2)) / (_LARGEST_SHAPE * width)
         full = size > 1.0
         weights[full] /= size[full, None, None]
     return best
@@ -324,19 +332,19 @@ def _lead_base(
 def _gauss() -> tuple[Array, Array, Array]:
     """Points (Q,) in [0, 1] of the two-point Gauss rule in equal panels, and the shapes (Q, SHAPES) and their rates."""
     offset = 0.5 / np.sqrt(3.0)
-    points = (np.arange(_PANELS)[:, None] + [0.5 - offset, 0.5 + offset]).ravel() / _PANELS
+    points = (np.arange(_INTEGRAL_PANELS)[:, None] + [0.5 - offset, 0.5 + offset]).ravel() / _INTEGRAL_PANELS
     return (points, *shapes(points)[:2])
 
 
-_GAP = 0.04  # knots are at least this far apart [m]
-_AHEAD = float(np.cos(np.radians(75.0)))  # of the angle between the velocity at the start and the path
-_GRID = 0.03  # largest step of the grid on which a path is timed [m]
+_LEAST_KNOT_GAP = 0.04  # knots are at least this far apart [m]
+_AHEAD_COSINE = float(np.cos(np.radians(75.0)))  # of the angle between the velocity at the start and the path
+_LARGEST_GRID_STEP = 0.03  # largest step of the grid on which a path is timed [m]
 _MIN_GRID = 16
 _RANGE_SLACK = 1e-6  # [rad or m]
 
 
 class RetimingError(ElasticStripsError):
-    """A path cannot be driven as requested: no room to brake, a start off the path, or limits that are too low."""
+    """A path cannot be driven as requested: it has no room to brake, starts off the path, or limits are too low."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -346,7 +354,7 @@ class DrivePath(Summary):
     Attributes:
         start: (nv,) coordinate row where it starts.
         curve: the travel of drive and joints over the length.
-        grid: (G,) lengths on which it is timed, with every knot among them.
+        grid: (G,) lengths at which it is timed, with every knot among them.
         y1, y2: (G, m) derivatives on the grid.
     """
 
@@ -374,7 +382,7 @@ def smooth_path(
     weight: Array,
     heading: Array | None = None,
     bend: Array | None = None,
-    lead: float = _GAP,
+    lead: float = _LEAST_KNOT_GAP,
     window: float = 0.5,
 ) -> DrivePath:
     """A smooth path from the first node along a polyline.
@@ -382,11 +390,11 @@ def smooth_path(
     Args:
         robot, limits: whose.
         line: the polyline.
-        length: where to end [m in the metric], at most at the first stop.
+        length: length at which to end [m in the metric], at most at the first stop.
         weight: (m,) the metric.
-        heading: (m,) direction of the velocity at the start, in which the path begins; None from rest.
-        bend: (m,) second derivative by length with which it begins; None for any.
-        lead: nodes nearer to the start than this are no knots [m].
+        heading: (m,) direction of the velocity at the start, in which the path begins; None where it starts from rest.
+        bend: (m,) second derivative by length with which it begins; None where any will do.
+        lead: nodes nearer to the start than this [m] do not become knots.
         window: about the length of path in which the base is led back to the strip [m].
 
     Raises:
@@ -394,13 +402,13 @@ def smooth_path(
     """
     s = line.s[: int(np.searchsorted(line.s, length - 1e-12)) + 1].copy()
     s[-1] = length
-    knots = s[thinned(s, _GAP)]
+    knots = s[thinned(s, _LEAST_KNOT_GAP)]
     knots = knots[(knots == 0.0) | (knots >= min(lead, length))]
     control = line.travel(greville(knots))
     if heading is not None:
         slope = heading / np.linalg.norm(heading * weight)
         first = line.travel(knots[1:2])[0] * weight
-        if slope * weight @ first < _AHEAD * np.linalg.norm(first):
+        if slope * weight @ first < _AHEAD_COSINE * np.linalg.norm(first):
             raise RetimingError(
                 "the velocity at the start points away from the path, by more than 75° in drive coordinates; keep to "
                 "the trajectory that the robot drives until it is slower"
@@ -439,7 +447,7 @@ def _keep_range(robot: RobotModel, limits: MotionLimits, start: Array, control: 
 
 def _grid(knots: Array) -> Array:
     """Lengths for timing: steps of about equal size with every knot among them."""
-    step = min(_GRID, float(knots[-1]) / _MIN_GRID)
+    step = min(_LARGEST_GRID_STEP, float(knots[-1]) / _MIN_GRID)
     h = knots[1:] - knots[:-1]
     count = np.maximum(np.ceil(h / step - 1e-9), 2).astype(int)
     first = np.repeat(np.cumsum(count) - count, count)

@@ -15,25 +15,27 @@ from elastic_strips.validation import check_array, check_number, check_type
 
 from .limits import MotionLimits
 from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
-from .speed_profile import TOLERANCE, Profile, braked, broken_limit, fastest, rate_bounds
+from .speed_profile import LIMIT_EXCESS, Profile, braked, broken_limit, fastest, rate_bounds
 from .trajectory import Trajectory, joined, stationary
 
-_MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
+_LIMIT_MARGINS = ((0.99, 0.97, 1), (0.99, 0.995, 1), (0.98, 0.95, 2), (0.97, 0.9, 4))
 """Parts of the speed and acceleration limits to plan with, and how many times finer the grid is: between the points of
 its grid a profile exceeds what it was planned with, by up to 0.5 % or, in the sharpest bends, more. The second is tried
 where there is no room to brake, the others where a limit is broken."""
 
-_LEADS = ((0.04, 0.5), (0.08, 1.0))
+_LEAD_WINDOWS = ((0.04, 0.5), (0.08, 1.0))
 """Nearest knot to the start and length of the windows [m]; the second turns more gently into the polyline."""
 
-_STILL = 5e-4  # part of the speed limits below which a start counts as rest
-_SLOW = 0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the path
-_SHARPEST = 10.0  # bend at the start [1/m] up to which it is continued
-_GROWTH = 1.3
-_NOWHERE = 1e-6  # shorter paths are none [m]
+_RESTING_SHARE = 5e-4  # part of the speed limits below which a start counts as rest
+_BEND_LEAST_SPEED = (
+    0.05  # speed [m/s in the metric] below which an acceleration says nothing about the bend of the path
+)
+_SHARPEST_BEND = 10.0  # bend at the start [1/m] up to which it is continued
+_STEP_GROWTH = 1.3
+_SHORTEST_PATH = 1e-6  # shorter paths are none [m]
 
 _BRAKE_MARGINS = (0.98, 0.995, 0.93, 0.85)
-_STOPPED = 1e-9  # squared part of the trajectory's own speed that counts as none
+_STOPPED_SHARE = 1e-9  # squared part of the trajectory's own speed that counts as none
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +49,14 @@ class _Start:
 
 
 class Retimer:
-    """Times nodes as fast as the limits allow (TOPP-RA). It holds nothing that changes: threads may share one."""
+    """Times nodes as fast as the limits allow (TOPP-RA). It has no mutable state: threads may share one."""
 
     def __init__(self, robot: RobotModel, limits: MotionLimits | None = None, *, dt: float = 0.01) -> None:
         """Prepare for a robot.
 
         Args:
             robot: the robot.
-            limits: of its motors; :meth:`MotionLimits.for_robot` where None.
+            limits: limits of its motors; :meth:`MotionLimits.for_robot` where None.
             dt: distance of the samples [s].
 
         Raises:
@@ -87,14 +89,14 @@ class Retimer:
     ) -> Trajectory:
         """The fastest motion along the nodes ahead that ends at rest.
 
-        It ends where the first of these comes: the last node; a node where the robot has to stop anyway (a cusp, a
+        It ends at the first of these: the last node; a node where the robot has to stop anyway (a cusp, a
         sharp corner such as between turning in place and driving); ``distance`` ahead, or the least distance beyond
         it in which the robot can stop.
 
         Args:
             coordinates: (K, nv) nodes; it starts exactly at the first one.
-            v_start: (nv,) velocity there: body twist, joint rates; None or about zero: from rest.
-            a_start: (nv,) acceleration there, with which the path goes on bending as it did before: replanning from a
+            v_start: (nv,) velocity there: body twist, joint rates; from rest where it is None or about zero.
+            a_start: (nv,) acceleration there, with which the path continues to bend as before: replanning from a
                 state of a trajectory then seldom fails. None where unknown.
             distance: how far to go [m]: the base's travel, a joint's turn counted as 0.25 m/rad.
             start_time: time of the first sample [s].
@@ -103,8 +105,8 @@ class Retimer:
 
         Raises:
             ConfigurationError: nodes of the wrong shape or not finite.
-            ParameterError: another argument out of its range.
-            RetimingError: it cannot be driven like that. What the robot drives now still can.
+            ParameterError: another argument outside its range.
+            RetimingError: it cannot be driven like that. The robot's present motion still can.
         """
         nodes = self._nodes(coordinates)
         if not distance > 0.0:
@@ -118,10 +120,10 @@ class Retimer:
         """All of the nodes from rest to rest, with a stop wherever one is needed.
 
         Args:
-            coordinates, start_time, speed: as of :meth:`horizon`.
+            coordinates, start_time, speed: as for :meth:`horizon`.
 
         Raises:
-            ConfigurationError, ParameterError, RetimingError: as :meth:`horizon`.
+            ConfigurationError, ParameterError, RetimingError: as for :meth:`horizon`.
         """
         nodes = self._nodes(coordinates)
         check_number("speed", speed, above=0.0, high=1.0)
@@ -143,12 +145,12 @@ class Retimer:
         """The trajectory from time ``t`` [s] on, slowed down as fast as the limits allow until it stands.
 
         The path stays the same, to within what its samples resolve (micrometres): only the time along it is stretched.
-        Where that gains nothing (it brakes already, or is at rest) this is what is left of the trajectory; either way
+        Where that gains nothing (it brakes already, or is at rest) this is the rest of the trajectory; either way
         it ends at rest if the trajectory does.
 
         Args:
             trajectory: what the robot drives; it must keep the limits itself.
-            t: when to begin [s].
+            t: time at which to begin [s].
         """
         rest, limits = trajectory.tail(t), self.limits
         first = max(int(np.searchsorted(trajectory.time, t, side="right")) - 1, 0)
@@ -179,25 +181,25 @@ class Retimer:
         for name, row in rows.items():
             if row.shape != (nv,) or not np.isfinite(row).all():
                 raise ParameterError(f"{name} = {row.tolist()} must be {nv} finite numbers: body twist, joint rates")
-        if self.limits.drive_dim == 2 and abs(rows["v_start"][1]) > TOLERANCE * self._speed[0]:
+        if self.limits.drive_dim == 2 and abs(rows["v_start"][1]) > LIMIT_EXCESS * self._speed[0]:
             raise ParameterError(f"v_start moves sideways at {rows['v_start'][1]:g} m/s; a differential drive cannot")
         velocity = self.limits.to_coordinates(rows["v_start"])
         over = np.abs(velocity) / self._speed
-        if over.max(initial=0.0) > 1.0 + TOLERANCE:
+        if over.max(initial=0.0) > 1.0 + LIMIT_EXCESS:
             worst = int(over.argmax())
             raise RetimingError(
                 f"the speed at the start in coordinate {worst} (drive, then joints) is {abs(velocity[worst]):.4g}; "
                 f"the limit is {self._speed[worst]:.4g}"
             )
-        if over.max(initial=0.0) <= _STILL:
+        if over.max(initial=0.0) <= _RESTING_SHARE:
             return _Start(time, np.zeros_like(velocity), False)
         x = float(((velocity * self.weight) ** 2).sum())
-        if a is None or x < _SLOW * _SLOW:
+        if a is None or x < _BEND_LEAST_SPEED * _BEND_LEAST_SPEED:
             return _Start(time, velocity, True)
         change = self.limits.to_coordinates(rows["a_start"])
         bend = (change - velocity * float((change * velocity) @ self.weight**2) / x) / x
         sharpness = float(np.linalg.norm(bend * self.weight))
-        return _Start(time, velocity, True, bend * min(1.0, _SHARPEST / max(sharpness, 1e-12)))
+        return _Start(time, velocity, True, bend * min(1.0, _SHARPEST_BEND / max(sharpness, 1e-12)))
 
     def _drive(
         self, line: Polyline, available: float, start: _Start, distance: float, speed: float, *, insist: bool = True
@@ -206,7 +208,7 @@ class Retimer:
         with np.errstate(divide="ignore"):
             rate = float(np.min(self._acceleration / np.abs(start.velocity), initial=np.inf))
         braking = 0.5 * float(np.linalg.norm(start.velocity * self.weight)) / rate  # [m in the metric], straight on
-        if available < max(0.9 * braking, _NOWHERE):
+        if available < max(0.9 * braking, _SHORTEST_PATH):
             if not start.moving:
                 return stationary(self.robot, self.limits, line.coordinates[0], start.time, self.dt)
             raise RetimingError(
@@ -218,22 +220,29 @@ class Retimer:
         path = None
         while True:
             if path is None:
-                lead, window = _LEADS[attempt]
+                lead, window = _LEAD_WINDOWS[attempt]
                 heading = start.velocity if start.moving else None
                 path = smooth_path(
-                    self.robot, self.limits, line, length,
-                    weight=self.weight, heading=heading, bend=start.bend, lead=lead, window=window,
-                )  # fmt: skip
-            result = self._timed(path, start, speed, _MARGINS[margin])
+                    self.robot,
+                    self.limits,
+                    line,
+                    length,
+                    weight=self.weight,
+                    heading=heading,
+                    bend=start.bend,
+                    lead=lead,
+                    window=window,
+                )
+            result = self._timed(path, start, speed, _LIMIT_MARGINS[margin])
             if isinstance(result, Trajectory):
                 return result
             if result is None and length < longest:
-                length, path = min(_GROWTH * length, longest), None
+                length, path = min(_STEP_GROWTH * length, longest), None
             elif result is None and insist and start.moving and margin == 0:
                 margin = 1
-            elif result is None and insist and start.moving and attempt + 1 < len(_LEADS):
+            elif result is None and insist and start.moving and attempt + 1 < len(_LEAD_WINDOWS):
                 attempt, margin, path = attempt + 1, 0, None
-            elif result is not None and margin + 1 < len(_MARGINS):
+            elif result is not None and margin + 1 < len(_LIMIT_MARGINS):
                 margin = max(margin + 1, 2)
             else:
                 why = result or f"no profile of speeds brakes from {start.velocity.round(3).tolist()}"
@@ -298,7 +307,7 @@ def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01
         speed: as in :meth:`Retimer.horizon`.
 
     Raises:
-        ParameterError: an argument out of its range.
+        ParameterError: an argument outside its range.
         RetimingError: a piece cannot be driven within the limits.
     """
     return Retimer(strip.robot, limits, dt=dt).full(strip.coordinates, speed=speed)
@@ -337,7 +346,7 @@ class _Timed:
         for i in range(len(h)):
             u = min(float((-room[i] - slope[i] * x[i]).max()), 0.0)
             x[i + 1] = x[i] + 2.0 * h[i] * u
-            if x[i + 1] <= _STOPPED:
+            if x[i + 1] <= _STOPPED_SHARE:
                 grid = np.append(time[: i + 1], time[i] - x[i] / (2.0 * u))
                 return Profile.of(grid, np.append(x[: i + 1], 0.0))
         return None

@@ -13,8 +13,8 @@ from elastic_strips.arrays import Array, by_rows
 from elastic_strips.native import kernel
 from elastic_strips.work import count_work
 
-TOLERANCE = 1e-3
-"""Part of a limit by which a sample may exceed it."""
+LIMIT_EXCESS = 1e-3
+"""Part of a limit by which a sample may exceed this limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array
 def _controllable(room: Array, slope: Array, x: float, rate: float, reach: float) -> float:
     """The largest squared speed up to ``x`` from which some u keeps all rows, and leads to one within [0, reach].
 
-    What u may be is concave in x, so Newton's steps from above end at it. A number that is none is answered by one.
+    The room for u is concave in x, so Newton's steps from above end at it. NaN is answered by NaN.
     """
     # u ≤ high − falls x and u ≥ low − falls x: of the rows, and of the next point's range
     high, low, falls = np.append(room, reach * rate), np.append(-room, 0.0), np.append(slope, rate)
@@ -165,7 +165,7 @@ def rate_bounds(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def broken_limit(time: Array, y: Array, v: Array, a: Array, speed: Array, acceleration: Array) -> str:
-    """Which limit samples (M, m) break, by their own rates or by those of their differences; empty where none."""
+    """Which limit samples (M, m) break, by their own rates or by their differences; empty where they break none."""
     h = np.diff(time)[:, None]
     mean, change = np.diff(y, axis=0) / h, np.diff(v, axis=0) / h
     bend = 2.0 * np.diff(mean, axis=0) / (h[1:] + h[:-1])
@@ -178,6 +178,6 @@ def broken_limit(time: Array, y: Array, v: Array, a: Array, speed: Array, accele
     }
     for what, parts in used.items():
         value = float(parts.max(initial=0.0))
-        if not value <= 1.0 + TOLERANCE:  # so that a value that is not a number is caught too
+        if not value <= 1.0 + LIMIT_EXCESS:  # so that a value that is not a number is caught too
             return f"the {what} would be {value:.4f} of its limit"
     return ""

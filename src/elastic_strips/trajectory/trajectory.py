@@ -1,4 +1,4 @@
-"""Trajectory: when the robot is where; the value that is certified, driven and recorded."""
+"""Trajectory: where the robot is at each time; the value that is certified, driven and recorded."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from elastic_strips.validation import check_array
 
 from .limits import MotionLimits
 
-_REST = 1e-9
-_SLIVER = 1e-9  # a first step shorter than this is left out [s]
+_RESTING_SPEED = 1e-9
+_SHORTEST_STEP = 1e-9  # a first step shorter than this is left out [s]
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceState:
-    """Where a trajectory wants the robot at one time.
+    """The state that a trajectory prescribes for one time.
 
     Attributes:
-        time: [s].
+        time: time [s].
         coordinates: (nv,) x, y, yaw, joints.
         v: (nv,) velocity: body twist (v_x, v_y, ω), joint rates.
         a: (nv,) its rate of change.
@@ -48,11 +48,12 @@ class Trajectory(Summary):
     the samples and the arcs is proved about every reference that :meth:`at` returns.
 
     Attributes:
-        robot: whose motion this is.
+        robot: the robot that moves.
         limits: the limits that it keeps.
-        time: (M,) [s], M ≥ 2, strictly ascending; may start anywhere. Evenly spaced but for the first step of a tail.
-        coordinates: (M, nv) coordinate rows x, y, yaw, joints. Angles run on, so that who interpolates the values goes
-            the way that :meth:`at` goes; those that are given wrapped are taken the shorter way.
+        time: (M,) [s], M ≥ 2, strictly ascending; may start anywhere. Evenly spaced except for the first step of a
+            tail.
+        coordinates: (M, nv) coordinate rows x, y, yaw, joints. Angles are continuous, so that interpolating the values
+            goes the way that :meth:`at` goes; wrapped ones are taken the shorter way.
         v: (M, nv) velocity at the samples: body twist (v_x, v_y, ω) [m/s, rad/s], joint rates [rad/s or m/s].
         a: (M, nv) its rate of change [m/s², rad/s²].
     """
@@ -123,7 +124,7 @@ class Trajectory(Summary):
     @property
     def at_rest_at_end(self) -> bool:
         """Whether it ends with the robot standing still."""
-        return bool(np.abs(self.v[-1]).max(initial=0.0) <= _REST)
+        return bool(np.abs(self.v[-1]).max(initial=0.0) <= _RESTING_SPEED)
 
     def at(self, t: float) -> ReferenceState:
         """The reference at a time [s]: the first sample before the start, the last one at rest after the end."""
@@ -146,19 +147,19 @@ class Trajectory(Summary):
         return self.robot.space.integrate(self.coordinates[i], s[:, None] * self.steps[i])
 
     def tail(self, t: float) -> Trajectory:
-        """What is left from time ``t`` [s] on, along the same arcs; the whole of it where ``t`` is before the start.
+        """The rest from time ``t`` [s] on, along the same arcs; the whole of it where ``t`` is before the start.
 
-        After the end: two samples of the end, one step apart.
+        After the end it consists of two samples of the end, one step apart.
         """
         if t <= self.time[0]:
             return self
-        if t + _SLIVER >= self.time[-1]:
+        if t + _SHORTEST_STEP >= self.time[-1]:
             step = float(self.time[-1] - self.time[-2])
             rows = np.stack([self.coordinates[-1], self.coordinates[-1]])
             rest = np.zeros_like(rows)
             return replace(self, time=np.array([t, t + step]), coordinates=rows, v=rest, a=rest)
         state = self.at(t)
-        i = int(np.searchsorted(self.time, t + _SLIVER, side="right"))
+        i = int(np.searchsorted(self.time, t + _SHORTEST_STEP, side="right"))
         return replace(
             self,
             time=np.concatenate([[t], self.time[i:]]),
@@ -193,7 +194,7 @@ class TrajectoryCertifier(OneThread):
     """Workspace: certifies trajectories of one robot against snapshots and their forecasts.
 
     Args:
-        robot: whose trajectories.
+        robot: the robot of the trajectories.
         clearance: distance [m] to keep from obstacles: at least the tracking error.
         self_clearance: distance [m] to keep between the robot's own links.
         settle_time: how long [s] the robot may take to come to rest after the end.
@@ -211,22 +212,25 @@ class TrajectoryCertifier(OneThread):
 
     @property
     def self_clearance(self) -> float:
-        """Distance [m] to keep between the robot's own links; fixed: pairs that always keep more were left out."""
+        """Distance [m] to keep between the robot's own links; fixed, as pairs that always keep more were left out."""
         return self._self_clearance
 
     @exclusive
     def reset(self) -> None:
-        """Forget the obstacles; for after an exception."""
+        """Forget the obstacles, as is needed after an exception."""
         self._certifier.reset()
 
     @exclusive
-    def certify(self, trajectory: Trajectory, scene: Scene, forecast: Forecast) -> Certificate:
+    def certify(
+        self, trajectory: Trajectory, scene: Scene, forecast: Forecast, *, clearance: float | None = None
+    ) -> Certificate:
         """Certify a trajectory, from its first sample until it has come to rest.
 
         Args:
             trajectory: ends at rest.
             scene: sensed at ``scene.time``, on the clock of ``trajectory.time``.
             forecast: of that scene, for all its moving obstacles.
+            clearance: distance [m] to keep from obstacles; that of the certifier where None.
 
         Raises:
             ParameterError: the forecast's horizon is shorter than the motion.
@@ -239,5 +243,10 @@ class TrajectoryCertifier(OneThread):
             )
         v = np.vstack([trajectory.steps, np.zeros((1, self.robot.nv))])
         return self._certifier.certify(
-            coordinates, v, scene, forecast.predict(times), clearance=self.clearance, self_clearance=self.self_clearance
+            coordinates,
+            v,
+            scene,
+            forecast.predict(times),
+            self_clearance=self.self_clearance,
+            clearance=self.clearance if clearance is None else clearance,
         )

@@ -1,4 +1,4 @@
-"""Viewer room: reports in, pictures out, and what is dragged in them back. The only room that knows meshcat."""
+"""Viewer room: reports become pictures, and dragging in these comes back. The only room that knows meshcat."""
 
 from typing import TYPE_CHECKING
 

@@ -43,12 +43,12 @@ STATE_COLORS = {
     "failed": "#7b2d8e",
 }
 _REFERENCE = "#24303c"
-_FPS, _MAX_FRAMES = 20.0, 600  # the page interpolates between them
+_FRAME_RATE, _MAX_FRAMES = 20.0, 600  # the page interpolates between them
 _MAX_STRIPS, _MAX_RECORDED, _MAX_NODES = 24, 32, 24
 _MAX_TRACE, _MAX_TRAILS = 400, 48
-_TRAIL = ((0.4, 0.3), (0.8, 0.19), (1.2, 0.1))  # how far behind [s], opacity
-_CAPTION, _EVENT = 0.1, 2.5  # the card changes so often, and shows an event so long [s]
-_HEIGHT = 1.0  # of the camera; higher than for a strip, as obstacles hide what goes on behind them
+_TRAIL_GHOSTS = ((0.4, 0.3), (0.8, 0.19), (1.2, 0.1))  # how far behind [s], opacity
+_CARD_PERIOD, _EVENT_TIME = 0.1, 2.5  # the card changes so often, and shows an event so long [s]
+_CAMERA_HEIGHT = 1.0  # of the camera; higher than for a strip, as obstacles hide what goes on behind them
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: 
         try:
             nodes = np.asarray(getattr(strip, "q", strip), dtype=float)
         except (TypeError, ValueError):
-            raise InputError(f"this is no strip, report or configurations (N, nq): {shown(strip)}") from None
+            raise InputError(f"this is not a strip, a report or configurations (N, nq): {shown(strip)}") from None
         if nodes.ndim != 2 or not len(nodes) or nodes.shape[1] != robot.nq:
             raise InputError(f"a path has shape {nodes.shape}; {robot.name!r} wants (N, {robot.nq}) with N >= 1")
         strips.append(nodes)
@@ -152,7 +152,7 @@ def draw_strips(drawing: Drawing, play: StripAnimation) -> list[Command]:
 
 def _frames(duration: float) -> tuple[int, float]:
     """How many frames there are, and how many a second."""
-    frames = int(np.clip(round(duration * _FPS), 2, _MAX_FRAMES))
+    frames = int(np.clip(round(duration * _FRAME_RATE), 2, _MAX_FRAMES))
     return frames, frames / duration
 
 
@@ -261,7 +261,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out += drawing.markers(np.stack((record.control.coordinates[0], goal)))
     out += [*drawing.hide(), commands.visible("/hulls", False)]
     drawing.playing = True
-    out.append(drawing.camera(np.concatenate((coordinates, goal[None])), scene, height=_HEIGHT))
+    out.append(drawing.camera(np.concatenate((coordinates, goal[None])), scene, height=_CAMERA_HEIGHT))
     out += _captions(drawing, play, times, points, bool(shown))
     out.append(commands.animation(tracks, fps))
     return out
@@ -271,7 +271,7 @@ def _obstacles(drawing: Drawing, record: Record, scene: Scene, times: Array, tra
     """Let obstacles move, with their trails, and be seen while they exist."""
     world, out = record.world, []
     moving = drawing.obstacles.moving(scene)
-    trail = _TRAIL[: _MAX_TRAILS // max(len(moving), 1)]
+    trail = _TRAIL_GHOSTS[: _MAX_TRAILS // max(len(moving), 1)]
     for obstacle in moving:
         path = drawing.obstacles.path(obstacle)
         tracks += commands.motion_tracks(path, _obstacle_poses(obstacle, times))
@@ -378,7 +378,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
     speed = np.linalg.norm(np.gradient(points, times, axis=0), axis=-1).max(axis=-1)
     codes = record.control.state
     moments = np.union1d(
-        np.arange(play.begin, play.end, max(_CAPTION * play.speed, (play.end - play.begin) / 600)),
+        np.arange(play.begin, play.end, max(_CARD_PERIOD * play.speed, (play.end - play.begin) / 600)),
         record.control.time[1:][np.diff(codes.astype(int)) != 0],
     )
     moments = moments[(moments >= play.begin) & (moments <= play.end)]
@@ -412,7 +412,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
 
 def _note(record: Record, t: float, row: int) -> str:
     """The last event if it is recent, else the planner's reason."""
-    fresh = [e for e in record.events if t - _EVENT < e.time <= t]
+    fresh = [e for e in record.events if t - _EVENT_TIME < e.time <= t]
     if fresh:
         return f"{fresh[-1].kind}: {fresh[-1].reason}" if fresh[-1].reason else fresh[-1].kind
     return record.planning.reasons[record.planning.reason[row]] if row >= 0 else ""

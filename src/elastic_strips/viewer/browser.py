@@ -34,16 +34,16 @@ _FLAGS = (
 )
 _READY = """document.body !== null && document.readyState === "complete"
   && (!document.getElementById("meshcat-pane") || document.body.dataset.ready === "yes")"""
-_START = 60.0  # [s]
+_LONGEST_BROWSER_START = 60.0  # [s]
 _T = TypeVar("_T")
 
 
 class BrowserError(ElasticStripsError):
-    """There is no Chromium, it does not start, or it has ended: through no fault of the input."""
+    """There is no Chromium, it does not start, or it has ended; the input is not the cause."""
 
 
 def find_browser() -> str | None:
-    """Path of a Chromium: that of the environment's ``CHROMIUM``, or the first that is on the path."""
+    """Path of a Chromium: the environment's ``CHROMIUM``, or the first one on the path."""
     return next(filter(None, (shutil.which(name) for name in (os.environ.get("CHROMIUM", ""), *NAMES) if name)), None)
 
 
@@ -51,7 +51,7 @@ class Browser:
     """One page in a Chromium without a window; a context manager, used by one thread.
 
     Attributes:
-        errors: what the page reported.
+        errors: errors that the page reported.
     """
 
     def __init__(self, *, size: tuple[int, int] = (1280, 720), patience: float = 60.0) -> None:
@@ -87,7 +87,7 @@ class Browser:
         """Open an HTML file or an address, and wait until its picture is there.
 
         Args:
-            page: what to open.
+            page: the file or address to open.
             fine: whether it is drawn as with a graphics card, however long that takes.
         """
         address = os.fspath(page)
@@ -96,7 +96,7 @@ class Browser:
         self._wait(self._open(address + ("#fine" if fine else "")))
 
     def evaluate(self, script: str) -> object:
-        """The value of a JavaScript expression, or of the promise that it is."""
+        """The value of a JavaScript expression, or of its promise."""
         return self._wait(self._evaluate(script))
 
     def mouse(self, kind: Literal["press", "move", "release"], x: float, y: float) -> None:
@@ -142,7 +142,7 @@ class Browser:
     async def _connect(self, size: tuple[int, int]) -> None:
         from tornado.websocket import websocket_connect
 
-        ports, end = Path(self._profile.name, "DevToolsActivePort"), time.monotonic() + _START
+        ports, end = Path(self._profile.name, "DevToolsActivePort"), time.monotonic() + _LONGEST_BROWSER_START
         while not (ports.is_file() and ports.read_text().strip()):
             if time.monotonic() > end or self._process.poll() is not None:
                 raise BrowserError("the browser does not start")

@@ -6,8 +6,8 @@ meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions``, ``
 ``draggable`` are read by the scripts in ``web``.
 
 The page is meshcat's script plus those: ``page.js`` adds a better background, lights and camera, objects that are drawn
-many times at once, a card with numbers and legend, and buttons for what plays; ``controls.js`` what is shown and
-hidden, names and labels; ``drag.js`` what can be dragged in a live page.
+many times at once, a card with numbers and legend, and buttons for playing; ``controls.js`` adds buttons that show and
+hide things, names and labels; ``drag.js`` makes things draggable in a live page.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from .server import Command, CommandLog
 
 _WEB = Path(__file__).parent / "web"
 _UINT8, _UINT16, _FLOAT32 = 0x12, 0x14, 0x17
-_GRAIN = 2.0**16  # steps in a metre
-_LARGE = 20.0  # [m]: places in a larger mesh are sent as they are
+_STEPS_PER_METRE = 2.0**16  # steps in a metre
+_LARGE_MESH = 20.0  # [m]: places in a larger mesh are sent as they are
 _serial = itertools.count()
 
 
@@ -44,8 +44,8 @@ def key(path: str, kind: str) -> str:
 
 
 def _floats(array: ArrayLike) -> Ext:
-    """Pack numbers as a Float32Array, rounded to 15 µm: what nobody sees is not worth its bytes."""
-    rounded = np.rint(np.asarray(array, dtype=float) * _GRAIN) / _GRAIN
+    """Pack numbers as a Float32Array, rounded to 15 µm: invisible digits are not worth their bytes."""
+    rounded = np.rint(np.asarray(array, dtype=float) * _STEPS_PER_METRE) / _STEPS_PER_METRE
     return Ext(_FLOAT32, np.ascontiguousarray(rounded, dtype="<f4").tobytes())
 
 
@@ -64,7 +64,7 @@ def material(
         opacity: 1 is solid.
         lit: Whether light shades it.
         roughness: From 0, a mirror, to 1; where it is lit.
-        hides: Whether it hides what is behind it; a translucent one need not.
+        hides: Whether it hides things behind it; a translucent one need not.
     """
     r, g, b = (round(255 * float(c)) for c in np.asarray(color))
     data: Document = {
@@ -88,13 +88,14 @@ def mesh(
     veiled: bool = False,
     steps: int = 65535,
 ) -> Command:
-    """Put a mesh at a path, in the place of what was there.
+    """Put a mesh at a path, in the place of what was there before.
 
     Args:
-        path: Where in the tree of the scene.
+        path: Place in the tree of the scene.
         data: The triangles.
-        look: What ``material`` returned.
-        instances: If given, the mesh is drawn at the poses of an ``instances`` command; room for so many at first.
+        look: A return value of ``material``.
+        instances: If given, the mesh is drawn at the poses of an ``instances`` command, with room for this many at
+            first.
         cast: Whether it casts and receives shadows.
         veiled: Whether a translucent mesh hides its own inside (with ``instances`` only).
         steps: How finely places are sent, as a share of the mesh's size.
@@ -131,7 +132,7 @@ def mesh(
 def instances(
     path: str, matrices: ArrayLike, colors: ArrayLike | None = None, *, names: Sequence[str] | None = None
 ) -> Command:
-    """Place the instances of a mesh: (K, 16) column-major matrices, (K, 3) linear colours, and what each is called."""
+    """Place the instances of a mesh: (K, 16) column-major matrices, (K, 3) linear colours, and their names."""
     data: Document = {"type": "instances", "path": path, "matrices": _floats(matrices)}
     if colors is not None:
         data["colors"] = _floats(colors)
@@ -156,7 +157,7 @@ def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command
 
 
 def names(group: str, paths: Sequence[str], texts: Sequence[str]) -> Command:
-    """What objects are called, which the page says where the mouse rests on them."""
+    """Name objects; the page shows the names where the mouse rests on them."""
     return key(group, "names"), packb({"type": "names", "paths": list(paths), "names": list(texts)})
 
 
@@ -289,7 +290,7 @@ def _in_order(faces: NDArray[np.uint32]) -> tuple[Indices, Document]:
 
 def _places(vertices: Floats, steps: int) -> Document:
     """Pack places (V, 3) [m] as whole numbers, ``steps`` for the mesh's size, or as they are in a large mesh."""
-    if not len(vertices) or not 0.0 < float(np.ptp(vertices, axis=0).max()) <= _LARGE:
+    if not len(vertices) or not 0.0 < float(np.ptp(vertices, axis=0).max()) <= _LARGE_MESH:
         return _attribute(vertices, _FLOAT32, "<f4")
     low = vertices.min(axis=0)
     unit = float(np.ptp(vertices, axis=0).max()) / steps

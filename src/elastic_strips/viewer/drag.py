@@ -1,4 +1,4 @@
-"""Drag: what a page says while somebody holds an obstacle, or the goal, with the mouse."""
+"""Drag: messages of a page while an obstacle, or the goal, is held with the mouse."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
-_KINDS = ("grab", "drag", "release")
-_FARTHEST, _LONGEST = 1e3, 1000  # [m], characters of a name
+_DRAG_KINDS = ("grab", "drag", "release")
+_FARTHEST_PLACE, _LONGEST_NAME = 1e3, 1000  # [m], characters of a name
 
 
 @dataclass(frozen=True, slots=True)
 class Drag:
-    """One message: something is grabbed, dragged by so much since then, or let go.
+    """One message: something is grabbed, has been dragged since then, or is let go.
 
     Attributes:
-        kind: which of them.
-        name: of the obstacle; None for the goal.
-        hand: of the goal, whether it is the hand's; else it is the base's.
+        kind: which of these.
+        name: name of the obstacle; None for the goal.
+        hand: whether the goal is the hand's, and not the base's.
         shift: (3,) displacement since it was grabbed [m], world frame.
-        turn: about the vertical through its own origin since it was grabbed [rad].
+        turn: turn about the vertical through its own origin since it was grabbed [rad].
     """
 
     kind: Literal["grab", "drag", "release"]
@@ -34,7 +34,7 @@ class Drag:
     hand: bool = False
 
     def applied(self, pose: Array) -> Array:
-        """``pose`` (4, 4) [m], the one at which it was grabbed, where it is dragged to."""
+        """The place to which ``pose`` (4, 4) [m], at which it was grabbed, is dragged."""
         c, s = math.cos(self.turn), math.sin(self.turn)
         moved = np.array(pose, dtype=float)
         moved[:3, :3] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ moved[:3, :3]
@@ -43,17 +43,17 @@ class Drag:
 
 
 def parse(line: bytes) -> Drag | None:
-    """Read a message; None where it is none, for any program on this machine may write to the page's server."""
+    """Read a message; None where it is not one, since any program on this machine may write to the page's server."""
     try:
         data = json.loads(line)
         kind, name, hand = data["type"], data.get("name"), data.get("hand", False)
         shift, turn = tuple(float(x) for x in data.get("shift", (0, 0, 0))), float(data.get("turn", 0))
     except (AttributeError, LookupError, TypeError, ValueError, RecursionError, OverflowError):
         return None
-    if kind not in _KINDS or not (name is None or (isinstance(name, str) and len(name) <= _LONGEST)):
+    if kind not in _DRAG_KINDS or not (name is None or (isinstance(name, str) and len(name) <= _LONGEST_NAME)):
         return None
     if (
-        not isinstance(hand, bool) or len(shift) != 3 or not all(abs(x) <= _FARTHEST for x in (*shift, turn))
+        not isinstance(hand, bool) or len(shift) != 3 or not all(abs(x) <= _FARTHEST_PLACE for x in (*shift, turn))
     ):  # NaN neither
         return None
     return Drag(kind, name, shift, turn, hand)

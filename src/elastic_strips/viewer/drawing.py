@@ -36,21 +36,25 @@ MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
-_FEW, _MANY = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
-_AHEAD, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
+_NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
+_PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
-_PIN, _SPOT, _HEAD, _POLE, _BALL = 1.9, 0.16, 0.09, 0.02, 0.07  # height of the pin, radii [m]
-_MOST, _SHORT = 400, 90  # characters of a reason, in the card and at the place
+_PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = 1.9, 0.09, 0.02  # [m] of the pin where a strip is broken
+_SPOT_RADIUS, _BALL_RADIUS = (
+    0.16,
+    0.07,
+)  # [m] of the ball there, and of that by which the hand is dragged
+_LONGEST_CARD_REASON, _LONGEST_PLACE_REASON = 400, 90  # characters of a reason, in the card and at the place
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
 _NONE = np.zeros((0, 16), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What is to be drawn: a scene and a strip's nodes (N, nq), with the report about it where there is one.
+    """A scene and a strip's nodes (N, nq) to draw, with the report about the strip if there is one.
 
     The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
-    ``live`` is one of many pictures a second: what takes long to measure is left out. ``tick`` is how long one takes
+    ``live`` is one of many pictures a second: slow measurements are left out. ``tick`` is the time of one tick
     [s]; ``notes`` are further rows of the card.
     """
 
@@ -66,7 +70,7 @@ class Snapshot:
 
 
 class Drawing:
-    """The state of one picture: what the browsers already have; used by one thread."""
+    """The state of one picture that the browsers already have; used by one thread."""
 
     def __init__(self, *, title: str, ghosts: int) -> None:
         """Start with an empty picture.
@@ -131,23 +135,25 @@ class Drawing:
         """The robot's bodies and its ghosts'; ``coarse`` ones are small enough for a notebook."""
         if self.robot is None:
             return []
-        bodies = geometry.drawn_bodies(self.robot, faces=_FEW) if coarse else self.bodies
+        bodies = geometry.drawn_bodies(self.robot, faces=_NOTEBOOK_FACES) if coarse else self.bodies
         steps, look = 4095 if coarse else 65535, commands.material(roughness=0.55)
         out = [commands.mesh(p, b.mesh, look, steps=steps) for p, b in zip(self.body_paths, bodies, strict=True)]
         look = commands.material(linear(_GHOST), opacity=0.27, roughness=0.9)
-        for body in geometry.drawn_bodies(self.robot, faces=_FEW // 2 if coarse else _MANY, plain=True):
+        for body in geometry.drawn_bodies(
+            self.robot, faces=_NOTEBOOK_FACES // 2 if coarse else _REPEATED_FACES, plain=True
+        ):
             path = f"/ghosts/{body.joint}"
             ghosts = commands.mesh(path, body.mesh, look, instances=self.ghosts, cast=False, veiled=True, steps=steps)
             out.append(ghosts)
         return out
 
     def hide(self) -> list[Command]:
-        """Hide the still picture, for as long as something plays."""
+        """Hide the still picture while something plays."""
         self.hidden = STATIC
         return [commands.visible(path, False) for path in STATIC]
 
     def stop(self) -> list[Command]:
-        """End what plays and bring back what it hid."""
+        """End playing and bring back what it hid."""
         if not self.playing:
             return []
         self.playing, self.hidden = False, ()
@@ -207,40 +213,32 @@ class Drawing:
     def card(self, snapshot: Snapshot) -> Command:
         """Fill the card in the corner."""
         report = snapshot.report
-        card: Document = {"title": self.title, "chip": None}
-        rows: list[list[str]] = []
         moves = report is not None or len(snapshot.nodes) > 1
-        if report is None:
-            rows += [["nodes", str(len(snapshot.nodes))]] if moves else []
-            legend = [["base, not checked", UNCHECKED]] if moves else []
-        else:
-            status, segments = report.status.value, report.certificate.segments
-            bad = report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED)
-            clearance = report.node_clearance if snapshot.live else report.clearance
-            if np.isfinite(clearance):
-                rows.append(["clearance of the nodes" if snapshot.live else "clearance", f"{clearance:.3f} m"])
-            rows.append(["certified", f"{int(segments.sum())} of {len(segments)} segments"])
-            legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
-            if self._pinned:
-                legend.append([f"where it is {status}" if bad else "not clear here", _TROUBLE])
-            if report.forces is not None and len(report.forces.points):
-                legend.append(["forces", _FORCE])
-            if report.hulls is not None:
-                legend.append(["protective hulls", _HULL])
-            card["chip"] = [status, _CHIP[status]]
-            if bad:
-                card["note"] = report.reason[:_MOST]
-            if snapshot.live:  # whether it is certified is what one looks for; a note that is not always there moves it
-                rows.insert(0, ["state", status])
-                card["chip"] = ["certified", CERTIFIED] if report.certificate.certified else ["not certified", REFUSED]
-                card["note"] = report.reason[:_MOST] if bad or not report.certificate.certified else ""
+        head: Document = {"chip": None}
+        rows: list[list[str]] = []
+        legend: list[list[str]] = []
+        if report is not None:
+            head, rows, legend = _chip(report, snapshot.live), _measured(report, snapshot.live), self._colours(report)
+        elif moves:
+            rows, legend = [["nodes", str(len(snapshot.nodes))]], [["base, not checked", UNCHECKED]]
         if snapshot.tick is not None:
             rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
         rows += [list(note) for note in snapshot.notes]
         if snapshot.scene.time:
             rows.append(["time", f"{snapshot.scene.time:.2f} s"])
         legend += [*([THREADS] if moves else []), *self._things(snapshot)]
-        return commands.hud({**card, "rows": rows, "legend": legend})
+        return commands.hud({"title": self.title, **head, "rows": rows, "legend": legend})
+
+    def _colours(self, report: DeformReport) -> list[list[str]]:
+        """The legend of what is in a picture because of a report."""
+        legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
+        if self._pinned:
+            legend.append([f"where it is {report.status.value}" if _bad(report) else "not clear here", _TROUBLE])
+        if report.forces is not None and len(report.forces.points):
+            legend.append(["forces", _FORCE])
+        if report.hulls is not None:
+            legend.append(["protective hulls", _HULL])
+        return legend
 
     def _things(self, snapshot: Snapshot) -> list[list[str]]:
         """The legend of what is in a picture besides the strip."""
@@ -275,7 +273,7 @@ class Drawing:
         out, path = [], "/markers/hand"
         if self._first("hand"):
             look = commands.material(linear(HAND_THREAD), opacity=0.55, hides=False)
-            out.append(commands.mesh(path, geometry.sphere().scaled(np.full(3, _BALL)), look, cast=False))
+            out.append(commands.mesh(path, geometry.sphere().scaled(np.full(3, _BALL_RADIUS)), look, cast=False))
             out.append(commands.names(path, [path], ["hand at the goal"]))
         T = np.eye(4)
         T[:3, 3] = points[-1]
@@ -305,14 +303,18 @@ class Drawing:
         self._pinned = spot is not None
         ball = head = pole = None
         if spot is not None:
-            foot, top = spot * [1.0, 1.0, 0.0], spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN]
-            ball, head = geometry.spheres(spot, _SPOT), geometry.spheres(top, _HEAD)
-            pole = geometry.between(foot[None], top[None], _POLE)
+            foot, top = spot * [1.0, 1.0, 0.0], spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN_HEIGHT]
+            ball, head = geometry.spheres(spot, _SPOT_RADIUS), geometry.spheres(top, _PIN_HEAD_RADIUS)
+            pole = geometry.between(foot[None], top[None], _POLE_RADIUS)
         clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
         reason = "" if report is None else report.reason or "not clear here"
-        top = np.zeros((0, 3)) if spot is None else (spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN + _HEAD])[None]
+        top = (
+            np.zeros((0, 3))
+            if spot is None
+            else (spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN_HEIGHT + _PIN_HEAD_RADIUS])[None]
+        )
         return [
-            commands.labels("/trouble", [reason[:_SHORT]] * len(top), top),
+            commands.labels("/trouble", [reason[:_LONGEST_PLACE_REASON]] * len(top), top),
             *self._many("/trouble/spot", geometry.sphere(), clear, ball, room=1),
             *self._many("/trouble/head", geometry.sphere(), solid, head, room=1),
             *self._many("/trouble/pole", geometry.rod(), solid, pole, room=1),
@@ -344,8 +346,32 @@ def _outermost(points: Array) -> Array:
         return points
 
 
+def _bad(report: DeformReport) -> bool:
+    return report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED)
+
+
+def _chip(report: DeformReport, live: bool) -> Document:
+    """The state in a word and a colour, and a note that says why where it is not as it is to be."""
+    status, note = report.status.value, report.reason[:_LONGEST_CARD_REASON]
+    if not live:
+        chip = [status, _CHIP[status]]
+        return {"chip": chip, "note": note} if _bad(report) else {"chip": chip}
+    if report.certificate.certified:  # this is what one looks for; a note that is not always there moves the rows
+        return {"chip": ["certified", CERTIFIED], "note": note if _bad(report) else ""}
+    return {"chip": ["not certified", REFUSED], "note": note}
+
+
+def _measured(report: DeformReport, live: bool) -> list[list[str]]:
+    """The rows of a card about a report."""
+    segments, clearance = report.certificate.segments, report.node_clearance if live else report.clearance
+    rows = [["state", report.status.value]] if live else []
+    if np.isfinite(clearance):
+        rows.append(["clearance of the nodes" if live else "clearance", f"{clearance:.3f} m"])
+    return [*rows, ["certified", f"{int(segments.sum())} of {len(segments)} segments"]]
+
+
 def bare_legend(robot: RobotModel) -> list[list[str]]:
-    """The legend of what is hatched: links of which nothing is proven."""
+    """The legend of hatched links, about which nothing is proven."""
     return [["no collision shape: nothing is proven", _HATCHED]] if robot.bare_links else []
 
 
@@ -379,7 +405,7 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, p
 
 
 class ObstacleDrawing:
-    """What of a scene the browsers already have.
+    """The parts of a scene that the browsers already have.
 
     Boxes, spheres, cylinders and cones that stand still are one object per shape, however many there are. Everything
     else, and what moves, is an object of its own.
@@ -396,7 +422,7 @@ class ObstacleDrawing:
         self.singles: set[str] = set()  # names of what is an object of its own because it is dragged
 
     def legend(self) -> list[list[str]]:
-        """What the colours of the obstacles mean."""
+        """The meaning of the obstacles' colours."""
         entries = [[name, color] for kind, (name, color) in _KINDS.items() if kind in self._seen]
         if self._predicted:
             entries.append(["where it will be in 0.5 and 1 s", f"color-mix(in srgb, {MOVING_COLOR} 35%, white)"])
@@ -455,7 +481,7 @@ class ObstacleDrawing:
         """Draw where obstacles that move will be soon, if they go on as their motions say."""
         out, seen = [], set()
         for obstacle in self.moving(scene)[:_MOST_MOVING]:
-            for k, (ahead, opacity) in enumerate(_AHEAD):
+            for k, (ahead, opacity) in enumerate(_PREDICTED_TIMES):
                 path = f"/predictions/{k}/{self.path(obstacle).rsplit('/', 1)[1]}"
                 seen.add(path)
                 if path not in self._predicted:

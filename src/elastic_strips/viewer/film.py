@@ -22,7 +22,7 @@ ENDINGS = (".gif", ".mp4", ".webm")
 _BARE = "for (const e of document.querySelectorAll('.dg, #es-play, #es-bar')) e.style.visibility = 'hidden'; void 0"
 _AT = "animator.pause(); animator.seek({0}); animator.display_progress({0}); viewer.render(); void 0"
 _CODECS = {".mp4": "libx264", ".webm": "libvpx-vp9"}  # a WebM holds no H.264
-_LONGEST = 5000  # pictures of a film
+_MOST_PICTURES = 5000  # pictures of a film
 
 
 def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, int], time: float | None) -> Path:
@@ -32,7 +32,7 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
         html: the page.
         path: PNG to write.
         size: width and height [pixels].
-        time: moment of what plays [s]; the first where None.
+        time: moment of playing [s]; the first where None.
 
     Raises:
         BrowserError: there is no Chromium.
@@ -47,7 +47,7 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
 
 
 def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int], fps: float) -> Path:
-    """Draw what plays in a standalone page, from its beginning to its end.
+    """Draw what plays in a standalone page, from beginning to end.
 
     Args:
         html: the page.
@@ -67,14 +67,14 @@ def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int],
         if not seconds > 0.0:
             raise InputError("nothing plays in this picture, so there is no film of it")
         with film_writer(path, fps=fps) as film:
-            for k in range(min(int(seconds * fps) + 1, _LONGEST)):
+            for k in range(min(int(seconds * fps) + 1, _MOST_PICTURES)):
                 browser.evaluate(_AT.format(min(k / fps, seconds - 1e-3)))  # at its end it begins again
                 film.add(browser.picture())
     return film.path
 
 
 class Film(Protocol):
-    """What takes the pictures of a film."""
+    """A writer of the pictures of a film."""
 
     path: Path
 
@@ -84,7 +84,7 @@ class Film(Protocol):
 
 @contextmanager
 def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
-    """Write a film picture by picture; the file is complete or not there at all.
+    """Write a film picture by picture; the file is written whole or not at all.
 
     Raises:
         MissingExtraError: the extra ``film`` is not installed.

@@ -1,4 +1,4 @@
-"""Geometry: what a picture consists of, as arrays: meshes of robots and obstacles, and where they are."""
+"""Geometry: the content of a picture as arrays: meshes of robots and obstacles, and where they are."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array, ArrayLike, Indices
+from elastic_strips.coal_shapes import ShapeKind, faces, shape_of, vertices
 from elastic_strips.robot import ConfigurationSpace, Kinematics, RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, faces, shape_of, vertices
 from elastic_strips.scene import Obstacle
 
 Floats = NDArray[np.float32]
@@ -25,7 +25,7 @@ BARE = "#f0b400"
 """The colour of the stripes of links that no collision shape covers."""
 _SLANT = np.array([0.48, 0.36, 0.8])
 _STRIPES, _MOST_STRIPES = (0.006, 0.06), 40  # [m] how wide; of a link
-_CREASE = float(np.radians(35.0))
+_CREASE_ANGLE = float(np.radians(35.0))  # [rad] sharper edges are not smoothed
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def linear(color: str | Sequence[float]) -> tuple[float, float, float]:
     return r, g, b
 
 
-def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE) -> MeshData:
+def _shaded(vertices: ArrayLike, faces: ArrayLike, crease: float = _CREASE_ANGLE) -> MeshData:
     """Compute normals: smooth within patches of faces that meet at less than the crease angle [rad], sharp between."""
     mesh = trimesh.Trimesh(np.asarray(vertices, dtype=float), np.asarray(faces), process=False)
     mesh.merge_vertices(digits_vertex=6)
@@ -199,7 +199,7 @@ def _capsule(radius: float, length: float) -> MeshData:
     return _revolved(np.vstack((upper[::-1] * [1.0, -1.0], upper)), 24, crease=np.pi)
 
 
-def _revolved(profile: ArrayLike, segments: int, crease: float = _CREASE) -> MeshData:
+def _revolved(profile: ArrayLike, segments: int, crease: float = _CREASE_ANGLE) -> MeshData:
     """Turn a profile of (radius, z) about z."""
     turned = trimesh.creation.revolve(np.asarray(profile, dtype=float), sections=segments)
     return _shaded(turned.vertices, turned.faces, crease)
@@ -241,8 +241,8 @@ class Body:
 def robot_bodies(robot: RobotModel) -> tuple[Body, ...]:
     """Merge a robot's visual geometry per joint; each distinct mesh is read once.
 
-    Where there is no visual geometry the collision geometry is drawn instead. What has no colour is grey: Pinocchio's
-    geometry objects are black until somebody gives them one. Links of which nothing is proven are hatched.
+    Where there is no visual geometry the collision geometry is drawn instead. Objects without a colour are grey:
+    Pinocchio's geometry objects are black until they are given one. Links about which nothing is proven are hatched.
     """
     model = robot.visual_model if robot.visual_model.ngeoms else robot.collision_model
     read: dict[object, MeshData | None] = {}
@@ -288,7 +288,7 @@ def plain_bodies(bodies: tuple[Body, ...]) -> tuple[Body, ...]:
 
 
 def coarse_bodies(bodies: tuple[Body, ...], faces: int) -> tuple[Body, ...]:
-    """Return the bodies, coarser until all of them have no more than so many ``faces``, or cells are 2 cm wide."""
+    """Return the bodies, coarser until all of them have at most ``faces`` faces, or cells are 2 cm wide."""
     coarse = bodies
     for cell in (0.004, 0.008, 0.012, 0.016, 0.02):
         if sum(len(body.mesh.faces) for body in coarse) <= faces:
@@ -301,7 +301,7 @@ _DRAWN: WeakKeyDictionary[RobotModel, dict[tuple[int | None, bool], tuple[Body, 
 
 
 def drawn_bodies(robot: RobotModel, *, faces: int | None = None, plain: bool = False) -> tuple[Body, ...]:
-    """A robot's bodies, of no more than so many ``faces``, and ``plain`` without colours; made once for each robot,
+    """A robot's bodies with at most ``faces`` faces, and ``plain`` without colours; made once for each robot,
     as a notebook has many pictures of one."""
     known = _DRAWN.setdefault(robot, {})
     if (faces, plain) not in known:
@@ -336,7 +336,7 @@ def _factors(geometry: coal.CollisionGeometry) -> Array:
 def obstacle_mesh(obstacle: Obstacle) -> MeshData | None:
     """Merge an obstacle's parts into one mesh in the obstacle's frame; None if nothing of it can be drawn.
 
-    What is drawn is what is avoided: the convex parts of a mesh, the merged boxes of voxels.
+    The picture shows what is avoided: the convex parts of a mesh, the merged boxes of voxels.
     """
     found: list[MeshData] = []
     boxes: list[tuple[Array, Array]] = []
@@ -472,9 +472,14 @@ def interpolated(space: ConfigurationSpace, coordinates: Array, at: Array, where
 
 
 def ribbon(
-    space: ConfigurationSpace, coordinates: Array, colors: Array, *, width: float = 0.06, height: float = 0.0,
+    space: ConfigurationSpace,
+    coordinates: Array,
+    colors: Array,
+    *,
+    width: float = 0.06,
+    height: float = 0.0,
     steps: int = 4,
-) -> MeshData | None:  # fmt: skip
+) -> MeshData | None:
     """A flat band on the floor under a planar base, coloured per segment, along the arcs that the base drives.
 
     Args:

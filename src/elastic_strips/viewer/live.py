@@ -6,33 +6,31 @@ import logging
 import threading
 import time
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
-from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
-from elastic_strips.planning import PlanReport, check_endpoints, plan_report
+from elastic_strips.errors import ConfigurationError, RobotError, SceneError
+from elastic_strips.planning.keeper import StripKeeper
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSolver, rotation_of
+from elastic_strips.robot.space import wrap_angle
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, Strip
+from elastic_strips.strip import DeformParams, DeformReport, Strip
 from elastic_strips.validation import check_array, check_number, check_type
 
 from .drag import Drag
 from .viewer import Viewer
 
 _log = logging.getLogger(__name__)
-_PATIENCE = 0.4  # [s] that a strip may be broken before a path is looked for
-_AGAIN, _LONGEST = 1.0, 1.0  # between searches, and for each [s]
-_TURN = 3.0  # of what is moved [rad/s]
-_RECENT = 50  # ticks whose median is shown
+_TURN_SPEED = 3.0  # of what is moved [rad/s]
+_RECENT_TICKS = 50  # whose median is shown
 
 
 class LiveStrip:
-    """A strip that gives way, tick by tick, while obstacles and goal move where they are wanted.
+    """A strip that gives way, tick by tick, while obstacles and goal are moved.
 
-    What is moved, by :meth:`move`, :meth:`move_goal` or with the mouse in the viewer's page, goes there no faster
+    Things that are moved, by :meth:`move`, :meth:`move_goal` or with the mouse in the viewer's page, go there no faster
     than ``speed``. Where the strip stays broken for 0.4 s a path is planned anew, in another thread, and taken where
     it is certified in the scene of that moment. While start or goal touches something the strip waits, and says so.
     Obstacles that have a motion move on by the clock until they are grabbed; then they stay where they are put.
@@ -57,17 +55,18 @@ class LiveStrip:
         """Start ticking.
 
         Args:
-            robot: whose strip it is.
+            robot: the robot of the strip.
             scene: the obstacles.
-            strip: to begin with.
-            viewer: shows it and is dragged in; none where None.
-            params: the deformer's.
+            strip: the strip to begin with.
+            viewer: shows the strip, and things are dragged in it; None: no viewer.
+            params: the deformer's parameters.
             rate: ticks a second.
-            speed: of what is moved [m/s].
-            thread: False leaves it to the caller to call :meth:`tick`, and time goes on by 1 / ``rate`` each.
+            speed: largest speed of moved things [m/s].
+            thread: False leaves it to the caller to call :meth:`tick`; time then goes on by 1 / ``rate`` [s] with each
+                call.
 
         Raises:
-            InputError: a rate or a speed out of range, another robot's strip, something that is none of these.
+            InputError: a rate or a speed out of range, another robot's strip, or an argument of another type.
         """
         check_type("robot", robot, RobotModel, RobotError)
         check_type("scene", scene, Scene, SceneError)
@@ -75,10 +74,9 @@ class LiveStrip:
         check_type("viewer", viewer, Viewer, none=True)
         check_number("rate", rate, low=1.0, high=1000.0, unit="Hz")
         check_number("speed", speed, above=0.0, high=100.0, unit="m/s")
-        self._robot, self._scene, self._params = robot, scene, params
-        self._deformer, self._ends = Deformer(robot, params), Deformer(robot, params)
+        self._robot, self._scene = robot, scene
         self._period, self._speed = 1.0 / rate, speed
-        self._report = self._deformer.step(strip, scene)
+        self._keeper = StripKeeper(robot, scene, strip, params=params, period=self._period)
         self._viewer = viewer
         self._lock = threading.Lock()
         self._targets: dict[str, Array] = {}
@@ -86,16 +84,12 @@ class LiveStrip:
         self._hand_goal: Array | None = None  # pose (4, 4)
         self._hands = _hand_solvers(robot)  # of the ticks, and of whoever holds the lock
         self._held: tuple[str | None, bool, Array] | None = None  # name, hand, and the pose (4, 4) when it was grabbed
-        self._ticks: deque[float] = deque([self._report.seconds], maxlen=_RECENT)
-        self._broken_since: float | None = None
-        self._searched = -np.inf
-        self._search: Future[PlanReport] | None = None
-        self._searches = ThreadPoolExecutor(1, thread_name_prefix="elastic-strips search")
-        self._replans = self._count = 0
+        self._ticks: deque[float] = deque([self.report.seconds], maxlen=_RECENT_TICKS)
+        self._count = 0
         self._first_time = scene.time
         self._ended = threading.Event()
         if viewer is not None:
-            viewer.show(robot, scene, self._report)
+            viewer.show(robot, scene, self.report)
             viewer.listen(self._hear, goal=robot.space.planar, hand=self._hands is not None)
         self._thread: threading.Thread | None = None
         if thread:
@@ -104,8 +98,8 @@ class LiveStrip:
 
     @property
     def report(self) -> DeformReport:
-        """The newest tick's."""
-        return self._report
+        """The report of the newest tick."""
+        return self._keeper.report
 
     @property
     def scene(self) -> Scene:
@@ -115,11 +109,11 @@ class LiveStrip:
     @property
     def replans(self) -> int:
         """How many planned paths were taken."""
-        return self._replans
+        return self._keeper.replans
 
     @property
     def ticks(self) -> int:
-        """How many there were."""
+        """How many ticks there were."""
         return self._count
 
     @property
@@ -131,12 +125,12 @@ class LiveStrip:
         """Let an obstacle go to another place.
 
         Args:
-            name: the obstacle's.
+            name: name of the obstacle.
             at: (3,) place of its origin [m], or pose (4, 4).
 
         Raises:
-            SceneError: there is none of that name.
-            InputError: no place.
+            SceneError: there is no obstacle of that name.
+            InputError: ``at`` is not a place.
         """
         there = np.asarray(at, dtype=float)
         pose = np.array(self._scene.obstacle(name).pose)
@@ -152,13 +146,13 @@ class LiveStrip:
 
         Raises:
             ConfigurationError: the robot's base is fixed.
-            InputError: a number that is none.
+            InputError: something that is not a number.
         """
         if not self._robot.space.planar:
             raise ConfigurationError(f"{self._robot.name!r} stands on a fixed base, so its goal does not move")
         where = [check_number(n, v, unit=u) for n, v, u in (("x", x, "m"), ("y", y, "m"), ("yaw", yaw, "rad"))]
         with self._lock:
-            goal = self._report.strip.coordinates[-1] if self._goal is None else self._goal
+            goal = self.report.strip.coordinates[-1] if self._goal is None else self._goal
             self._goal = np.array([*where, *goal[3:]])
 
     def move_hand(self, at: ArrayLike) -> None:
@@ -169,7 +163,7 @@ class LiveStrip:
 
         Raises:
             ConfigurationError: the robot has no joint that moves its last control point.
-            InputError: no place.
+            InputError: ``at`` is not a place.
         """
         if self._hands is None:
             raise ConfigurationError(f"{self._robot.name!r} has no joint that moves its hand")
@@ -180,7 +174,7 @@ class LiveStrip:
         else:
             pose[:3, 3] = check_array("at", at, (3,))
             with self._lock:
-                pose[:3, :3] = self._hands[1].pose(self._report.strip)[:3, :3]
+                pose[:3, :3] = self._hands[1].pose(self.report.strip)[:3, :3]
         with self._lock:
             self._hand_goal = pose
 
@@ -191,7 +185,7 @@ class LiveStrip:
             self._viewer.listen(None)
         if self._thread is not None and threading.current_thread() is not self._thread:
             self._thread.join(5.0)
-        self._searches.shutdown(wait=False, cancel_futures=True)
+        self._keeper.close()
 
     def __enter__(self) -> LiveStrip:
         return self
@@ -201,13 +195,13 @@ class LiveStrip:
 
     def _repr_html_(self) -> str:
         if self._viewer is None or self._viewer.url is None:
-            return self._report.strip._repr_html_()
+            return self.report.strip._repr_html_()
         return (
             f'<iframe src="{self._viewer.own_url}" style="width: 100%; height: 480px; border: 0; border-radius: 8px">'
             "</iframe>"
         )
 
-    # Messages of the page, in the viewer's thread
+    # Messages of the pages, in the thread that hears them
 
     def _hear(self, drag: Drag) -> None:
         if drag.kind == "release":
@@ -230,15 +224,15 @@ class LiveStrip:
                 self.move_goal(float(pose[0, 3]), float(pose[1, 3]), float(np.arctan2(pose[1, 0], pose[0, 0])))
 
     def _pose(self, name: str | None, hand: bool) -> Array | None:
-        """Where something is that can be grabbed: the pose (4, 4) of an obstacle, or of hand or base at the goal."""
+        """Pose (4, 4) of something that can be grabbed: of an obstacle, or of hand or base at the goal."""
         if name is not None:
             return np.array(self._scene.obstacle(name).pose) if name in self._scene else None
         if hand:
             with self._lock:
-                return None if self._hands is None else self._hands[1].pose(self._report.strip)
+                return None if self._hands is None else self._hands[1].pose(self.report.strip)
         if not self._robot.space.planar:
             return None
-        x, y, yaw = self._report.strip.coordinates[-1, :3]
+        x, y, yaw = self.report.strip.coordinates[-1, :3]
         return Drag("drag", None, (float(x), float(y), 0.0), float(yaw)).applied(np.eye(4))
 
     # The loop
@@ -255,39 +249,21 @@ class LiveStrip:
             _log.exception("the live strip has ended")
 
     def tick(self) -> DeformReport:
-        """Make one tick, where there is no thread that does; return its report."""
+        """Make one tick if no thread does; return its report."""
         self._tick(self._first_time + (self._count + 1) * self._period)
-        return self._report
+        return self.report
 
     def _tick(self, now: float) -> None:
-        moving = any(obstacle.motion is not None for obstacle in self._scene)
+        keeper, moving = self._keeper, any(obstacle.motion is not None for obstacle in self._scene)
         scene = self._moved(self._scene.at(now) if moving else self._scene)
-        strip = self._taken(scene) or self._towards_goal(self._report.strip)
+        strip = keeper.taken(scene) or self._towards_goal(self.report.strip)
         self._scene = scene
-        certified = self._report.certified
-        report = None if certified else self._held_by_its_ends(strip, scene)
-        waits = report is not None
-        if report is None:
-            report = self._deformer.step(strip, scene, budget=None if certified else 0.5 * self._period, detail=True)
-        self._report = report
+        report = keeper.tick(now, strip, scene)
         self._count += 1
         self._ticks.append(report.seconds)
-        if not waits:
-            self._look_for_path(now)
         if self._viewer is not None:
-            notes = [("planned anew", "looking for a way" if self._search is not None else str(self._replans))]
+            notes = [("planned anew", "looking for a way" if keeper.searching else str(keeper.replans))]
             self._viewer.update(report, scene, tick=float(np.median(self._ticks)), notes=notes)
-
-    def _held_by_its_ends(self, strip: Strip, scene: Scene) -> DeformReport | None:
-        """Where its start or goal touches something nothing helps but to move either: the strip stays as it is."""
-        begin = time.perf_counter()
-        try:
-            check_endpoints(self._robot, scene, strip.q[0], strip.q[-1], self._deformer.params, self._ends)
-        except ConfigurationError as error:
-            certificate = self._deformer.certify(strip, scene)
-            clearance, seconds = self._deformer.workspace.obstacles.least_clearance(), time.perf_counter() - begin
-            return DeformReport(strip, DeformStatus.BROKEN, str(error), certificate, clearance, scene, seconds=seconds)
-        return None
 
     def _moved(self, scene: Scene) -> Scene:
         """The scene with what is moved one step nearer to where it is wanted."""
@@ -295,7 +271,7 @@ class LiveStrip:
             targets = dict(self._targets)
         for name, pose in targets.items():
             obstacle = scene.obstacle(name)
-            there = _towards(np.asarray(obstacle.pose), pose, self._speed * self._period, _TURN * self._period)
+            there = _towards(np.asarray(obstacle.pose), pose, self._speed * self._period, _TURN_SPEED * self._period)
             scene = scene.with_observations([obstacle.observed(there, None)])
             if np.array_equal(there, pose):
                 with self._lock:
@@ -318,46 +294,15 @@ class LiveStrip:
         space = self._robot.space
         off = goal - coordinates[-1]
         angles = np.r_[[False, False, True][: space.base_nv], space.circular].astype(bool)
-        off[angles] = (off[angles] + np.pi) % (2.0 * np.pi) - np.pi
+        off[angles] = wrap_angle(off[angles])
         way = float(np.hypot(*off[:2])) if space.planar else 0.0
         turns = np.abs(off[2:] if space.planar else off)
-        far = max(way / (self._speed * self._period), float(turns.max(initial=0.0)) / (_TURN * self._period))
+        far = max(way / (self._speed * self._period), float(turns.max(initial=0.0)) / (_TURN_SPEED * self._period))
         if far <= 1.0:
             with self._lock:
                 self._goal = None if self._goal is goal else self._goal
         share = np.linspace(0.0, 1.0, len(coordinates))[:, None]
         return Strip.from_coordinates(self._robot, coordinates + share * off / max(far, 1.0))
-
-    def _look_for_path(self, now: float) -> None:
-        """Plan anew where the strip stays broken."""
-        if self._report.certified:
-            self._broken_since = None
-            return
-        self._broken_since = now if self._broken_since is None else self._broken_since
-        waited = now - self._broken_since >= _PATIENCE and now - self._searched >= _AGAIN
-        if waited and self._search is None and not self._ended.is_set():
-            self._searched = now
-            q = self._report.strip.q
-            self._search = self._searches.submit(
-                plan_report, self._robot, self._scene, q[0], q[-1], params=self._params, timeout=_LONGEST
-            )
-
-    def _taken(self, scene: Scene) -> Strip | None:
-        """The path that was planned, where the goal has not moved since and it is certified in this scene."""
-        if self._search is None or not self._search.done():
-            return None
-        search, self._search = self._search, None
-        try:
-            strip = search.result().strip
-        except ElasticStripsError as error:  # say start or goal touch something: the report says so as well
-            _log.debug("no path: %s", error)
-            return None
-        if self._report.certified or not np.array_equal(strip.q[-1], self._report.strip.q[-1]):
-            return None
-        if not self._deformer.certify(strip, scene).certified:
-            return None
-        self._replans += 1
-        return strip
 
 
 class _Hand:

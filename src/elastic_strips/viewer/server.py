@@ -7,9 +7,9 @@ process ends. An address that names another program's picture (``?id=``) is not 
 A frame on standard input is a header (length of the key, length of the payload), the key and the payload. Key ``page``
 carries the HTML; an empty key ends a batch; any other one is a command (see ``commands``).
 
-What is dragged in a page comes back as lines of JSON on standard output (see ``drag``). One page holds something at a
-time: others that grab meanwhile are told so. A page of another origin is refused. No page of others' may show this one
-in a frame, under which somebody would drag what he does not see; a notebook of this machine may, by the address that
+Dragging in a page comes back as lines of JSON on standard output (see ``drag``). One page holds something at a time:
+others that grab meanwhile are told so. A page of another origin is refused. No foreign page may show this one in a
+frame, under which users would drag things that they do not see; a notebook of this machine may, by the address that
 only this program knows.
 """
 
@@ -28,20 +28,21 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterable
-from typing import IO, TYPE_CHECKING, BinaryIO
+from typing import IO, TYPE_CHECKING, BinaryIO, Protocol
 
 if TYPE_CHECKING:
     from tornado.httputil import HTTPServerRequest
+    from tornado.web import RequestHandler
 
 Command = tuple[str, bytes]  # key, payload
 
 _HEADER = struct.Struct(">IQ")
 _HOST = "127.0.0.1"
-_FIRST_PORT, _PORTS = 7000, 100
-_START, _SEND = 20.0, 10  # longest waits [s]
-_LONGEST = 4096  # bytes of what a page says
+_FIRST_PORT, _PORTS = 7000, 100  # so many are tried
+_LONGEST_SERVER_START, _LONGEST_SEND = 20.0, 10  # longest waits [s]
+_LONGEST_MESSAGE = 4096  # bytes of what a page says
 _NOTEBOOKS = "'self' http://localhost:* http://127.0.0.1:* https://localhost:* https://127.0.0.1:* vscode-webview:"
-"""Who may frame the page: what a notebook of this machine is shown by."""
+"""Origins that may frame the page: those of notebooks on this machine."""
 
 
 class CommandLog:
@@ -106,15 +107,15 @@ class ServerProcess:
         Args:
             port: Port on 127.0.0.1; None takes a free one.
             page: HTML.
-            heard: called with each line that a page says, in a thread of its own.
+            heard: called with each line that a page sends, in a thread of its own.
 
         Raises:
             ServerError: It does not start, or the port is taken.
         """
-        self.id = secrets.token_hex(4)
+        self.id: str = secrets.token_hex(4)
         ours, theirs = socket.socketpair()
         # Writes block in the kernel, without the interpreter's lock; one that waits too long fails.
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _SEND, 0))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", _LONGEST_SEND, 0))
         ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         self._socket = ours
         try:
@@ -134,7 +135,7 @@ class ServerProcess:
         atexit.register(self.close)
         answer = self._process.stdout
         assert answer is not None
-        ready, _, _ = select.select([answer], [], [], _START)
+        ready, _, _ = select.select([answer], [], [], _LONGEST_SERVER_START)
         name, _, value = (answer.readline().decode().strip() if ready else "").partition("=")
         if name != "url":
             self.close()
@@ -168,7 +169,7 @@ class ServerProcess:
         try:
             self._socket.sendall(b"".join(chunks))
         except BlockingIOError:
-            raise ServerError(f"the server has not read for {_SEND} s") from None
+            raise ServerError(f"the server has not read for {_LONGEST_SEND} s") from None
         except OSError as error:
             raise ServerError(f"the server process is gone: {error}") from error
 
@@ -207,25 +208,72 @@ def _read(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-async def _serve(port: int, own: str) -> None:
-    """Serve until standard input ends."""
-    import tornado.httpserver
-    import tornado.netutil
+class _Page(Protocol):
+    """A page in a browser: what it has not got yet, and a way to send it."""
+
+    pending: CommandLog
+
+    def push(self) -> None: ...
+
+
+class _Picture:
+    """What the pages show, which pages there are, and which of them holds something."""
+
+    def __init__(self) -> None:
+        self.page: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        self.log = CommandLog()
+        self.clients: set[_Page] = set()
+        self.holder: _Page | None = None
+
+    def receive(self, frames: list[Command]) -> None:
+        """Take a batch from the parent, and send it to every page."""
+        for key, payload in frames:
+            if key == "page":
+                self.page.set_result(payload)
+                continue
+            self.log.put(key, payload)
+            for client in self.clients:
+                client.pending.put(key, payload)
+        for client in self.clients:
+            client.push()
+
+    def heard(self, client: _Page, message: str | bytes) -> bool:
+        """Tell the parent what a page says; False where it grabs something while another one holds something."""
+        try:
+            line = json.loads(message)
+            kind = line["type"]
+        except (LookupError, TypeError, ValueError, RecursionError):
+            return True
+        if kind == "grab" and self.holder is None:
+            self.holder = client
+        if self.holder is not client:
+            return kind != "grab"
+        if kind == "release":
+            self.holder = None
+        _say(json.dumps(line))
+        return True
+
+    def left(self, client: _Page) -> None:
+        """Forget a page, which lets go of what it holds."""
+        self.clients.discard(client)
+        if self.holder is client:
+            self.holder = None
+            _say(json.dumps({"type": "release"}))
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def _local(request: HTTPServerRequest) -> bool:
+    """Refuse requests to a foreign name that was made to point here."""
+    return request.host.rsplit(":", 1)[0] in (_HOST, "localhost")
+
+
+def _page_handler(picture: _Picture, own: str) -> type[RequestHandler]:
+    """Answers with the page."""
     import tornado.web
-    import tornado.websocket
-
-    page: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
-    log = CommandLog()
-    clients: set[Client] = set()
-    holder: Client | None = None  # the page that holds something
-
-    def say(line: dict[str, object]) -> None:
-        sys.stdout.write(json.dumps(line) + "\n")
-        sys.stdout.flush()
-
-    def local(request: HTTPServerRequest) -> bool:
-        """Refuse requests that a foreign name was made to point here for."""
-        return request.host.rsplit(":", 1)[0] in (_HOST, "localhost")
 
     class Page(tornado.web.RequestHandler):
         def set_default_headers(self) -> None:
@@ -234,7 +282,7 @@ async def _serve(port: int, own: str) -> None:
             self.set_header("X-Content-Type-Options", "nosniff")
 
         async def get(self) -> None:
-            if not local(self.request):
+            if not _local(self.request):
                 raise tornado.web.HTTPError(403)
             self.set_header("Cache-Control", "no-store")
             named = self.get_query_argument("id", "")
@@ -245,7 +293,15 @@ async def _serve(port: int, own: str) -> None:
                 self.set_status(404)
                 self.finish("This live picture has ended: run its cell again.")
                 return
-            self.write(await page)
+            self.write(await picture.page)
+
+    return Page
+
+
+def _socket_handler(picture: _Picture) -> type[RequestHandler]:
+    """Sends commands to a page, and hears what it says."""
+    import tornado.web
+    import tornado.websocket
 
     class Client(tornado.websocket.WebSocketHandler):
         pending: CommandLog
@@ -254,39 +310,22 @@ async def _serve(port: int, own: str) -> None:
         sending = False
 
         def prepare(self) -> None:
-            if not local(self.request):
+            if not _local(self.request):
                 raise tornado.web.HTTPError(403)
 
         def open(self, *_: str, **__: str) -> None:
             self.set_nodelay(True)
             self.pending = CommandLog(deletions=True)
-            self.pending.extend(log.items())
-            clients.add(self)
+            self.pending.extend(picture.log.items())
+            picture.clients.add(self)
             self.push()
 
         def on_close(self) -> None:
-            nonlocal holder
-            clients.discard(self)
-            if holder is self:
-                holder = None
-                say({"type": "release"})
+            picture.left(self)
 
         def on_message(self, message: str | bytes) -> None:
-            nonlocal holder
-            try:
-                line = json.loads(message)
-                kind = line["type"]
-            except (LookupError, TypeError, ValueError, RecursionError):
-                return
-            if kind == "grab" and holder is None:
-                holder = self
-            if holder is not self:
-                if kind == "grab":
-                    self.refusal = asyncio.ensure_future(self.refuse())
-                return
-            if kind == "release":
-                holder = None
-            say(line)
+            if not picture.heard(self, message):
+                self.refusal = asyncio.ensure_future(self.refuse())
 
         async def refuse(self) -> None:
             with contextlib.suppress(tornado.websocket.WebSocketClosedError):
@@ -302,56 +341,60 @@ async def _serve(port: int, own: str) -> None:
                 while len(self.pending):
                     await self.write_message(self.pending.take(), binary=True)
             except tornado.websocket.WebSocketClosedError:
-                clients.discard(self)
+                picture.clients.discard(self)
             finally:
                 self.sending = False
 
-    def receive(frames: list[Command]) -> None:
-        for key, payload in frames:
-            if key == "page":
-                page.set_result(payload)
-                continue
-            log.put(key, payload)
-            for client in clients:
-                client.pending.put(key, payload)
-        for client in clients:
-            client.push()
+    return Client
 
-    def pump(loop: asyncio.AbstractEventLoop) -> None:
-        stream = sys.stdin.buffer
-        frames: list[Command] = []
-        try:
-            while True:
-                key_size, size = _HEADER.unpack(_read(stream, _HEADER.size))
-                name, payload = _read(stream, key_size).decode(), _read(stream, size)
-                if name:
-                    frames.append((name, payload))
-                else:
-                    loop.call_soon_threadsafe(receive, frames)
-                    frames = []
-        finally:
-            os._exit(0)
 
-    app = tornado.web.Application(
-        [("/", Page), ("/ws", Client)], log_function=lambda _: None, websocket_max_message_size=_LONGEST
-    )
-    server = tornado.httpserver.HTTPServer(app)
-    wanted = [port] if port else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
-    sockets: list[socket.socket] = []
-    for candidate in wanted:
+def _pump(loop: asyncio.AbstractEventLoop, receive: Callable[[list[Command]], None]) -> None:
+    """Read batches from standard input until it ends, and with it the process."""
+    stream = sys.stdin.buffer
+    frames: list[Command] = []
+    try:
+        while True:
+            key_size, size = _HEADER.unpack(_read(stream, _HEADER.size))
+            name, payload = _read(stream, key_size).decode(), _read(stream, size)
+            if name:
+                frames.append((name, payload))
+            else:
+                loop.call_soon_threadsafe(receive, frames)
+                frames = []
+    finally:
+        os._exit(0)
+
+
+def _bound(port: int) -> list[socket.socket]:
+    """Sockets at a port, or at the first free one where it is 0; the process ends where there is none."""
+    import tornado.netutil
+
+    problem: OSError | None = None
+    for candidate in [port] if port else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]:
         try:
-            sockets = tornado.netutil.bind_sockets(candidate, _HOST)
-            break
+            return tornado.netutil.bind_sockets(candidate, _HOST)
         except OSError as error:
             problem = error
-    else:
-        sys.stdout.write(f"error={problem}\n")
-        sys.stdout.flush()
-        os._exit(1)
+    _say(f"error={problem}")
+    os._exit(1)
+
+
+async def _serve(port: int, own: str) -> None:
+    """Serve until standard input ends."""
+    import tornado.httpserver
+    import tornado.web
+
+    picture = _Picture()
+    app = tornado.web.Application(
+        [("/", _page_handler(picture, own)), ("/ws", _socket_handler(picture))],
+        log_function=lambda _: None,
+        websocket_max_message_size=_LONGEST_MESSAGE,
+    )
+    server = tornado.httpserver.HTTPServer(app)
+    sockets = _bound(port)
     server.add_sockets(sockets)
-    sys.stdout.write(f"url=http://{_HOST}:{sockets[0].getsockname()[1]}/\n")
-    sys.stdout.flush()
-    threading.Thread(target=pump, args=(asyncio.get_running_loop(),), daemon=True).start()
+    _say(f"url=http://{_HOST}:{sockets[0].getsockname()[1]}/")
+    threading.Thread(target=_pump, args=(asyncio.get_running_loop(), picture.receive), daemon=True).start()
     parent = os.getppid()
     while os.getppid() == parent:  # a sibling may hold our standard input open
         await asyncio.sleep(1.0)

@@ -29,8 +29,8 @@ from .drawing import Drawing, Snapshot
 from .server import CommandLog, ServerError, ServerProcess
 
 _log = logging.getLogger(__name__)
-_RATE = 30.0  # pictures per second
-_PATIENCE = 60.0  # [s]
+_PICTURE_RATE = 30.0  # pictures per second
+_LONGEST_FLUSH = 60.0  # [s]
 _Job = Snapshot | StripAnimation | RunReplay
 
 
@@ -147,11 +147,11 @@ class Viewer:
             report: A ``DeformReport`` or a ``Strip``.
             scene: The scene if it has changed.
             q: Configuration (nq,) where the robot is; at the strip's first node where None.
-            tick: How long a tick takes [s], to be shown; nothing where None.
-            notes: Further rows of the card: what, and its value.
+            tick: Time of a tick [s], to be shown; nothing is shown where None.
+            notes: Further rows of the card: names and values.
 
         Raises:
-            InputError: Something else than a report or a strip, or than a scene.
+            InputError: Something other than a report or a strip, or than a scene.
         """
         if self._failed or self._closed:
             return
@@ -168,7 +168,7 @@ class Viewer:
             self._post(job)
 
     def listen(self, listener: Callable[[Drag], None] | None, *, goal: bool = False, hand: bool = False) -> None:
-        """Let obstacles be grabbed in the page, and tell ``listener`` what is dragged; None ends that.
+        """Let obstacles be grabbed in the page, and call ``listener`` when they are dragged; None ends that.
 
         Args:
             listener: called with each message, in a thread of the viewer's own; it must not block.
@@ -216,8 +216,8 @@ class Viewer:
 
         Args:
             robot: The recorded robot, such as ``record_robot(record)``.
-            record: What a run wrote down.
-            speed: How many times as fast as it was.
+            record: Record of a run.
+            speed: How many times as fast as the run.
             begin: Time of the record to begin with [s]; its first where None.
             end: Time to end with [s]; its last where None.
 
@@ -233,8 +233,8 @@ class Viewer:
         """Return the picture as a standalone page that needs neither a server nor a network.
 
         Args:
-            coarse: Draw the robot from fewer triangles and leave out what is hidden while something plays, as notebooks
-                do, where many pages are in one file.
+            coarse: Draw the robot with fewer triangles and leave out things that are hidden while something plays, as
+                notebooks do, where many pages are in one file.
         """
         missed, self._missed = self._missed, None
         if missed is not None:
@@ -250,7 +250,7 @@ class Viewer:
         return static_page(self._title, log)
 
     def save_html(self, path: str | os.PathLike[str]) -> Path:
-        """Write the picture as a standalone page; the file is complete or not there at all.
+        """Write the picture as a standalone page; the file is written whole or not at all.
 
         Raises:
             InputError: The file cannot be written.
@@ -265,7 +265,7 @@ class Viewer:
         Args:
             path: PNG to write.
             size: Width and height [pixels].
-            time: Moment of what plays [s]; its first where None.
+            time: Moment of playing [s]; the first where None.
 
         Raises:
             BrowserError: There is no Chromium.
@@ -274,10 +274,10 @@ class Viewer:
         return film.save_picture(self.html(), path, size=size, time=time)
 
     def save_film(self, path: str | os.PathLike[str], *, size: tuple[int, int] = (960, 540), fps: float = 20.0) -> Path:
-        """Draw what plays, from its beginning to its end: .gif, .mp4 or .webm. Takes up to a second a picture.
+        """Draw what plays, from beginning to end: .gif, .mp4 or .webm. It takes up to a second a picture.
 
         Args:
-            path: File to write; the ending says what.
+            path: File to write; its ending chooses the format.
             size: Width and height [pixels].
             fps: Pictures a second.
 
@@ -334,7 +334,7 @@ class Viewer:
             self._posted += 1
             self._condition.notify_all()
 
-    def _flush(self, timeout: float = _PATIENCE) -> None:
+    def _flush(self, timeout: float = _LONGEST_FLUSH) -> None:
         with self._condition:
             self._condition.wait_for(lambda: self._drawn >= self._posted or self._failed or self._closed, timeout)
 
@@ -352,12 +352,12 @@ class Viewer:
     def _heard(self, line: bytes) -> None:
         drag, listener = parse(line), self._listener
         if drag is None:
-            _log.debug("a page says what is not understood: %r", line[:200])
+            _log.debug("a page sent something that is not understood: %r", line[:200])
         elif listener is not None:
             try:
                 listener(drag)
             except Exception:
-                _log.exception("what listens to the pages fails")
+                _log.exception("the listener to the pages fails")
 
     def _send(self, items: list[Command]) -> None:
         if self._server is None or self._lost:
@@ -398,5 +398,5 @@ class Viewer:
             self._drawn = number
             self._condition.notify_all()
         self._send([*drawn, *extra])
-        time.sleep(max(0.0, 1.0 / _RATE - (time.monotonic() - begin)))
+        time.sleep(max(0.0, 1.0 / _PICTURE_RATE - (time.monotonic() - begin)))
         return True

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from brute_force import SHAPES, configuration, link_distances, make_obstacle, random_coordinates, self_distances
+from cases import each, each_robot
 
 from elastic_strips.collision import BodySet, Forecast, MotionBounds, ObstacleProximity, SelfProximity
 from elastic_strips.collision.certificate import ObstaclePairs, SelfPairs
@@ -52,6 +52,7 @@ def test_obstacle_pairs_among_moving_parts(silvermate, rng):
         assert apart.sum() > 50
 
 
+@each_robot
 def test_self_pairs(robot, rng):
     bodies = BodySet.links(robot)
     pairs = SelfPairs(SelfProximity(bodies, robot.self_pairs, MotionBounds(bodies), influence=0.1))
@@ -64,7 +65,7 @@ def test_self_pairs(robot, rng):
     np.testing.assert_allclose(pairs.distances(*given), truth.ravel(), atol=NOISE)
 
 
-@pytest.mark.parametrize("seed", [13, 21, 25])
+@each("seed", [13, 21, 25])
 def test_the_clearance_of_a_strip_that_goes_deep_into_an_obstacle(silvermate, seed):
     """Lower bounds from boxes say nothing inside them; they once hid millimetres of a penetration."""
     rng, space = np.random.default_rng(seed), silvermate.space

@@ -7,12 +7,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, random_coordinates
+from cases import each, each_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elastic_strips.coal_shapes import support_points
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.robot import Kinematics, RobotModel
-from elastic_strips.robot.coal_shapes import support_points
 
 
 def body_points(robot: RobotModel, rng: np.random.Generator, count: int = 12) -> list[np.ndarray]:
@@ -76,6 +77,7 @@ def test_no_point_travels_further(name, request, seed, size, sparse):
     assert (tight <= travel + 1e-9).all()
 
 
+@each_robot
 def test_single_freedoms_are_bounded_closely(robot, rng):
     """One freedom at a time: a zero where it does not move the body, and nowhere absurdly loose."""
     bodies = BodySet.links(robot)
@@ -98,7 +100,7 @@ def test_single_freedoms_are_bounded_closely(robot, rng):
     assert bounds.radius.shape == (robot.nv, len(bodies))
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry"])
+@each("name", ["silvermate", "tiago", "gantry"])
 def test_levers_that_grow_on_the_way(name, request):
     """An inner joint sweeps while an outer one unfolds the arm: the lever at the node is not the lever on the way."""
     robot, rng = request.getfixturevalue(name), np.random.default_rng(4)
@@ -178,6 +180,7 @@ def test_base_motion_changes_no_pair(silvermate):
     assert (radius.sum(axis=0) > 0).all()
 
 
+@each_robot
 def test_bodies_lie_in_their_capsules(robot, rng):
     """The capsules on which all bounds rest, in the world."""
     bodies, kin = BodySet.links(robot), Kinematics(robot.tree, 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from brute_force import configuration, link_distances, make_obstacle, random_coordinates
+from cases import each
 
 from elastic_strips.collision import BodySet, Forecast, ObstacleProximity
 from elastic_strips.errors import ParameterError
@@ -188,7 +189,7 @@ def test_beyond_the_horizon_nothing_is_said(silvermate):
     assert set(contacts.node[obstacle == 1]) == {0, 1, 2}
 
 
-@pytest.mark.parametrize(
+@each(
     "change, message",
     [
         ({"velocity": np.zeros((2, 3))}, r"velocity has shape \(2, 3\); 1 obstacles need \(1, 3\)"),

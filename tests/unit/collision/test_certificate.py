@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, link_distances, self_distances
+from cases import each, each_robot
 
 from elastic_strips.collision import BrokenSegment, SegmentState
 from elastic_strips.collision.bounds import BodySet
@@ -27,6 +28,7 @@ def certify(strip: Strip, scene: Scene, **params: float):
     return Deformer(strip.robot, DeformParams(**params)).certify(strip, scene)
 
 
+@each_robot
 def test_an_empty_scene_is_certified(robot):
     home = robot.home_q
     certificate = certify(Strip(robot, [home, home, home]), Scene([]))
@@ -179,8 +181,8 @@ def test_turning_in_place_with_the_arm_out_is_proven(tiago):
     assert not certify(strip, on_the_arc).certified
 
 
-@pytest.mark.parametrize("yaw", [np.pi, -np.pi])
-@pytest.mark.parametrize("at", [0.0, 1.0, -2.5])
+@each("yaw", [np.pi, -np.pi])
+@each("at", [0.0, 1.0, -2.5])
 def test_nothing_is_proven_of_half_a_turn(rover, yaw, at):
     """Rounding decides which way Pinocchio turns: there is no one interpolant to certify."""
     strip = Strip(rover, [rover.home(yaw=at), rover.home(x=0.5, yaw=at + yaw)])
@@ -328,6 +330,7 @@ def test_clearance_of_a_strip_far_from_everything(silvermate):
     assert strip_clearance(drive(silvermate, 0.0, 1.0), Scene([Sphere(0.5, at=(900.0, 0.0, 0.0))])) > 90.0
 
 
+@each_robot
 def test_clearance_equals_dense_sampling(robot, rng):
     from brute_force import make_scene, random_coordinates
 
@@ -348,7 +351,7 @@ def test_clearance_equals_dense_sampling(robot, rng):
         assert value >= truth - 0.01
 
 
-@pytest.mark.parametrize(
+@each(
     "clearance, certain, says",
     [
         (-0.2124, True, "segment 3: base_link is 212.4 mm deep in shelf-1"),

@@ -9,6 +9,7 @@ import forgeries
 import more_forgeries
 import numpy as np
 import pytest
+from cases import each
 from forgeries import FORGERIES, Claim, archives, true_claims, verdict
 
 from elastic_strips import proof_checker as checker
@@ -17,7 +18,7 @@ TRUE = {**true_claims(), **{f"like a forgery: {name}": made for name, made in mo
 FALSE = {**FORGERIES, **{f"more: {k}": v for k, v in (more_forgeries.GEOMETRY | more_forgeries.STATEMENTS).items()}}
 
 
-@pytest.mark.parametrize("name", TRUE)
+@each("name", TRUE)
 def test_what_is_true_is_taken(name, tmp_path):
     assert verdict(TRUE[name].save(tmp_path / "proof.npz"))[0] == 0
 
@@ -76,7 +77,7 @@ def test_archives_that_are_none_are_refused_in_little_memory(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 150_000  # [kB]; the bomb holds more
 
 
-@pytest.mark.parametrize("name", ["second root", "body of the world", "two followers"])
+@each("name", ["second root", "body of the world", "two followers"])
 def test_a_checker_that_trusts_takes_them(name, tmp_path, monkeypatch):
     """What refuses these is what they are about: where all bodies are said to move with the first joint, they pass."""
 
@@ -91,7 +92,7 @@ def test_a_checker_that_trusts_takes_them(name, tmp_path, monkeypatch):
     assert verdict(made.save(tmp_path / "proof.npz"))[0] == 0
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each("seed", range(8))
 def test_no_cover_of_what_touches_is_taken(seed, tmp_path):
     """Intervals and directions of all sorts, of a robot that touches."""
     rng = np.random.default_rng(seed)

@@ -16,12 +16,13 @@ from brute_force import (
     support,
     transform,
 )
+from cases import each
 from scipy.optimize import minimize
 
+from elastic_strips.coal_shapes import convex_from_vertices
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.collision.narrowphase import GJK_EXCESS
 from elastic_strips.robot import Kinematics
-from elastic_strips.robot.coal_shapes import convex_from_vertices
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere
 
 STEP = 1e-4
@@ -129,7 +130,7 @@ def test_the_same_query_twice_gives_the_same_answer(silvermate, rng):
     assert len(first) == 4 * 2 * len(silvermate.geometries)
 
 
-@pytest.mark.parametrize("size", [1.0, 10.0, 100.0])
+@each("size", [1.0, 10.0, 100.0])
 def test_coal_over_reports_by_less_than_its_allowance(size, rng):
     """The allowance that every bound subtracts, against cylinders above a slab, whose distance is known exactly."""
     assert over_report(size, rng) < GJK_EXCESS

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import SHAPES, configuration, link_distances, make_scene, random_coordinates, random_pose, scene_pieces
+from cases import each, each_robot
 
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.collision.candidates import NodePrediction
@@ -76,7 +77,8 @@ def start(robot: RobotModel, rng: np.random.Generator, *, nodes: int = 5, count:
     return bench
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each("seed", range(3))
+@each_robot
 def test_equals_brute_force_on_every_shape(robot, seed):
     rng = np.random.default_rng(seed)
     bench = start(robot, rng, nodes=6)
@@ -136,7 +138,7 @@ def test_bounds_hold_through_any_history(name, request):
     assert 3 <= rebuilt < 24
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_bounds_of_exact_pairs_survive_large_moves(name, request):
     """With an influence distance of almost nothing no pair is asked again: the bounds live on their drift alone."""
     robot, rng = request.getfixturevalue(name), np.random.default_rng(3)

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from brute_force import link_distances, self_distances
+from cases import each, refused
 
 from elastic_strips.collision import Verdict, certify
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
@@ -99,7 +100,7 @@ def test_a_strip_and_an_array_are_alike(silvermate):
     assert certify(silvermate, scene, strip).least == certify(silvermate, scene, strip.q).least
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each("seed", range(4))
 def test_lines_of_a_base_are_not_its_arcs(seed):
     """x, y and yaw that go linearly: sampled so, by brute force; arcs of the same configurations go elsewhere."""
     robot = load_robot("silvermate", base="omni")
@@ -127,7 +128,7 @@ def test_a_timed_path_meets_what_moves(silvermate):
     assert certify(silvermate, world, q, times=[6.0, 10.0]).certified
     slow = certify(silvermate, world, [q[0], q[0], q[1]], times=[0.0, 5.0, 9.0])
     assert slow.certified
-    with pytest.raises(ParameterError, match="times= are needed: ball move"):
+    with refused(ParameterError, "times="):
         certify(silvermate, world, q)
 
 
@@ -139,19 +140,19 @@ def test_half_a_turn_is_unknown(silvermate):
 
 def test_wrong_input_is_named(panda, silvermate):
     home = panda.home()
-    with pytest.raises(ConfigurationError, match="at least two configurations"):
+    with refused(ConfigurationError, "configurations"):
         certify(panda, Scene([]), [home])
-    with pytest.raises(ConfigurationError, match="path"):
+    with refused(ConfigurationError, "path"):
         certify(panda, Scene([]), [home[:-1], home[:-1]])
-    with pytest.raises(ParameterError, match="interpolation"):
+    with refused(ParameterError, "interpolation"):
         certify(panda, Scene([]), [home, home], interpolation="spline")
-    with pytest.raises(ParameterError, match="times must not decrease"):
+    with refused(ParameterError, "times"):
         certify(panda, Scene([]), [home, home], times=[1.0, 0.0])
-    with pytest.raises(ParameterError, match="clearance"):
+    with refused(ParameterError, "clearance"):
         certify(panda, Scene([]), [home, home], clearance=-1.0)
-    with pytest.raises(SceneError, match="must be a Scene"):
+    with refused(SceneError, "Scene"):
         certify(panda, [Box((1, 1, 1))], [home, home])
     outside = home.copy()
     outside[0] = 99.0
-    with pytest.raises(ConfigurationError, match="panda_joint1"):
+    with refused(ConfigurationError, "panda_joint1"):
         certify(panda, Scene([]), [home, outside])

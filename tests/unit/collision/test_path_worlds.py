@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from brute_force import link_distances
+from cases import each, refused
 
 from elastic_strips.collision import Verdict, certify
 from elastic_strips.errors import ParameterError
@@ -43,7 +44,7 @@ def _least(robot: RobotModel, world: World, q: list[np.ndarray], times: list[flo
     return float(least)
 
 
-@pytest.mark.parametrize("appears", [0.5, 1.0, 1.9, 2.0, 2.1])
+@each("appears", [0.5, 1.0, 1.9, 2.0, 2.1])
 def test_what_appears_on_the_way_is_looked_at(robot, appears):
     """The robot is at the crate's place from about 1.2 s to 2.8 s; the crate is not there at first."""
     world = World(Scene([_crate()]), appears={"crate": appears})
@@ -55,7 +56,7 @@ def test_what_appears_on_the_way_is_looked_at(robot, appears):
     assert link_distances(robot, world.at(found.time), found.q).min() <= 1e-6
 
 
-@pytest.mark.parametrize(
+@each(
     ("appears", "vanishes", "free"),
     [
         (3.5, None, True),  # when the robot has passed
@@ -80,11 +81,11 @@ def test_what_is_there_for_a_while_counts_then(robot, appears, vanishes, free):
     assert certify(robot, world, q, times=times).certified == free
 
 
-@pytest.mark.parametrize(
+@each(
     ("appears", "vanishes"),
     [(1.9, float(np.nextafter(1.9, 2.0))), (2.0, 2.0 + 1e-9), (float(np.nextafter(2.0, 0.0)), 2.0)],
 )
-@pytest.mark.parametrize("motion", [None, UnknownMotion(1e-9), Twist((0.0, 0.1, 0.0))])
+@each("motion", [None, UnknownMotion(1e-9), Twist((0.0, 0.1, 0.0))])
 def test_what_is_there_between_two_numbers_is_there(robot, appears, vanishes, motion):
     """No number lies between the events: who asks in the middle, or by the share of the way, finds nobody."""
     world = World(Scene([_crate(motion=motion)]), appears={"crate": appears}, vanishes={"crate": vanishes})
@@ -111,8 +112,8 @@ def test_what_moves_and_appears_does_both(robot):
     assert certify(robot, gone, q, times=times).certified
 
 
-@pytest.mark.parametrize(("speed", "y", "free"), [(0.1, 1.2, True), (0.4, 1.2, False), (0.02, 0.0, False)])
-@pytest.mark.parametrize("kind", [World, Scene])
+@each(("speed", "y", "free"), [(0.1, 1.2, True), (0.4, 1.2, False), (0.02, 0.0, False)])
+@each("kind", [World, Scene])
 def test_unknown_motion_may_have_gone_anywhere(robot, speed, y, free, kind):
     scene = Scene([_crate(2.0, y, UnknownMotion(speed))])
     world = World(scene)
@@ -165,9 +166,9 @@ def test_an_untimed_path_in_a_world_that_changes_is_refused(robot):
         World(Scene([_crate(motion=UNKNOWN)])),
     ]
     for world in worlds:
-        with pytest.raises(ParameterError, match="crate"):
+        with refused(ParameterError, "crate"):
             certify(robot, world, q)
-        with pytest.raises(ParameterError, match="crate"):
+        with refused(ParameterError, "crate"):
             certify(robot, world, q, times=[0.0, 0.0])
     assert certify(robot, World(Scene([_crate(4.0)])), q).certified
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from brute_force import configuration, distance, link_poses, random_coordinates, self_distances
+from cases import each, each_robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -51,6 +52,7 @@ def check(robot: RobotModel, proximity: SelfProximity, coordinates: np.ndarray, 
     return len(contacts)
 
 
+@each_robot
 def test_equals_brute_force(robot, rng):
     proximity, kin = make(robot), Kinematics(robot.tree, 8)
     total = 0
@@ -68,6 +70,7 @@ def truth_size(robot: RobotModel, coordinates: np.ndarray) -> int:
     return len(coordinates) * len(robot.self_pairs)
 
 
+@each_robot
 def test_bounds_hold_through_any_history(robot, rng):
     proximity, kin = make(robot), Kinematics(robot.tree, 8)
     coordinates = random_coordinates(robot, rng, 10)
@@ -102,7 +105,7 @@ def test_what_did_not_move_is_not_asked(silvermate, rng):
     assert proximity.queries > before
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_witnesses_follow_the_base(name, request, rng):
     """The base moves all links alike: distances stay, but witness points and directions move in the world."""
     robot = request.getfixturevalue(name)
@@ -142,6 +145,7 @@ def test_repulsion_distances_limit_the_contacts(silvermate, rng):
     assert wanted[contacts.node, contacts.pair].all()
 
 
+@each_robot
 def test_direction_moves_the_first_body_away(robot, rng):
     proximity, kin, step = make(robot), Kinematics(robot.tree, 8), 1e-4
     coordinates = random_coordinates(robot, rng, 80)

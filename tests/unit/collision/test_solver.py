@@ -7,9 +7,10 @@ import itertools
 import coal
 import numpy as np
 import pytest
+from cases import each, refused
 
+from elastic_strips.coal_shapes import convex_from_vertices, sphere_as_capsule
 from elastic_strips.collision.narrowphase import PairSolver, ShapePair
-from elastic_strips.robot.coal_shapes import convex_from_vertices, sphere_as_capsule
 
 SHAPES = {
     "point": coal.Sphere(1e-6),
@@ -39,7 +40,7 @@ OTHER = (
 )
 
 
-@pytest.mark.parametrize("one, two", list(itertools.product(SHAPES, SHAPES)))
+@each("one, two", list(itertools.product(SHAPES, SHAPES)))
 def test_never_worse_than_coal_itself(one, two, rng):
     """Random poses and such on a grid, where shapes touch in a point, an edge or a face."""
     solver, pair = PairSolver(), ShapePair.of(SHAPES[one], SHAPES[two])
@@ -78,7 +79,7 @@ class Stubborn:
         return -0.05 if request.epa_tolerance >= self.tolerance else -1.7976931348623157e308
 
 
-@pytest.mark.parametrize("tolerance, tries", [(1e-7, 2), (5e-5, 3), (5e-3, 5)])
+@each("tolerance, tries", [(1e-7, 2), (5e-5, 3), (5e-3, 5)])
 def test_a_depth_that_is_not_found_is_asked_for_with_less_demand(tolerance, tries):
     """Seen while driving: two cylinders for which Coal's own tolerance is not reached and −1.8e308 comes back."""
     stubborn = Stubborn(tolerance)
@@ -90,7 +91,7 @@ def test_a_depth_that_is_not_found_is_asked_for_with_less_demand(tolerance, trie
 def test_a_depth_that_is_never_found_is_an_error():
     never = Stubborn(np.inf)
     pair = ShapePair.of(SHAPES["box"], SHAPES["box"])._replace(apart=never, deep=never, fine=never)
-    with pytest.raises(FloatingPointError, match="no penetration depth"):
+    with refused(FloatingPointError, "depth"):
         PairSolver().ask(pair, coal.Transform3s(), coal.Transform3s())
 
 
@@ -119,10 +120,8 @@ class Liar:
         return d + 0.05
 
 
-@pytest.mark.parametrize("normal", [None, (0.0, 1.0, 0.0), (3.0, 0.0, 0.0), (np.nan, np.nan, np.nan)])
-@pytest.mark.parametrize(
-    "one, two", list(itertools.product(("sphere", "capsule", "drum", "cone", "box", "hull", "egg"), repeat=2))
-)
+@each("normal", [None, (0.0, 1.0, 0.0), (3.0, 0.0, 0.0), (np.nan, np.nan, np.nan)])
+@each("one, two", list(itertools.product(("sphere", "capsule", "drum", "cone", "box", "hull", "egg"), repeat=2)))
 def test_more_than_the_supports_leave_is_not_believed(one, two, normal, rng):
     """Whatever a solver says, and whatever it says why; where all lie, nothing is left."""
     shapes = SHAPES | {

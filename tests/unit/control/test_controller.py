@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.control import Controller, DriveParams, Measurement, RunState
 from elastic_strips.control.evasion import motion_to
@@ -176,7 +177,7 @@ def test_who_holds_still_for_what_moves_takes_its_plan(silvermate):
         controller.plan_tick = evading(
             controller, lambda state: stationary(silvermate, limits, state.coordinates, state.time, 1.0)
         )
-        controller.replanner.pending = True
+        controller.replanner.demand(0.0)
         k = drive(controller, wheels, 30, still(WALKER)) + 1
         assert len(later.jobs) == 1
         later.work()
@@ -196,7 +197,7 @@ def test_who_evades_takes_its_plan_from_wherever_it_is(silvermate):
             controller,
             lambda s: motion_to(silvermate, limits, s, np.array([0.3, 0.2]), part=0.8, duration=0.3, dt=0.02),
         )
-        controller.replanner.pending = True
+        controller.replanner.demand(0.0)
         k = drive(controller, wheels, 60, still(WALKER)) + 1
         later.work()
         k = drive(controller, wheels, 10, still(WALKER), first=k) + 1
@@ -214,7 +215,7 @@ def test_who_brakes_on_the_way_to_where_a_plan_begins_plans_from_where_it_stands
     start, goal = silvermate.home(), silvermate.home(x=4.0)
     with Controller(silvermate, start, goal, Scene([CRATE]), workers=later) as controller:
         k = drive(controller, wheels, 100, still(CRATE)) + 1
-        controller.replanner.pending = True
+        controller.replanner.demand(0.0)
         k = drive(controller, wheels, 10, still(CRATE), first=k) + 1
         later.work()
         end = controller.executor.active.coordinates[-1].copy()
@@ -266,7 +267,7 @@ def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_
     def fails(*_, **__):
         raise error
 
-    monkeypatch.setattr(controller.replanner, "plan", fails)
+    monkeypatch.setattr(controller.replanner.planner, "first", fails)
     controller.retarget(silvermate.home(x=3.0))
     drive(controller, wheels, 100, still(CRATE), first=k + 1)
     assert controller.state is RunState.STOPPED
@@ -293,7 +294,7 @@ def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
 def test_a_robot_that_moves_takes_no_other_goal(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
     drive(controller, Wheels(silvermate), 100, still())
-    with pytest.raises(ConfigurationError, match="moves"):
+    with refused(ConfigurationError, "moves"):
         controller.retarget(silvermate.home())
 
 
@@ -328,13 +329,13 @@ def test_wrong_steps_are_refused(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([]))
     controller.step(0.0, None, None)
     for t in (0.0, -1.0):
-        with pytest.raises(ParameterError, match="later than the last step"):
+        with refused(ParameterError, "step"):
             controller.step(t, None, None)
-    with pytest.raises(ParameterError, match="finite"):
+    with refused(ParameterError, "finite"):
         controller.step(np.nan, None, None)
-    with pytest.raises(SceneError, match="list"):
+    with refused(SceneError, "list"):
         controller.step(1.0, None, [CRATE])
-    with pytest.raises(ConfigurationError, match="crate"):
+    with refused(ConfigurationError, "crate"):
         Controller(silvermate, silvermate.home(), silvermate.home(x=1.6, y=0.45), Scene([CRATE]))
 
 

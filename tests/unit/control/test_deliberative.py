@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
+from cases import refused
 
 from elastic_strips.control.tasks import (
     DeliberativeLayer,
@@ -95,11 +96,11 @@ def test_what_cannot_be_reached_is_said(layer, silvermate):
 
 
 def test_wrong_tasks_are_refused(layer, silvermate):
-    with pytest.raises(ParameterError, match="DriveTo"):
+    with refused(ParameterError, "DriveTo"):
         DriveTo(0.0, np.nan, 0.0)
-    with pytest.raises(ParameterError, match="position"):
+    with refused(ParameterError, "position"):
         ReachHand((0.0, 1.0))  # type: ignore[arg-type]
-    with pytest.raises(ParameterError, match="unit length"):
+    with refused(ParameterError, "length"):
         ReachHand((0.0, 1.0, 1.0), (0.0, 0.0, 0.0, 2.0))
-    with pytest.raises(RobotError, match="hand_fram"):
+    with refused(RobotError, "hand_fram"):
         layer.decompose(ReachHand((0.3, 0.0, 0.9), frame="hand_fram"), silvermate.home(), SCENE)

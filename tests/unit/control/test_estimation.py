@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each, each_robot
 from motions import smooth_motion
 
 from elastic_strips.control.estimation import EstimatorParams, StateEstimator
@@ -38,6 +39,7 @@ def curve(robot, count, drive=(0.5, 0.6), joints=0.1) -> list[Command]:
     return [Command(np.array(drive), np.full(n, joints * math.cos(0.01 * i))) for i in range(count)]
 
 
+@each_robot
 def test_exact_sensors_give_the_truth_on_every_kind_of_base(robot):
     limits = limits_of(robot)
     motion = smooth_motion(robot, limits, 4)
@@ -256,7 +258,7 @@ def test_the_error_of_a_body_point_stays_below_three_standard_deviations(silverm
     assert np.mean(beyond) < 0.03
 
 
-@pytest.mark.parametrize("wrong", [{"slip": -0.1}, {"fix_noise": 0.0}, {"coast": np.inf}, {"slip_time": 0.0}])
+@each("wrong", [{"slip": -0.1}, {"fix_noise": 0.0}, {"coast": np.inf}, {"slip_time": 0.0}])
 def test_parameters_are_checked(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         EstimatorParams(**wrong)

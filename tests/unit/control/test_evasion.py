@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each
 from drivable import limits_of, most_used
 
 from elastic_strips.collision import Forecast
 from elastic_strips.control import Controller, DriveParams
-from elastic_strips.control.evasion import _LONGER, EvasivePlanner, motion_to
+from elastic_strips.control.evasion import _LONGER_BY, EvasivePlanner, motion_to
 from elastic_strips.control.lookahead import ObstacleLookahead
-from elastic_strips.control.params import EvasionParams, ObstacleAssumptions
-from elastic_strips.control.prediction import predict
+from elastic_strips.control.params import EvasionParams, Margins, ObstacleAssumptions
+from elastic_strips.control.prediction import Outlook, predict
 from elastic_strips.control.progress import reconnect
 from elastic_strips.control.rollout import RollOuts, Targets, lattice
 from elastic_strips.control.strip_timer import PlanOutcome
@@ -36,6 +37,10 @@ def limits_for(robot: RobotModel) -> MotionLimits:
     return limits_of(robot)
 
 
+def outlook(scene: Scene) -> Outlook:
+    return Outlook.of(scene, ObstacleAssumptions(), Margins(tracking_error=0.03, margin=0.005))
+
+
 def some_state(robot: RobotModel, limits: MotionLimits, seed: int) -> ReferenceState:
     """A state within the limits; joints in the middle of their range move slowly."""
     rng = np.random.default_rng(seed)
@@ -46,7 +51,7 @@ def some_state(robot: RobotModel, limits: MotionLimits, seed: int) -> ReferenceS
     return ReferenceState(1.25, coordinates, limits.to_tangent(y), np.zeros(robot.nv))
 
 
-@pytest.mark.parametrize("name", ["jackal_box", "silvermate", "tiago"])
+@each("name", ["jackal_box", "silvermate", "tiago"])
 def test_motions_keep_the_limits_roll_and_end_at_rest(name, request):
     robot = request.getfixturevalue(name)
     limits = limits_for(robot)
@@ -91,7 +96,7 @@ def some_rollouts(rolling: RollOuts, limits: MotionLimits, start: ReferenceState
 
 
 @pytest.mark.skipif(kernel() is None, reason="no native kernel")
-@pytest.mark.parametrize("name", ["jackal_box", "silvermate", "rover"])
+@each("name", ["jackal_box", "silvermate", "rover"])
 def test_rollouts_are_those_of_the_twin(name, request):
     robot = request.getfixturevalue(name)
     limits = limits_for(robot)
@@ -127,7 +132,7 @@ def test_rollouts_keep_the_limits_and_reach_their_targets(jackal_box):
 def crowded(silvermate: RobotModel) -> tuple[EvasivePlanner, ReferenceState]:
     """A planner that has looked at what comes from several sides, between what stands."""
     limits = limits_for(silvermate)
-    planner = EvasivePlanner(silvermate, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
+    planner = EvasivePlanner(silvermate, limits, EvasionParams(), dt=0.02, hold=0.1)
     comers = [
         Cylinder(0.3, 1.2, at=(x, y, 0.6), name=f"comer-{k}", motion=Twist((vx, vy, 0.0)))
         for k, (x, y, vx, vy) in enumerate([(2.5, 0.2, -0.9, 0.0), (-0.6, -0.4, 0.0, 1.1)])
@@ -139,7 +144,7 @@ def crowded(silvermate: RobotModel) -> tuple[EvasivePlanner, ReferenceState]:
     v[0] = 0.4
     start = ReferenceState(0.1, coordinates, v, np.zeros(silvermate.nv))
     strip = straight_line(silvermate, silvermate.home(), silvermate.home(x=6.0), spacing=0.2)
-    assert planner.look(scene, predict(scene, ObstacleAssumptions()), start, strip)
+    assert planner.look(outlook(scene), start, strip)
     return planner, start
 
 
@@ -147,7 +152,7 @@ def test_shorter_ways_to_the_best_manoeuvre_lead_to_it(crowded):
     """What stands is asked for as few as will do, and longer times only where the shortest does not do."""
     planner, start = crowded
     free = np.column_stack(
-        [planner._free(start, planner._kinds, np.full(len(planner._kinds), 0.1 + t), after=1.0) for t in _LONGER]
+        [planner._free(start, planner._kinds, np.full(len(planner._kinds), 0.1 + t), after=1.0) for t in _LONGER_BY]
     )
     np.testing.assert_array_equal(planner._held(start), np.where(free.any(axis=1), free.argmax(axis=1), -1))
     assert free[:, 0].any()
@@ -228,12 +233,12 @@ def test_separations_are_those_of_the_twin(jackal_box, silvermate):
 
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
     limits = limits_for(jackal_box)
-    evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1, clearance=0.035)
+    evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1)
     start = ReferenceState(0.0, jackal_box.space.to_coordinates(jackal_box.home()), np.zeros(3), np.zeros(3))
     scene = Scene(GATE)
-    assert not evasion.look(scene, predict(scene, ObstacleAssumptions()), start, np.zeros((2, 3)))
+    assert not evasion.look(outlook(scene), start, np.zeros((2, 3)))
     far = Scene([Cylinder(0.3, 1.0, at=(40.0, 0.0, 0.5), name="far", motion=Twist((1.0, 0.0, 0.0)))])
-    assert not evasion.look(far, predict(far, ObstacleAssumptions()), start, np.zeros((2, 3)))
+    assert not evasion.look(outlook(far), start, np.zeros((2, 3)))
 
 
 def drive(robot, obstacles, *, evasion: EvasionParams | None, seconds: float, **options):

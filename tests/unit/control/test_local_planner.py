@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.collision import BrokenSegment, Certificate
 from elastic_strips.control import DriveParams, LocalPlanner, local_planner
@@ -65,8 +66,8 @@ def test_a_certified_motion_is_followed_for_two_ticks(silvermate, obstacles):
     assert np.all(np.diff(speeds) >= -1e-6)  # it gathers speed and keeps it
 
 
-@pytest.mark.parametrize("aside", [1e-4, 0.004, 0.03, 0.045, 0.2])
-@pytest.mark.parametrize("yaw", [0.0, 0.4, 3.0])
+@each("aside", [1e-4, 0.004, 0.03, 0.045, 0.2])
+@each("yaw", [0.0, 0.4, 3.0])
 def test_who_has_left_the_strip_at_its_end_still_arrives(silvermate, aside, yaw):
     """Beside the goal by less than nodes are apart: wheels cannot go there sideways, and have to turn, and back up."""
     ride = Ride(silvermate, Scene([WALKER]))
@@ -101,7 +102,7 @@ def faster(obstacle: Obstacle) -> Obstacle:
     return obstacle.observed(obstacle.pose, Twist((0.0, 0.9, 0.0)))
 
 
-@pytest.mark.parametrize(
+@each(
     "change",
     [
         pytest.param(lambda s: moved(s, "pillar", (0.0, 0.1, 0.0)), id="what stood has moved"),
@@ -147,7 +148,7 @@ def test_a_strip_that_stays_broken_is_not_pushed_on_at_full_size(silvermate, mon
         return most
 
     few = most_nodes()
-    monkeypatch.setattr(local_planner, "PATIENCE", 10_000)
+    monkeypatch.setattr(local_planner, "BROKEN_STEPS", 10_000)
     assert few < 0.6 * most_nodes()
 
 
@@ -209,7 +210,7 @@ def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silve
         ride.tick()
     broken = BrokenSegment(0, "palm", "walker", -0.01, "obstacle", True)
     refused = Certificate(0.025, np.zeros(1, dtype=bool), np.zeros(1, dtype=np.int8), broken, 0)
-    monkeypatch.setattr(ride.planner.timer.certifier, "certify", lambda *_: refused)
+    monkeypatch.setattr(ride.planner.timer.certifier, "certify", lambda *_, **__: refused)
     ride.tick()  # goes on without a look
     result = ride.tick()
     assert not result.accepted

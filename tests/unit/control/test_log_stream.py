@@ -11,14 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import refused
 
-from elastic_strips.control import log_stream
-from elastic_strips.control.log_stream import LogStream, read_log
+from elastic_strips.control.process import log_stream
+from elastic_strips.control.process.log_stream import LogStream, read_log
 from elastic_strips.control.record import RecordError
 
 _LOGS_UNTIL_KILLED = """
 import sys, time
-from elastic_strips.control.log_stream import LogStream
+from elastic_strips.control.process.log_stream import LogStream
 log = LogStream(sys.argv[1])
 while True:
     log.row({"time": time.monotonic()})
@@ -66,13 +67,13 @@ def test_a_torn_last_line_is_left_out_and_another_is_not(tmp_path: Path):
     path.write_text('{"a":1}\n{"a":2}\n{"a":')
     assert read_log(path) == [{"a": 1}, {"a": 2}]
     path.write_text('{"a":1}\n{"a":\n{"a":3}\n')
-    with pytest.raises(RecordError, match="line 2"):
+    with refused(RecordError, "line 2"):
         read_log(path)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_raises_nothing_and_drops_the_oldest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(log_stream, "_RETRY", 0.05)
+    monkeypatch.setattr(log_stream, "_RETRY_AFTER", 0.05)
     full = os.open("/dev/full", os.O_WRONLY)
     with LogStream(tmp_path / "log", capacity=10) as log:
         sound = os.dup(log._file)
@@ -110,5 +111,5 @@ def test_a_value_that_cannot_be_shown_costs_one_row(tmp_path: Path):
 
 
 def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path):
-    with pytest.raises(RecordError, match="missing"):
+    with refused(RecordError, "missing"):
         LogStream(tmp_path / "missing" / "log")

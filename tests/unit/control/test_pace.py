@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.control import Controller, DriveParams, RunState
 from elastic_strips.control.pace import Pace
@@ -27,10 +28,10 @@ class Watch:
 def after(*seconds: float, transfer: int = 0) -> Pace:
     watch = Watch()
     pace = Pace(PARAMS, watch, transfer)
-    for each in seconds:
+    for second in seconds:
         pace.begin()
-        watch.now += each
-        assert pace.finish(full=True) == pytest.approx(each)
+        watch.now += second
+        assert pace.finish(full=True) == pytest.approx(second)
     return pace
 
 
@@ -48,7 +49,7 @@ def test_fast_planning_is_expected_to_take_what_the_parameters_say():
     assert after(*[0.004] * 10, transfer=1).periods == PARAMS.latency + 1
 
 
-@pytest.mark.parametrize("seconds", [0.031, 0.12, 0.8])
+@each("seconds", [0.031, 0.12, 0.8])
 def test_motions_begin_when_most_ticks_are_done(seconds):
     pace = after(*[seconds] * 10)
     assert pace.slow

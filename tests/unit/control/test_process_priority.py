@@ -7,7 +7,7 @@ import sys
 
 _RAISES = """
 import gc, os
-from elastic_strips.control.process_priority import raise_priority
+from elastic_strips.control.process.priority import raise_priority
 said = raise_priority()
 fifo = os.sched_getscheduler(0) == os.SCHED_FIFO
 print(said, gc.isenabled(), fifo, os.getpriority(os.PRIO_PROCESS, 0), sep="|")
@@ -25,7 +25,7 @@ def test_it_says_what_it_could_do():
 
 _KEEPS = """
 import ompl.geometric as og, ompl.base as ob
-from elastic_strips.control.process_priority import keep_memory
+from elastic_strips.control.process.priority import keep_memory
 setup = og.SimpleSetup(ob.RealVectorStateSpace(2))
 keep_memory()
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.control.progress import trim_passed
 from elastic_strips.planning import straight_line
@@ -19,7 +20,7 @@ def line(robot, x=2.0, **goal):
     return straight_line(robot, robot.home(), robot.home(x=x, **goal), spacing=0.1)
 
 
-@pytest.mark.parametrize("x, first", [(0.0, 1), (0.03, 1), (0.06, 2), (0.13, 2), (0.31, 4)])
+@each("x, first", [(0.0, 1), (0.03, 1), (0.06, 2), (0.13, 2), (0.31, 4)])
 def test_nodes_that_were_passed_or_crowd_are_left_out(silvermate, weight, x, first):
     coordinates = line(silvermate)
     here = coordinates[0].copy()

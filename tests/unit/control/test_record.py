@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from cases import each, each_robot, refused
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.interfaces import RunState
@@ -28,7 +29,8 @@ def fill(recorder, robot, count, rng):
     return written
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9, 300])
+@each("count", [1, 7, 8, 9, 300])
+@each_robot
 def test_rows_survive_growing(robot, rng, count):
     recorder = Recorder(robot, Scene())
     written = fill(recorder, robot, count, rng)
@@ -113,26 +115,26 @@ def test_a_run_has_what_identifies_it(silvermate):
 
 
 def test_rows_that_make_no_sense_are_refused(silvermate, tiago):
-    with pytest.raises(RecordError, match=r"goal has shape \(3,\)"):
+    with refused(RecordError, "goal", "(3,)"):
         Recorder(silvermate, Scene(), goal=[0, 0, 0])
     recorder = Recorder(silvermate, Scene())
-    with pytest.raises(RecordError, match="no control row"):
+    with refused(RecordError, "control"):
         recorder.finish()
     row = np.zeros(10)
     recorder.control(1.0, coordinates=row, v=row)
     for time in (1.0, 0.5, np.nan):
-        with pytest.raises(RecordError, match="ascend in time"):
+        with refused(RecordError, "time"):
             recorder.control(time, coordinates=row, v=row)
-    with pytest.raises(RecordError, match="state 5 has no name"):
+    with refused(RecordError, "state"):
         recorder.control(2.0, coordinates=row, v=row, state=5)
-    with pytest.raises(RecordError, match=r"estimate has shape \(9,\); it must be \(10,\)"):
+    with refused(RecordError, "estimate", "(9,)", "(10,)"):
         recorder.control(2.0, coordinates=row, v=row, estimate=row[:9])
-    with pytest.raises(RecordError, match=r"drive has shape \(1,\)"):
+    with refused(RecordError, "drive", "(1,)"):
         recorder.control(2.0, coordinates=row, v=row, drive=np.zeros(1))
     assert len(recorder) == 1
     recorder.planning(0.0, strip=np.zeros((3, 9)))
-    with pytest.raises(RecordError, match=r"a strip has shape \(3, 9\)"):
+    with refused(RecordError, "(3, 9)"):
         recorder.finish()
-    with pytest.raises(RecordError, match="'tiago' is diff_drive"):
+    with refused(RecordError, "'tiago'", "diff_drive"):
         straight_run(silvermate, Scene()).check_robot(tiago)
     assert issubclass(RecordError, InputError)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import pytest
+from cases import refused
 
 from elastic_strips.control.tasks import Blackboard, Order, SequencingLayer
 from elastic_strips.errors import MissingExtraError, ParameterError
@@ -67,5 +68,5 @@ def test_the_missing_extra_is_named(monkeypatch):
     for name in [m for m in sys.modules if m.startswith("py_trees.")]:
         monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, "elastic_strips.control.tasks.tree", raising=False)
-    with pytest.raises(MissingExtraError, match=r"elastic-strips\[control\]"):
+    with refused(MissingExtraError, "elastic-strips[control]"):
         SequencingLayer(["drive"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +17,8 @@ from elastic_strips.sim import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.strip import Deformer
 
+pytestmark = pytest.mark.usefixtures("own_time")
+
 WALLS = [
     Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
     Box((9.0, 0.1, 1.4), at=(3.0, -1.85, 0.7), name="wall-right"),
@@ -31,6 +32,12 @@ def side(strip) -> str:
     return "left" if np.interp(3.0, strip.q[:, 0], strip.q[:, 1]) > -0.15 else "right"
 
 
+def plan_anew(replanner, scene, start, goal):
+    found = replanner.another(scene, start, goal)()
+    replanner.take(found)
+    return found.strip, found.reason
+
+
 @pytest.fixture
 def replanner(silvermate):
     return SwitchingReplanner(silvermate, DriveParams(), seed=0, grid=True, family=StripSetParams(count=2))
@@ -38,13 +45,13 @@ def replanner(silvermate):
 
 def test_another_side_is_taken_without_a_planner(replanner, silvermate, monkeypatch):
     start, goal = silvermate.home(), silvermate.home(x=6.0)
-    first = replanner.plan(HALL, start, goal)
+    first = replanner.first(HALL, start, goal)()
     assert first.certified
     assert side(first.strip) == "left"
     monkeypatch.setattr(replanning_room, "plan_report", lambda *_, **__: pytest.fail("a planner was asked"))
     closed = HALL.with_obstacle(BLOCK)
     here = silvermate.home(x=0.3)
-    strip, reason = replanner.plan_anew(closed, here, goal)
+    strip, reason = plan_anew(replanner, closed, here, goal)
     assert strip is not None
     assert side(strip) == "right"
     assert reason.startswith("switched from left of box to right of it")
@@ -55,14 +62,13 @@ def test_another_side_is_taken_without_a_planner(replanner, silvermate, monkeypa
 
 def test_a_change_that_was_not_driven_is_offered_again(replanner, silvermate, monkeypatch):
     start, goal = silvermate.home(), silvermate.home(x=6.0)
-    replanner.plan(HALL, start, goal)
+    replanner.first(HALL, start, goal)()
     monkeypatch.setattr(replanning_room, "plan_report", lambda *_, **__: pytest.fail("a planner was asked"))
     closed = HALL.with_obstacle(BLOCK)
-    replanner.plan_anew(closed, silvermate.home(x=0.3), goal)
-    replanner.discard()
+    replanner.discard(replanner.another(closed, silvermate.home(x=0.3), goal)())
     assert replanner.count == 0
     here = silvermate.home(x=0.4, y=0.1)
-    strip, reason = replanner.plan_anew(closed, here, goal)
+    strip, reason = plan_anew(replanner, closed, here, goal)
     assert strip is not None
     assert side(strip) == "right"
     assert reason.startswith("switched from left of box to right of it")
@@ -71,32 +77,30 @@ def test_a_change_that_was_not_driven_is_offered_again(replanner, silvermate, mo
 
 def test_others_are_planned_beside_the_drive_and_not_before_it(replanner, silvermate):
     start, goal = silvermate.home(), silvermate.home(x=6.0)
-    report = replanner.plan(HALL, start, goal)
+    report = replanner.first(HALL, start, goal)()
     right = Box((0.3, 1.3, 1.4), at=(3.0, -1.15, 0.7), name="right-block")
-    strip, _ = replanner.plan_anew(HALL.with_obstacle(BLOCK).with_obstacle(right), start, goal)
+    strip, _ = plan_anew(replanner, HALL.with_obstacle(BLOCK).with_obstacle(right), start, goal)
     assert strip is not None
-    assert len(replanner.family) == 0
+    assert len(replanner.planner.family) == 0
     asked = []
 
-    def submit(fn, *arguments):
+    def submit(fn):
         asked.append(fn)
         done = Future()
-        done.set_result(fn(*arguments))
+        done.set_result(fn())
         return done
 
-    replanner.submit = submit
-    result = SimpleNamespace(accepted=True, reason="", report=report.report)
-    replanner.watch(0.0, result, HALL, at_rest=False)
+    replanner.work_beside(HALL, report.strip, submit)
     assert len(asked) == 1
-    assert len(replanner.family) == 2
+    assert len(replanner.planner.family) == 2
 
 
 def test_where_none_is_left_a_planner_is_asked(replanner, silvermate):
     start, goal = silvermate.home(), silvermate.home(x=6.0)
-    replanner.plan(HALL, start, goal)
+    replanner.first(HALL, start, goal)()
     right = Box((0.3, 1.3, 1.4), at=(3.0, -1.15, 0.7), name="right-block")
     shut = HALL.with_obstacle(BLOCK).with_obstacle(right)
-    strip, reason = replanner.plan_anew(shut, start, goal)
+    strip, reason = plan_anew(replanner, shut, start, goal)
     assert strip is not None
     assert np.abs(strip.q[:, 1]).max() > 1.9, "the hall's walls end: there is a way around them"
     assert not reason.startswith("switched")
@@ -136,17 +140,8 @@ def test_a_family_that_fails_costs_no_proposal(replanner, silvermate, monkeypatc
     def fails(*_, **__):
         raise ConfigurationError("nobody can be there")
 
-    monkeypatch.setattr(replanner.family, "step", fails)
+    monkeypatch.setattr(replanner.planner.family, "step", fails)
 
-    def at_once(work, *arguments):  # beside the drive, a busy machine may not get to it before the end
-        done: Future[object] = Future()
-        try:
-            done.set_result(work(*arguments))
-        except ConfigurationError as error:
-            done.set_exception(error)
-        return done
-
-    replanner.submit = at_once
     result = runner.run(time_limit=2.0)
     assert "nobody can be there" in caplog.text
     assert not [e for e in result.events if e.kind == "fault"]

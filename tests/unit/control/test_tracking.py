@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each, each_robot
 from following import follow_trajectory
 from motions import smooth_motion, trajectory_of
 
@@ -50,6 +51,7 @@ def drive(robot, trajectory, plant, *, offset=None, gains=None) -> np.ndarray:
     return np.array(errors)
 
 
+@each_robot
 def test_a_reference_at_rest_commands_exactly_zero_whatever_the_error(robot, rng):
     limits = limits_of(robot)
     controller = TrackingController(robot, limits)
@@ -106,6 +108,7 @@ def test_joints_are_limited_one_by_one(silvermate):
     assert command.joints[1] == pytest.approx(0.2)
 
 
+@each_robot
 def test_exact_motors_follow_every_kind_of_base(robot):
     limits = limits_of(robot)
     trajectory = smooth_motion(robot, limits, 1)
@@ -171,6 +174,7 @@ def test_a_heading_error_dies_out_while_turning_in_place(silvermate):
     assert np.abs(errors[-1, 2]) < 1e-3
 
 
+@each_robot
 def test_a_jump_of_the_estimate_is_no_jerk(robot):
     """Feedback is bounded: at most 0.25 m/s, 1 rad/s and 0.5 per joint beside the feed-forward."""
     limits = limits_of(robot)
@@ -203,7 +207,7 @@ def test_a_continuous_joint_goes_the_short_way(rover):
     assert command.joints[k] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("wrong", [{"along": -1.0}, {"hold": np.nan}, {"headroom": 0.9}, {"most_base": np.inf}])
+@each("wrong", [{"along": -1.0}, {"hold": np.nan}, {"headroom": 0.9}, {"most_base": np.inf}])
 def test_gains_are_checked(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         TrackingGains(**wrong)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.control.record import Recorder
@@ -106,7 +107,7 @@ def drive(path: Path, kind: str, *, steps: int = 60, cloud: float = 2.05) -> Pat
     return path if kind == ".bag" else next(path.glob(f"*{kind}")) if kind != "folder" else path
 
 
-@pytest.mark.parametrize("kind", [".mcap", ".db3", ".bag", "folder"])
+@each("kind", [".mcap", ".db3", ".bag", "folder"])
 def test_scans_come_with_the_pose_at_their_stamp(tmp_path, kind):
     bag = BagReader(drive(tmp_path / ("b.bag" if kind == ".bag" else "b"), kind))
     scans = list(bag.scans())
@@ -146,7 +147,7 @@ SMALL = ("xyz", (0, 4, 8), 7)
 TIGHT = {"fields": SMALL, "step": 12, "width": 2, "height": 2, "row": 24}
 
 
-@pytest.mark.parametrize(
+@each(
     "given",
     [
         {**TIGHT, "data": FOUR.astype("<f4").tobytes()},
@@ -186,7 +187,7 @@ def test_a_cloud_that_does_not_fit_its_fields_does_not_end_the_others(tmp_path):
         assert count == 1, said
     assert all(any(says in said for said in bag.dropped) for _, says in wrong)
     bag = filled(tmp_path / "c", ".mcap", lambda made: made.cloud(1.0, "/points", CLOUD, fields=("xy", (4, 8), 7)))
-    with pytest.raises(BagError, match="a cloud has no z; it has x, y"):
+    with refused(BagError, "z", "x, y"):
         list(bag.clouds())
 
 
@@ -228,7 +229,7 @@ def test_a_frame_that_gets_another_parent_is_not_between_the_two(tmp_path):
     assert pose[0] == 5.0
 
 
-@pytest.mark.parametrize(
+@each(
     ("head", "ranges"),
     [
         ({"step": 0.2}, [1.5, np.nan, np.inf, np.nan, np.inf, np.nan]),
@@ -248,11 +249,11 @@ def test_ranges_mean_what_rep_117_says(tmp_path, head, ranges):
     assert scan.angles[0] == pytest.approx(-0.5 if head.get("start", -0.5) else 0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("head", [{"start": math.nan}, {"step": 0.0}, {"step": 1.3}, {"low": math.nan}, {"low": 8.0}])
+@each("head", [{"start": math.nan}, {"step": 0.0}, {"step": 1.3}, {"low": math.nan}, {"low": 8.0}])
 def test_a_scan_that_is_none_is_counted(tmp_path, head):
     bag = filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", [1.0] * 6, **head))
     assert not list(bag.scans())
-    assert any(said.startswith("scans that are none") for said in bag.dropped)
+    assert any(said.startswith("scans that are not valid") for said in bag.dropped)
 
 
 def test_types_without_a_definition_are_those_of_ros(tmp_path, monkeypatch):
@@ -280,7 +281,7 @@ def test_schemas_of_others_are_named(tmp_path, monkeypatch):
 
     write = storage_mcap.write_schema
     monkeypatch.setattr(storage_mcap, "write_schema", lambda b, s: write(b, s._replace(encoding="protobuf")))
-    with pytest.raises(BagError, match=r"b\.mcap: the bag cannot be read: rosbags does not know 'protobuf'"):
+    with refused(BagError, "b.mcap:", "'protobuf'"):
         filled(tmp_path / "b", ".mcap", lambda made: made.scan(1.0, "/scan", [1.0, 2.0]))
 
 
@@ -310,7 +311,7 @@ def test_what_is_not_known_is_counted(tmp_path):
     np.testing.assert_array_equal(scans[0][0].T_base_sensor, np.eye(4))
     assert bag.dropped["scans of a sensor whose mount is not known"] == 3
     assert bag.dropped["scans without a pose"] == 3
-    assert bag.dropped["scans that are none (a scan has 1 ranges; at least 2 are needed)"] == 1
+    assert bag.dropped["scans that are not valid (a scan has 1 ranges; at least 2 are needed)"] == 1
 
 
 @pytest.mark.parametrize("tf, scan", [("robot1/base_scan", "base_scan"), ("base_scan", "robot1/base_scan")])
@@ -368,18 +369,18 @@ def test_a_long_bag_is_read_as_a_stream(tmp_path, monkeypatch):
 def test_what_is_no_bag_is_refused(tmp_path):
     sound = drive(tmp_path / "b", ".mcap").read_bytes()
     for name, data, says in [
-        ("b.mcap", b"", "is no .mcap bag"),
+        ("b.mcap", b"", "mcap bag"),
         ("b.mcap", sound[: len(sound) // 2], "cannot be read"),
-        ("b.bag", sound, "is no .bag bag"),
+        ("b.bag", sound, "bag bag"),
         ("b.db3", b"SQLite format 3\0" + sound, "cannot be read"),
         ("b.zip", sound, r"kind '.zip' are not read"),
     ]:
         (tmp_path / name).write_bytes(data)
         with pytest.raises(BagError, match=says):
             list(BagReader(tmp_path / name).scans())
-    with pytest.raises(BagError, match="No such file"):
+    with refused(BagError, "No such file"):
         BagReader(tmp_path / "gone.mcap")
-    with pytest.raises(BagError, match=r"metadata\.yaml"):
+    with refused(BagError, "metadata.yaml"):
         BagReader(tmp_path)
 
 
@@ -471,10 +472,10 @@ def test_the_record_of_a_drive_has_its_obstacles_as_they_moved(tmp_path):
 def test_a_bag_refuses_what_it_cannot_hold(tmp_path, silvermate, driven):
     from dataclasses import replace
 
-    with pytest.raises(InputError, match="begins at -1 s"):
+    with refused(InputError, "-1 s"):
         write_bag(tmp_path / "t.mcap", replace(driven, time=driven.time - 1.0))
-    with pytest.raises(InputError, match="period=0"):
+    with refused(InputError, "period=0"):
         write_bag(tmp_path / "t.mcap", driven, period=0.0)
-    with pytest.raises(InputError, match="motion must be a Trajectory"):
+    with refused(InputError, "motion"):
         write_bag(tmp_path / "t.mcap", driven.strip())
     assert not list(tmp_path.iterdir())

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.control import Recorder
@@ -88,8 +89,8 @@ WRITERS: dict[str, Callable[..., object]] = {
 }
 
 
-@pytest.mark.parametrize("there", [False, True], ids=["new", "there before"])
-@pytest.mark.parametrize("name", WRITERS)
+@each("there", [False, True], ids=["new", "there before"])
+@each("name", WRITERS)
 def test_nothing_is_left_of_a_file_that_found_no_room(tmp_path, monkeypatch, trajectory, record, name, there):
     target, scratch = tmp_path / "out" / name, tmp_path / "scratch"
     target.parent.mkdir()
@@ -107,7 +108,7 @@ def test_nothing_is_left_of_a_file_that_found_no_room(tmp_path, monkeypatch, tra
     assert target.stat().st_size > 200
 
 
-@pytest.mark.parametrize("when", ["open", "write", "close"])
+@each("when", ["open", "write", "close"])
 def test_a_bag_that_finds_the_disk_full(tmp_path, monkeypatch, trajectory, when):
     """As rosbags meets it, at any moment."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
@@ -116,6 +117,6 @@ def test_a_bag_that_finds_the_disk_full(tmp_path, monkeypatch, trajectory, when)
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(rosbag2.Writer, when, full)
-    with pytest.raises(InputError, match=r"b\.mcap"):
+    with refused(InputError, "b.mcap"):
         write_bag(tmp_path / "b.mcap", trajectory)
     assert list(tmp_path.iterdir()) == []

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import InputError
 from elastic_strips.io import LaserLogError, read_laser_log
@@ -88,8 +89,8 @@ def test_carmen_flaser(tmp_path):
     assert read_laser_log(write(tmp_path, odd))[0][0].angles[-1] == pytest.approx(0.5 * math.pi)
 
 
-@pytest.mark.parametrize("tail", ["0 ", "2 7 8 ", ""])
-@pytest.mark.parametrize("axis", ["", "0.4 "])
+@each("tail", ["0 ", "2 7 8 ", ""])
+@each("axis", ["", "0.4 "])
 def test_carmen_robotlaser_and_rawlaser(tmp_path, tail, axis):
     """With and without remissions and turn axis: writers differ."""
     head = "LASER1 0 -1.5 3.0 0.5 20.0 0.01 0 3 1.0 25.0 2.0 "
@@ -140,28 +141,28 @@ BAD = [
     ("RAWLASER1 0 -1.5\n", "RAWLASER1 has 2 fields; at least 8"),
     ("RAWLASER1 0 -1.5 3 0.5 20 0.01 0 9 1 2\n", "RAWLASER1 with 9 readings ends too early"),
     ("ROBOTLASER1 0 -1.5 3 0.5 20 0.01 0 2 1 2 0 1 2 3\n", "ends too early"),
-    (FLASER + "laser 1 2\n", r"log\.txt:2: 'laser' is no message of a CARMEN log"),
+    (FLASER + "laser 1 2\n", r"log\.txt:2: 'laser'"),
 ]
 
 
-@pytest.mark.parametrize("text, message", BAD)
+@each("text, message", BAD)
 def test_a_wrong_log_names_file_and_line(tmp_path, text, message):
     with pytest.raises(LaserLogError, match=message):
         read_laser_log(write(tmp_path, text))
 
 
 def test_missing_and_binary_files_and_wrong_arguments(tmp_path):
-    with pytest.raises(LaserLogError, match=r"gone\.log: cannot read the laser log: No such file"):
+    with refused(LaserLogError, "gone.log:"):
         read_laser_log(tmp_path / "gone.log")
-    with pytest.raises(LaserLogError, match="is a folder, not a laser log"):
+    with refused(LaserLogError, "folder"):
         read_laser_log(tmp_path)
     (tmp_path / "log.txt").write_bytes(b"FLASER \xff\xfe")
-    with pytest.raises(LaserLogError, match=r"log\.txt:1: byte 7 of the line is no UTF-8"):
+    with refused(LaserLogError, "log.txt:1:"):
         read_laser_log(tmp_path / "log.txt")
     path = write(tmp_path, FLASER)
-    with pytest.raises(InputError, match=r"carmen_pose='truth' is unknown\. Valid: laser, odometry"):
+    with refused(InputError, "carmen_pose='truth'"):
         read_laser_log(path, carmen_pose="truth")
-    with pytest.raises(InputError, match="carmen_range_max"):
+    with refused(InputError, "carmen_range_max"):
         read_laser_log(path, carmen_range_max=0.0)
 
 

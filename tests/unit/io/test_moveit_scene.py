@@ -6,6 +6,7 @@ import logging
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.errors import SceneError
@@ -94,7 +95,7 @@ def test_an_object_of_several_shapes_is_several_obstacles(tmp_path):
     np.testing.assert_allclose([o.pose[:3, 3] for o in back], [[1, 0, 1], [2, 0, 1], [5, 0, 0]])
 
 
-@pytest.mark.parametrize(
+@each(
     ("content", "says"),
     [
         ("", "empty"),
@@ -112,13 +113,13 @@ def test_an_object_of_several_shapes_is_several_obstacles(tmp_path):
 def test_what_does_not_fit_is_refused_with_its_line(tmp_path, content, says):
     file = tmp_path / "bad.scene"
     file.write_text(content)
-    with pytest.raises(SceneError, match=r"bad\.scene:") as caught:
+    with refused(SceneError, "bad.scene:") as caught:
         es.read_scene(file)
     assert says in str(caught.value)
 
 
-@pytest.mark.parametrize("sizes", ["0.03", "0.03 0.12 0.4"])
-@pytest.mark.parametrize("posed", [True, False])
+@each("sizes", ["0.03", "0.03 0.12 0.4"])
+@each("posed", [True, False])
 def test_a_size_that_is_missing_is_said_at_its_shape(tmp_path, posed, sizes):
     """Not far below, where the words no longer fit; sizes on several lines, which MoveIt reads too, are read."""
     at = "2 1 0.5\n0 0 0 1\n"

@@ -9,6 +9,7 @@ import struct
 import coal
 import numpy as np
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.errors import ParameterError, SceneError
@@ -92,7 +93,7 @@ def test_cells_are_where_coal_has_them(tmp_path):
     assert covered(read_octomap(file)) == theirs
 
 
-@pytest.mark.parametrize(
+@each(
     ("binary", "kind"),
     [(True, "ColorOcTree"), (True, "OcTreeStamped"), (True, "1"), (False, "OcTreeStamped"), (False, "1")],
 )
@@ -126,9 +127,9 @@ def test_what_counts_as_occupied_is_chosen(tmp_path, caplog):
         assert [len(covered(read_octomap(file, occupied=p))) for p in (0.2, 0.5, 0.8)] == [3, 2, 1]
     assert "unknown" not in caplog.text  # the three fill their box
     assert "3 colours" in caplog.text
-    with pytest.raises(SceneError, match="nothing in the map is occupied"):
+    with refused(SceneError, "occupied"):
         read_octomap(file, occupied=0.95)
-    with pytest.raises(ParameterError, match="occupied=1"):
+    with refused(ParameterError, "occupied=1"):
         read_octomap(file, occupied=1.0)
 
 
@@ -148,8 +149,8 @@ def test_what_is_damaged_is_refused(tmp_path):
     sound = octree_file(leaves, 0.1, binary=True)
     deep = b"# Octomap OcTree binary file\nid OcTree\nsize 99\nres 0.1\ndata\n" + struct.pack("<H", 3) * 40
     for content, says in [
-        (b"", "is no octree"),
-        (b"# Octomap OcTree", "is no octree"),
+        (b"", "octree"),
+        (b"# Octomap OcTree", "octree"),
         (sound[:-2], "the file ends after"),
         (sound.replace(b"size ", b"size 1"), "its header says"),
         (sound.replace(b"res 0.1", b"res nan"), "res is 'nan'"),
@@ -158,6 +159,6 @@ def test_what_is_damaged_is_refused(tmp_path):
         (deep, "deeper than 16 levels"),
     ]:
         file.write_bytes(content)
-        with pytest.raises(SceneError, match=r"m\.bt: ") as caught:
+        with refused(SceneError, "m.bt:") as caught:
             read_octomap(file)
         assert says in str(caught.value)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.collision import Verdict, certify, prove
 from elastic_strips.collision.proof import path_digest
@@ -105,7 +106,7 @@ def verdict(robot: RobotModel, path: PathFile, scene: Scene | World = NOTHING) -
 # --- the base by its usual names -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     "names",
     [
         "x,y,yaw", "X,Y,Theta", "position/x,position/y,position/theta", "world_joint/x,world_joint/y,world_joint/theta",
@@ -124,7 +125,7 @@ def test_a_base_is_found_by_its_usual_names(cart, tmp_path, names):
     assert verdict(cart, read) is Verdict.CERTIFIED
 
 
-@pytest.mark.parametrize(
+@each(
     ("names", "row", "wanted"),
     [
         ("x,y,yaw_deg,shoulder_deg,torso", (1, 2, 90, 45, 0.1), (1, 2, np.pi / 2, np.pi / 4, 0.1)),
@@ -149,7 +150,7 @@ def test_units_below_the_names_and_for_the_whole_file(cart, tmp_path):
         )
 
 
-@pytest.mark.parametrize("names", ["x_deg,y,yaw,shoulder", "x,y,yaw_mm,shoulder", "x,y,yaw,shoulder [grad]"])
+@each("names", ["x_deg,y,yaw,shoulder", "x,y,yaw_mm,shoulder", "x,y,yaw,shoulder [grad]"])
 def test_a_unit_of_something_else_is_refused(cart, tmp_path, names):
     with pytest.raises(ConfigurationError):
         load_path(table(tmp_path, names, "0,0,0,0", "1,0,0,0"), cart)
@@ -164,7 +165,7 @@ def test_the_same_in_messages_and_in_a_crate(cart, tmp_path):
     assert verdict(cart, read, crate) is Verdict.REFUTED
 
 
-@pytest.mark.parametrize("prefix", ["goal", "tool", "hand"])
+@each("prefix", ["goal", "tool", "hand"])
 def test_what_is_called_after_something_else_is_not_the_base(cart, tmp_path, prefix):
     names = ",".join(f"{prefix}_{k}" for k in ("x", "y", "yaw"))
     read = load_path(table(tmp_path, f"{names},shoulder", "0,0,0,0", "1,0,0,0"), cart)
@@ -175,7 +176,7 @@ def test_what_is_called_after_something_else_is_not_the_base(cart, tmp_path, pre
 
 def test_two_columns_of_one_coordinate(cart, tmp_path):
     header = "x,y,yaw,odom_x,shoulder"
-    with pytest.raises(ConfigurationError, match="odom_x"):
+    with refused(ConfigurationError, "odom_x"):
         load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1.2,0"), cart)
     assert load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1,0"), cart).doubts == ()
     found = load_path(table(tmp_path, header, "0,0,0,0,0", "1,0,0,1.2,0"), cart, ignore=["odom_x"])
@@ -198,7 +199,7 @@ def test_a_base_that_is_nowhere_is_doubted(cart, cart_file, tmp_path):
     assert load_path(file, still).doubts == ()
 
 
-@pytest.mark.parametrize("names", ["x,y", "y,yaw", "yaw"])
+@each("names", ["x,y", "y,yaw", "yaw"])
 def test_a_base_that_is_half_placed_is_doubted(cart, tmp_path, names):
     row = ",".join("0" for _ in names.split(","))
     file = table(tmp_path, f"{names},shoulder", f"{row},0", f"{row},0.5")
@@ -206,9 +207,7 @@ def test_a_base_that_is_half_placed_is_doubted(cart, tmp_path, names):
     assert load_path(file, cart, base_at=(1.0, 2.0, 0.5)).doubts == ()
 
 
-@pytest.mark.parametrize(
-    "base_at", [(1.0, 2.0), (np.nan, 0.0, 0.0), (1e5, 0.0, 0.0), "abc", (0.0, 0.0, 1e17), (0.0, 0.0, 90.0)]
-)
+@each("base_at", [(1.0, 2.0), (np.nan, 0.0, 0.0), (1e5, 0.0, 0.0), "abc", (0.0, 0.0, 1e17), (0.0, 0.0, 90.0)])
 def test_a_place_that_is_none_is_refused(cart, tmp_path, base_at):
     with pytest.raises(ConfigurationError):
         load_path(table(tmp_path, "shoulder", "0", "1"), cart, base_at=base_at)
@@ -274,7 +273,7 @@ def test_wheels_turn_where_they_are_round(cart, tmp_path):
     assert load_robot("tiago").round_wheels == {"wheel_left_joint", "wheel_right_joint"}
 
 
-@pytest.mark.parametrize("names", ["x,y,yaw,mast", "x,y,yaw,roof_joint", "x,y,yaw,hatch [deg]"])
+@each("names", ["x,y,yaw,mast", "x,y,yaw,roof_joint", "x,y,yaw,hatch [deg]"])
 def test_a_column_that_nobody_knows(cart, tmp_path, names):
     changes = load_path(table(tmp_path, names, "0,0,0,1", "1,0,0,2"), cart)
     assert len(changes.doubts) == 1
@@ -286,11 +285,11 @@ def test_a_column_that_nobody_knows(cart, tmp_path, names):
 
 
 def test_what_is_ignored_has_to_be_there(cart, tmp_path):
-    with pytest.raises(ConfigurationError, match="mats"):
+    with refused(ConfigurationError, "mats"):
         load_path(table(tmp_path, "x,y,yaw,mast", "0,0,0,1", "1,0,0,2"), cart, ignore=["mats"])
 
 
-@pytest.mark.parametrize(
+@each(
     "names",
     [
         "shoulder_velocity,torso_effort,vx", "velocity/shoulder,shoulder_acc,omega",
@@ -302,7 +301,7 @@ def test_rates_and_efforts_are_no_doubt(cart, tmp_path, names):
     assert read.doubts == ()
 
 
-@pytest.mark.parametrize("name", ["x_current", "current_gripper", "base_x_temperature"])
+@each("name", ["x_current", "current_gripper", "base_x_temperature"])
 def test_where_something_is_now_is_no_rate(cart, tmp_path, name):
     assert len(load_path(table(tmp_path, f"x,y,yaw,{name}", "0,0,0,0", "0,0,0,1"), cart).doubts) == 1
 
@@ -326,7 +325,7 @@ def _robot_trajectory(a: float, b: float) -> dict[str, object]:
     return {"joint_trajectory": trajectory(ARM, [arm(a), arm(b)])}
 
 
-@pytest.mark.parametrize(
+@each(
     "wrap",
     [
         lambda parts: {"trajectory": parts}, lambda parts: parts, lambda parts: {"trajectory_stages": parts},
@@ -353,7 +352,7 @@ def test_documents_of_a_file_follow_each_other(panda, tmp_path):
 
 
 def test_trajectories_that_do_not_join_are_refused(panda, tmp_path):
-    with pytest.raises(ConfigurationError, match="panda_joint1"):
+    with refused(ConfigurationError, "panda_joint1"):
         load_path(message(tmp_path, [_robot_trajectory(0.0, 0.5), _robot_trajectory(0.9, 2.0)]), panda)
     read = load_path(message(tmp_path, [_robot_trajectory(0.0, 0.5), _robot_trajectory(0.5002, 2.0)]), panda)
     assert read.q[2, 0] == 0.5002  # the step between them is a part of the path
@@ -435,7 +434,7 @@ def test_a_turn_goes_the_way_of_its_quaternions(cart, tmp_path):
     np.testing.assert_allclose(np.unwrap(found), [3.0, 3.3, 3.5, 3.0], atol=1e-9)
 
 
-@pytest.mark.parametrize(
+@each(
     "bad",
     [
         transform(turn=(0, 0, 0, 0)), transform(turn=(0, 0, 1.4142, 1.4142)), transform(turn=(0, 0, 0.7, 0.7)),
@@ -480,7 +479,7 @@ def test_a_base_without_joints_and_other_times(cart, tmp_path):
         load_path(message(tmp_path, both), cart)
 
 
-@pytest.mark.parametrize("column", ["z", "base_z", "roll", "pitch"])
+@each("column", ["z", "base_z", "roll", "pitch"])
 def test_columns_off_the_floor_are_refused(cart, tmp_path, column):
     with pytest.raises(ConfigurationError, match=column):
         load_path(table(tmp_path, f"x,y,yaw,{column}", "0,0,0,0", "1,0,0,0.5"), cart)
@@ -536,32 +535,32 @@ def test_times_of_a_log_count_where_something_moves(panda, world, tmp_path):
     assert verdict(panda, read, world) is Verdict.UNKNOWN
 
 
-@pytest.mark.parametrize(("name", "unit"), [("time_ms", 1e-3), ("t [ms]", 1e-3), ("time (ns)", 1e-9), ("%time", 1e-9)])
+@each(("name", "unit"), [("time_ms", 1e-3), ("t [ms]", 1e-3), ("time (ns)", 1e-9), ("%time", 1e-9)])
 def test_times_in_other_units(panda, tmp_path, name, unit):
     rows = [",".join(map(str, (round(k / unit), *arm(0.1 * k)))) for k in range(3)]
     np.testing.assert_allclose(load_path(table(tmp_path, ",".join((name, *ARM)), *rows), panda).times, [0, 1, 2])
 
 
-@pytest.mark.parametrize("times", [(0, 2, 1), (3, 2, 1), (0, float("nan"), 1), (0, 1, 1e18)])
+@each("times", [(0, 2, 1), (3, 2, 1), (0, float("nan"), 1), (0, 1, 1e18)])
 def test_times_that_fall_name_the_row(panda, tmp_path, times):
     rows = [",".join(map(str, (t, *arm(0.1 * k)))) for k, t in enumerate(times)]
-    with pytest.raises(ConfigurationError, match=r"p\.csv"):
+    with refused(ConfigurationError, "p.csv"):
         load_path(table(tmp_path, ",".join(("time", *ARM)), *rows), panda)
     if times == (0, 2, 1):
-        with pytest.raises(ConfigurationError, match=r"p\.csv:4:"):
+        with refused(ConfigurationError, "p.csv:4:"):
             load_path(table(tmp_path, ",".join(("time", *ARM)), *rows), panda)
 
 
 # --- bounds, limits, degrees -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("row", ["1e35,0,0,0", "0,-1e6,0,0", "0,10001,0,0", "0,0,1e17,0"])
+@each("row", ["1e35,0,0,0", "0,-1e6,0,0", "0,10001,0,0", "0,0,1e17,0"])
 def test_far_coordinates_are_refused(cart, tmp_path, row):
-    with pytest.raises(ConfigurationError, match=r"p\.csv:3:"):
+    with refused(ConfigurationError, "p.csv:3:"):
         load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", row), cart)
 
 
-@pytest.mark.parametrize("x", [1e35, -1e6, 10_001.0])
+@each("x", [1e35, -1e6, 10_001.0])
 def test_far_configurations_are_refused(cart, x):
     q = np.array([cart.home(), cart.home()])
     q[1, 0] = x
@@ -576,11 +575,11 @@ def test_what_files_round_is_taken_to_the_limit(cart, tmp_path):
     read = load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "0,0,0,2.00005"), cart)
     assert cart.space.to_coordinates(read.q)[1, 3] == 2.0
     assert any("shoulder" in note for note in read.notes)
-    with pytest.raises(ConfigurationError, match=r"p\.csv:3: .*shoulder"):
+    with refused(ConfigurationError, "p.csv:3:", "shoulder"):
         load_path(table(tmp_path, "x,y,yaw,shoulder", "0,0,0,0", "0,0,0,2.001"), cart)
 
 
-@pytest.mark.parametrize(("values", "asked"), [(("0", "90"), True), (("-45", "30"), True), (("0", "2.5"), False)])
+@each(("values", "asked"), [(("0", "90"), True), (("-45", "30"), True), (("0", "2.5"), False)])
 def test_degrees_are_asked_for(cart, tmp_path, values, asked):
     file = table(tmp_path, "x,y,yaw,shoulder", *(f"0,0,0,{v}" for v in values))
     with pytest.raises(ConfigurationError) as caught:
@@ -603,7 +602,7 @@ def test_degrees_of_what_has_no_limits_are_doubted(cart, tmp_path, header):
 # --- tables as people write them -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     "text",
     [
         "\ufeffx,y,yaw,shoulder\n0,0,0,0\n1,0,0,0.5\n",
@@ -621,7 +620,7 @@ def test_tables_as_people_write_them(cart, tmp_path, text):
     assert read.doubts == ()
 
 
-@pytest.mark.parametrize(
+@each(
     "text",
     [
         "x,y,yaw,yaw\n0,0,0,0\n1,0,0,0\n", "x,y,yaw,shoulder,shoulder_deg\n0,0,0,0,0\n1,0,0,0,0\n",
@@ -632,14 +631,14 @@ def test_tables_as_people_write_them(cart, tmp_path, text):
 )  # fmt: skip
 def test_tables_that_are_none_are_refused(cart, tmp_path, text):
     (tmp_path / "p.csv").write_text(text)
-    with pytest.raises(ConfigurationError, match=r"p\.csv"):
+    with refused(ConfigurationError, "p.csv"):
         load_path(tmp_path / "p.csv", cart)
 
 
 def test_a_key_that_is_given_twice_is_refused(panda, tmp_path):
     one, two = (json.dumps(trajectory(ARM, [arm(a), arm(a + 0.1)])) for a in (0.0, 1.0))
     (tmp_path / "p.json").write_text(f'{{"joint_trajectory": {one}, "joint_trajectory": {two}}}')
-    with pytest.raises(ConfigurationError, match="joint_trajectory"):
+    with refused(ConfigurationError, "joint_trajectory"):
         load_path(tmp_path / "p.json", panda)
 
 
@@ -662,14 +661,14 @@ def test_an_archive_of_a_later_format_is_refused(cart, tmp_path):
     data = bytearray((tmp_path / "a.npz").read_bytes())
     data[data.index(b"PK\1\2") + 6] = 215  # the version that is needed to unpack it
     (tmp_path / "a.npz").write_bytes(data)
-    with pytest.raises(ConfigurationError, match=r"a\.npz"):
+    with refused(ConfigurationError, "a.npz"):
         load_path(tmp_path / "a.npz", cart)
 
 
 # --- what is nearly known, and what lies beside the path -------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each(
     "names",
     [
         "baseX,baseY,baseYaw", "base::x,base::y,base::yaw", "base-x,base-y,base-yaw", "base[x],base[y],base[yaw]",
@@ -688,18 +687,18 @@ def test_a_base_is_found_by_less_usual_names(cart, cart_file, tmp_path, names):
     assert verdict(still, stays) is Verdict.UNKNOWN
 
 
-@pytest.mark.parametrize("name", ["yaw [°]", "yaw_deg", "yaw (deg)"])
+@each("name", ["yaw [°]", "yaw_deg", "yaw (deg)"])
 def test_a_unit_of_other_letters_is_heeded(cart, tmp_path, name):
     read = load_path(table(tmp_path, f"x,y,{name}", "0,0,0", "0,0,90"), cart)
     assert cart.space.to_coordinates(read.q)[1, 2] == pytest.approx(np.pi / 2)
 
 
-@pytest.mark.parametrize("name", ["-x", "x*1000", "x [1e-3 m]", "x_in"])
+@each("name", ["-x", "x*1000", "x [1e-3 m]", "x_in"])
 def test_what_is_done_to_a_coordinate_is_not_overlooked(cart, tmp_path, name):
     assert verdict(cart, load_path(table(tmp_path, f"{name},y,yaw", "0,0,0", "4,0,0"), cart)) is Verdict.UNKNOWN
 
 
-@pytest.mark.parametrize(
+@each(
     ("name", "value"),
     [
         ("Shoulder", 1.0), ("robot1/shoulder", 1.0), ("shoulder_position", 1.0), ("shoulder.pos", 1.0),
@@ -724,7 +723,7 @@ def test_quaternions_in_columns_are_headings(cart, cart_file, tmp_path):
     order = table(tmp_path, "base.orientation.w,base.orientation.z,x,y", f"{part},{part},0,1", f"{part},{part},2,1")
     np.testing.assert_allclose(cart.space.to_coordinates(load_path(order, cart).q)[:, 2], np.pi / 2, atol=1e-9)
     for bad in ("0,0,0,0,0,0,0", "0,0,0,1,0,0,0", "0,0,0,0,0,1,1", "0,0,0.3,0,0,0,1", "0,0,0,0.1,0,0,0.99499"):
-        with pytest.raises(ConfigurationError, match=r"p\.csv:3:"):
+        with refused(ConfigurationError, "p.csv:3:"):
             load_path(table(tmp_path, names, "0,0,0,0,0,0,1", bad), cart)
     still = load_robot(cart_file, base="fixed", joints=["shoulder"])
     turned = table(tmp_path, "qz,qw,shoulder", f"{part},{part},0", f"{part},{part},1")
@@ -733,7 +732,7 @@ def test_quaternions_in_columns_are_headings(cart, cart_file, tmp_path):
         load_path(table(tmp_path, "x,y,yaw,qz,qw", f"0,0,0,{part},{part}", f"1,0,0,{part},{part}"), cart)
 
 
-@pytest.mark.parametrize("names", ["sec,nanosec", "secs,nsecs", "header.stamp.sec,header.stamp.nanosec"])
+@each("names", ["sec,nanosec", "secs,nsecs", "header.stamp.sec,header.stamp.nanosec"])
 def test_times_in_two_columns(cart, tmp_path, names):
     rows = ("0,0,0,0,0", "0,900000000,1,0,0", "1,100000000,2,0,0")
     read = load_path(table(tmp_path, f"{names},x,y,yaw", *rows), cart)
@@ -773,7 +772,7 @@ def test_the_frame_of_a_base_and_its_one_joint(cart, panda, tmp_path):
         assert verdict(panda, load_path(message(tmp_path, document), panda)) is Verdict.UNKNOWN
 
 
-@pytest.mark.parametrize(
+@each(
     "beside",
     [
         {"path": {"poses": [{"pose": {"position": {"x": x, "y": 0.0}}} for x in (0, 4)]}},
@@ -824,7 +823,7 @@ def test_lengths_that_may_be_millimetres_are_doubted(cart, tmp_path):
     assert load_path(message(tmp_path, trajectory(("x", "y", "yaw"), [[0, 0, 0], [4000, 0, 0]])), cart).doubts == ()
 
 
-@pytest.mark.parametrize(
+@each(
     ("joints", "locked"),
     [
         (["shoulder", "torso", "turntable"], {"gripper": 0.03}),  # the file was compared with that gripper
@@ -832,7 +831,7 @@ def test_lengths_that_may_be_millimetres_are_doubted(cart, tmp_path):
         (["shoulder", "torso", "turntable", "gripper"], {}),
     ],
 )
-@pytest.mark.parametrize("ask", [certify, prove, lambda robot, scene, path: path_digest(robot, path)])
+@each("ask", [certify, prove, lambda robot, scene, path: path_digest(robot, path)])
 def test_a_path_that_was_read_for_another_robot_is_refused(cart_file, cart, tmp_path, joints, locked, ask):
     other = load_robot(cart_file, base="omni", joints=joints, locked=locked)
     (tmp_path / "p.csv").write_text("x,y,yaw,shoulder,torso,gripper\n0,0,0,0,0.1,0.03\n1,0,0,0,0.1,0.03\n")
@@ -867,7 +866,7 @@ def test_joints_that_are_held_and_not_named_are_known(cart, tmp_path):
     assert not load_path(tmp_path / "p.csv", cart).held
 
 
-@pytest.mark.parametrize("kind", ["csv", "json", "npz"])
+@each("kind", ["csv", "json", "npz"])
 def test_velocities_are_said_to_be_left_out(panda, tmp_path, kind):
     """Who executes them goes by splines, and those leave the lines that are proven."""
     said = []

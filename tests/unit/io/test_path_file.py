@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.io import load_path, write_path
@@ -200,7 +201,7 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
+@each("name", WRONG)
 def test_what_is_wrong_is_named(panda, tmp_path, name):
     text, message = WRONG[name]
     (tmp_path / name).write_text(text)
@@ -211,20 +212,20 @@ def test_what_is_wrong_is_named(panda, tmp_path, name):
 
 def test_arrays_of_another_kind_are_refused(panda, tmp_path):
     np.savez(tmp_path / "a.npz", speed=np.zeros((3, 7)))
-    with pytest.raises(ConfigurationError, match="has the arrays speed"):
+    with refused(ConfigurationError, "speed"):
         load_path(tmp_path / "a.npz", panda)
     np.savez(tmp_path / "b.npz", q=np.zeros(7))
-    with pytest.raises(ConfigurationError, match="rows of numbers are needed"):
+    with refused(ConfigurationError, "rows"):
         load_path(tmp_path / "b.npz", panda)
     np.savez(tmp_path / "c.npz", q=np.zeros((3, 0)), joint_names=np.array(NAMES))
-    with pytest.raises(ConfigurationError, match="has 0 columns for 7 names"):
+    with refused(ConfigurationError, "0 columns", "7 names"):
         load_path(tmp_path / "c.npz", panda)
-    with pytest.raises(ConfigurationError, match="cannot read the path file"):
+    with refused(ConfigurationError, "path file"):
         load_path(tmp_path / "missing.csv", panda)
 
 
 def test_a_long_list_is_looked_through_once(panda, tmp_path):
     """Half a million numbers that are no trajectory: what takes their square would not end."""
     (tmp_path / "p.json").write_text(json.dumps({"obstacles": [1] * 500_000}))
-    with pytest.raises(ConfigurationError, match="has no JointTrajectory"):
+    with refused(ConfigurationError, "JointTrajectory"):
         load_path(tmp_path / "p.json", panda)

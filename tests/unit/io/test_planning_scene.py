@@ -7,11 +7,12 @@ import logging
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.io import read_scene, read_scene_file
-from elastic_strips.io.planning_scene import read_planning_scene
+from elastic_strips.io.planning_message import read_planning_scene
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene.quantities import quaternion_of
 
@@ -100,17 +101,17 @@ def test_what_is_held_may_be_given_in_another_frame(tmp_path, panda):
     for other in (in_world, message.held_by(panda)):
         for one, two in zip(in_hand.geometries, other.geometries, strict=True):
             np.testing.assert_allclose(one.placement, two.placement, atol=1e-9)
-    with pytest.raises(RobotError, match="robot_state"):
+    with refused(RobotError, "robot_state"):
         read_planning_scene(write(tmp_path, box("table"), attached=(placed,))).held_by(panda)
 
 
 def test_what_cannot_be_held_is_refused(tmp_path, panda):
-    with pytest.raises(SceneError, match="'bar' has no shapes"):
+    with refused(SceneError, "'bar'"):
         read_planning_scene(write(tmp_path, attached=(held(object={"id": "bar"}),)))
     plane = {"id": "bar", "planes": [{"coef": [0, 0, 1, 0]}], "plane_poses": [pose()]}
-    with pytest.raises(SceneError, match="plane"):
+    with refused(SceneError, "plane"):
         read_planning_scene(write(tmp_path, attached=(held(object=plane),)))
-    with pytest.raises((RobotError, ConfigurationError), match="gripper"):
+    with refused((RobotError, ConfigurationError), "gripper"):
         read_planning_scene(write(tmp_path, attached=(held("gripper", link_name="gripper"),))).held_by(panda)
 
 
@@ -122,10 +123,10 @@ def test_what_is_held_is_not_in_the_world_as_well(tmp_path):
     assert [thing.name for thing in message.attached] == ["bar"]
 
 
-@pytest.mark.parametrize("operation", [1, "\x01", 3])
+@each("operation", [1, "\x01", 3])
 def test_what_is_let_go_of_is_not_held(tmp_path, operation):
     thing = {**held()["object"], "operation": operation}
-    with pytest.raises(SceneError, match="bar"):
+    with refused(SceneError, "bar"):
         read_planning_scene(write(tmp_path, attached=(held(object=thing),)))
 
 
@@ -134,7 +135,7 @@ def test_a_scene_in_a_frame_of_the_robot_stands_where_that_is(tmp_path, panda):
     q = panda.home()
     T = panda.frame_pose(q, "panda_hand")
     path = write(tmp_path, box("a", "panda_hand", pose(z=0.3)), attached=(held("panda_link0"),), state={})
-    with pytest.raises(SceneError, match="panda_hand"):
+    with refused(SceneError, "panda_hand"):
         read_scene(path, robot=panda)
     found = read_scene_file(path, robot=panda, q=q)
     np.testing.assert_allclose(found.world.scene.obstacle("a").pose[:3, 3], (T @ [0, 0, 0.3, 1])[:3], atol=1e-9)
@@ -157,10 +158,10 @@ def test_frames_that_hang_on_each_other(tmp_path, caplog):
     assert places == {"holder": [111, 0, 0], "on": [111, 0, 2], "at": [111, 5, 3], "in": [0, 0, 0]}
     with pytest.raises(SceneError, match=r"'gripper'.*collision_objects|collision_objects.*'gripper'"):
         read_scene(write(tmp_path, box("lost", "gripper"), fixed_frame_transforms=frames))
-    with pytest.raises(SceneError, match="'odom'"):
+    with refused(SceneError, "'odom'"):
         read_scene(write(tmp_path, box("one", "map"), box("two", "odom")))
     ring = [transform("a", "b", 1.0), transform("b", "a", 1.0), transform("map", "c", 0.0)]
-    with pytest.raises(SceneError, match="hangs on itself"):
+    with refused(SceneError, "itself"):
         read_scene(write(tmp_path, box("one", "map"), fixed_frame_transforms=ring))
     with caplog.at_level(logging.WARNING):
         read_scene(write(tmp_path, box("one", "base_link")))
@@ -182,7 +183,7 @@ def test_operations_are_done_one_after_the_other(tmp_path, bytes_as_text):
     scene = read_scene(path)
     places = {o.name: o.pose[0, 3] for o in scene}
     assert places == {"a-1": pytest.approx(7.0), "a-2": pytest.approx(10.0), "c": pytest.approx(6.0)}
-    with pytest.raises(SceneError, match="'b'"):
+    with refused(SceneError, "'b'"):
         read_scene(write(tmp_path, {**moved, "id": "b"}))
 
 
@@ -199,7 +200,7 @@ def test_what_is_not_taken_over_is_said(tmp_path, caplog):
         assert what in caplog.text
     assert "scale" not in caplog.text
     caplog.clear()
-    usual = {"default_entry_names": ["lamp"], "default_entry_values": [True]}
+    usual = {"default_entry_names": ["lamp", ["no", "name"]], "default_entry_values": [True, True]}
     with caplog.at_level(logging.WARNING):
         read_scene(write(tmp_path, box("lamp"), allowed_collision_matrix=usual))
     assert "lamp" in caplog.text
@@ -230,7 +231,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("thing", "key"), BAD)
+@each(("thing", "key"), BAD)
 def test_what_does_not_fit_is_refused_with_its_key(tmp_path, thing, key):
     with pytest.raises(SceneError, match=rf"scene\.json: .*{key}"):
         read_scene(write(tmp_path, thing))
@@ -246,7 +247,7 @@ def test_an_octomap_of_a_message_is_whole_or_refused(tmp_path):
     assert scene.names == ("a", "octomap")
     tree["data"] = [2, 0, "..."]  # what ROS 2 prints of long arrays
     path.write_text(json.dumps(document))
-    with pytest.raises(SceneError, match="full-length"):
+    with refused(SceneError, "full-length"):
         read_scene(path)
     for key in ("binary", "id", "resolution"):
         document["world"]["octomap"]["octomap"] = {k: v for k, v in {**tree, "data": [2, 0]}.items() if k != key}
@@ -260,7 +261,7 @@ def test_an_octomap_of_a_message_is_whole_or_refused(tmp_path):
         read_scene(path)
 
 
-@pytest.mark.parametrize(("frame", "known"), [("camera_link", False), ("odom", True), ("robot1/map", True)])
+@each(("frame", "known"), [("camera_link", False), ("odom", True), ("robot1/map", True)])
 def test_a_frame_that_is_nowhere_is_refused_of_a_robot(tmp_path, panda, frame, known):
     path = write(tmp_path, box("a", frame, pose(1.0)))
     if known:

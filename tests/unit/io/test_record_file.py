@@ -13,6 +13,7 @@ import zipfile
 import numpy as np
 import pytest
 from brute_force import make_scene, scene_pieces
+from cases import each, refused
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.record import Record, Recorder, RecordError
@@ -163,11 +164,11 @@ def test_the_robot_comes_back(record, file, silvermate, gantry, gantry_urdf, tmp
     assert fixed.control.drive.shape == (1, 0)
     assert record_robot(fixed).joint_names == gantry.joint_names
     assert record_robot(dataclasses.replace(fixed, urdf="/moved"), str(gantry_urdf)).nv == gantry.nv
-    with pytest.raises(InputError, match="/moved"):
+    with refused(InputError, "/moved"):
         record_robot(dataclasses.replace(fixed, urdf="/moved"))
-    with pytest.raises(InputError, match="names no URDF"):
+    with refused(InputError, "URDF"):
         record_robot(dataclasses.replace(fixed, urdf=None))
-    with pytest.raises(RecordError, match="the record is of"):
+    with refused(RecordError, "record"):
         record_robot(read_record(file), "tiago")
 
 
@@ -215,7 +216,7 @@ def test_no_frame_where_pandas_is_not(record, monkeypatch):
         raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(record_file.importlib, "import_module", missing)
-    with pytest.raises(MissingExtraError, match="pip install pandas"):
+    with refused(MissingExtraError, "pandas"):
         record_frame(record)
     assert len(record_columns(record)["x"]) == len(record.control)
 
@@ -225,7 +226,7 @@ def test_a_file_is_whole_or_not_there(record, tmp_path, monkeypatch):
     assert stat.S_IMODE(target.stat().st_mode) == 0o644
     before = target.read_bytes()
     monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-    with pytest.raises(InputError, match="No space left"):
+    with refused(InputError, "No space left"):
         write_record(record, target)
     assert target.read_bytes() == before
     assert os.listdir(tmp_path) == ["run.npz"]
@@ -237,45 +238,45 @@ def test_where_nothing_can_be_written(record, tmp_path):
             with pytest.raises(InputError, match=match):
                 attempt(tmp_path / name)
     assert check_record_file(tmp_path / "run.npz") == tmp_path / "run.npz"
-    with pytest.raises(RecordError, match="plain JSON"):
+    with refused(RecordError, "JSON"):
         write_record(dataclasses.replace(record, metadata={"robot": object()}), tmp_path / "run.npz")
-    with pytest.raises(RecordError, match="plain JSON"):
+    with refused(RecordError, "JSON"):
         write_record(dataclasses.replace(record, metadata={"cost": np.inf}), tmp_path / "run.npz")
     assert os.listdir(tmp_path) == []
 
 
 def test_what_is_no_record_is_refused(tmp_path):
     target = tmp_path / "x.npz"
-    with pytest.raises(RecordError, match=r"x\.npz: cannot read the record: No such file"):
+    with refused(RecordError, "x.npz:"):
         read_record(target)
-    with pytest.raises(RecordError, match="is a folder, not a record"):
+    with refused(RecordError, "folder"):
         read_record(tmp_path)
     for content in (b"", b"P", b"time,state\n0.0,moving\n", b"\x93NUMPY\x01\x00"):
         target.write_bytes(content)
-        with pytest.raises(RecordError, match=r"no \.npz file at all"):
+        with refused(RecordError, ".npz"):
             read_record(target)
     np.savez(target, time=np.zeros(3))
-    with pytest.raises(RecordError, match="no array 'metadata'"):
+    with refused(RecordError, "'metadata'"):
         read_record(target)
     for metadata in (np.array("{"), np.array("[]"), np.zeros(3), np.array('{"format": "other"}')):
         np.savez(target, metadata=metadata)
-        with pytest.raises(RecordError, match="is no record"):
+        with refused(RecordError, "record"):
             read_record(target)
     np.savez(target, metadata=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(RecordError, match="cannot read"):
+    with refused(RecordError, "read"):
         read_record(target)
 
 
 def test_another_version_is_refused(file, tmp_path):
-    with pytest.raises(RecordError, match="version 2; this program reads 1"):
+    with refused(RecordError, "version"):
         read_record(with_metadata(file, tmp_path / "x.npz", version=2))
 
 
-@pytest.mark.parametrize("share", [0.001, 0.3, 0.9, 0.999])
+@each("share", [0.001, 0.3, 0.9, 0.999])
 def test_a_file_that_is_cut_off_is_refused(file, share):
     data = file.read_bytes()
     file.write_bytes(data[: max(int(share * len(data)), 2)])
-    with pytest.raises(RecordError, match=r"run\.npz: is damaged or cut off"):
+    with refused(RecordError, "run.npz:"):
         read_record(file)
 
 
@@ -285,7 +286,7 @@ def test_a_file_with_a_flipped_byte_is_refused(file):
     data = bytearray(file.read_bytes())
     data[info.header_offset + 100 + info.compress_size // 2] ^= 0xFF
     file.write_bytes(bytes(data))
-    with pytest.raises(RecordError, match=r"run\.npz: "):
+    with refused(RecordError, "run.npz:"):
         read_record(file)
 
 
@@ -300,7 +301,7 @@ def test_every_array_is_needed_and_must_fit(file, tmp_path):
             read_record(changed(file, target, **{name: None}))
         with pytest.raises(RecordError, match=r"(has|have) shape"):
             read_record(changed(file, target, **{name: arrays[name][None]}))
-        with pytest.raises(RecordError, match="holds complex128"):
+        with refused(RecordError, "complex128"):
             read_record(changed(file, target, **{name: arrays[name].astype(complex)}))
         if name != "planning_nodes":
             with pytest.raises(RecordError, match=r"shape|nodes"):
@@ -387,7 +388,7 @@ def test_what_is_not_finite_is_refused_with_its_place(record, file, tmp_path):
         {"events": [[np.nan, "start", ""]]},
         {"locked": {"arm": np.inf}},
     ):
-        with pytest.raises(RecordError, match="must be a finite number"):
+        with refused(RecordError, "finite"):
             read_record(with_metadata(file, target, **values))
 
 
@@ -400,12 +401,12 @@ def test_a_small_file_of_large_arrays_is_refused_before_memory_is_taken(file, tm
     assert tracemalloc.get_traced_memory()[1] < 100_000_000
     bomb = changed(file, target, control_chart=np.zeros((4_000_000, 10)))
     tracemalloc.reset_peak()
-    with pytest.raises(RecordError, match="more than 250000000 bytes together"):
+    with refused(RecordError, "250000000"):
         read_record(bomb)
     assert tracemalloc.get_traced_memory()[1] < 100_000_000
     tracemalloc.stop()
     monkeypatch.setattr(record_file, "MAX_ARRAY_BYTES", 100_000)
-    with pytest.raises(RecordError, match="more than 100000 bytes together"):
+    with refused(RecordError, "100000"):
         read_record(file)
 
 
@@ -414,7 +415,7 @@ def test_obstacles_that_follow_one_track_are_bounded(file, tmp_path, monkeypatch
     entry = {"shape": "sphere", "size": [1.0], "pose": [0, 0, 0, 0, 0, 0, 1], "appears": None, "vanishes": None}
     many = [{**entry, "name": f"b{k}", "track": 0} for k in range(20)]
     monkeypatch.setattr(obstacle_document, "MAX_ROWS", 1000)
-    with pytest.raises(RecordError, match=r"need \d+ rows; at most 1000"):
+    with refused(RecordError, "1000"):
         read_record(with_metadata(file, tmp_path / "x.npz", obstacles=many))
 
 
@@ -443,13 +444,13 @@ def test_members_that_lie_are_refused(file, tmp_path, monkeypatch):
         with pytest.raises(RecordError, match=rf"x\.npz: cannot read: the array 'control_chart' .*{match}"):
             read_record(target)
     rewritten("control_chart", bytes, zipfile.ZIP_LZMA)
-    with pytest.raises(RecordError, match="otherwise than by 'deflate'"):
+    with refused(RecordError, "'deflate'"):
         read_record(target)
     with zipfile.ZipFile(target, "w") as archive:
         for k in range(3000):
             archive.writestr(f"{k}.npy", b"")
-    with pytest.raises(RecordError, match="list of its arrays has more than 100000 bytes"):
+    with refused(RecordError, "100000"):
         read_record(target)
     monkeypatch.setattr(record_file, "MAX_TEXT", 100)
-    with pytest.raises(RecordError, match="at most 100 are read"):
+    with refused(RecordError, "100"):
         read_record(file)

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ScenarioError, SceneError
 from elastic_strips.io import PoseSpec, read_scenario, read_world
@@ -107,7 +108,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("text, line, message", BAD)
+@each("text, line, message", BAD)
 def test_a_wrong_file_names_file_line_and_key(tmp_path, text, line, message):
     with pytest.raises(ScenarioError, match=message) as caught:
         read(tmp_path, text)
@@ -115,10 +116,10 @@ def test_a_wrong_file_names_file_line_and_key(tmp_path, text, line, message):
 
 
 def test_trouble_in_the_scene_file_is_a_scenario_error_that_names_that_file(tmp_path):
-    with pytest.raises(ScenarioError, match=r"gone\.yaml: cannot read the YAML file: No such file"):
+    with refused(ScenarioError, "gone.yaml:"):
         read(tmp_path, SHORT.replace("{obstacles: []}", "gone.yaml"))
     (tmp_path / "room.yaml").write_text("obstacles:\n- shape: sphere\n  radius: -1\n")
-    with pytest.raises(ScenarioError, match=r"room\.yaml:3: obstacles\[0\]\.radius"):
+    with refused(ScenarioError, "room.yaml:3:", "obstacles", "[0]"):
         read(tmp_path, SHORT.replace("{obstacles: []}", "room.yaml"))
 
 
@@ -139,7 +140,7 @@ def test_a_scenario_names_scenes_of_other_formats(tmp_path, caplog):
     assert read_world(tmp_path / "map.yaml").scene.names[0] == "map"
 
 
-@pytest.mark.parametrize(
+@each(
     "name, text, message",
     [
         ("room.scene", MOVEIT.replace("1 1 1", "1 one 1"), r"room\.scene:7: 'one'"),
@@ -155,7 +156,7 @@ def test_trouble_in_scenes_of_other_formats_is_a_scenario_error(tmp_path, name, 
         read_world(tmp_path / name)
 
 
-@pytest.mark.parametrize(
+@each(
     "name, text, message",
     [
         ("room.yaml", "version: 1\nobstacles: []\n", r"room\.yaml:2: .*a scene file.*'scene: room\.yaml'.*goal"),
@@ -176,7 +177,7 @@ def test_files_of_other_kinds_are_told_from_scenarios(tmp_path, monkeypatch, nam
             read_scenario(given)
 
 
-@pytest.mark.parametrize(
+@each(
     ("frame", "at", "known"),
     [
         ("world", "", True), ("panda_link0", "", True), ("panda_hand", "", False), ("camera_link", "", False),

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.collision import prove
@@ -77,8 +78,8 @@ obstacles:
     assert top(together) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("last", ["[0, 0, 1, 0]", "[0, 0, -1, 0]", "[0, 0.6, 0, 0.8]"])
-@pytest.mark.parametrize("yaw", [math.pi / 2, -2.0, 3.1])
+@each("last", ["[0, 0, 1, 0]", "[0, 0, -1, 0]", "[0, 0.6, 0, 0.8]"])
+@each("yaw", [math.pi / 2, -2.0, 3.1])
 def test_keyframes_are_turned_with_their_frame(folder, last, yaw):
     """Also where they turn by half a turn, which way round only their signs say."""
     frames = f"{{times: [0, 2], positions: [[1, 0, 0], [3, 0, 0]], quats: [[0, 0, 0, 1], {last}]}}"
@@ -95,7 +96,7 @@ def test_keyframes_are_turned_with_their_frame(folder, last, yaw):
 def test_scene_files_that_name_each_other_are_refused(folder):
     (folder / "a.yaml").write_text("sources: [b.yaml]\n")
     (folder / "b.yaml").write_text("sources: [a.yaml]\n")
-    with pytest.raises(SceneError, match=r"a\.yaml → b\.yaml → a\.yaml"):
+    with refused(SceneError, "a.yaml", "b.yaml"):
         read_scene(folder / "a.yaml")
 
 
@@ -104,11 +105,11 @@ def test_no_scene_has_files_without_end(folder):
     for k in range(6):
         (folder / f"n{k}.yaml").write_text("sources:\n" + f"- n{k + 1}.yaml\n" * 9)
     (folder / "n6.yaml").write_text("obstacles: []\n")
-    with pytest.raises(SceneError, match="more than 100 files"):
+    with refused(SceneError, "100"):
         read_scene(folder / "n0.yaml")
 
 
-@pytest.mark.parametrize(
+@each(
     ("entry", "what"),
     [
         ("{file: t.scene, low: 1}", "low"),
@@ -130,7 +131,7 @@ def test_no_scene_has_files_without_end(folder):
 )
 def test_what_does_not_fit_a_source_is_refused_with_its_line(folder, entry, what):
     (folder / "s.yaml").write_text(f"sources:\n- t.scene\n- {entry}\n")
-    with pytest.raises(SceneError, match=r"s\.yaml:3: ") as caught:
+    with refused(SceneError, "s.yaml:3:") as caught:
         read_scene(folder / "s.yaml")
     assert what in str(caught.value)
 
@@ -139,7 +140,7 @@ def test_options_of_several_files_have_to_be_of_one_of_them(folder):
     for options in ({"at": (1, 2, 3)}, {"occupied": 0.5}):
         with pytest.raises(SceneError, match=next(iter(options))):
             read_scene([folder / "m.yaml", folder / "t.scene"], options=options)
-    with pytest.raises(SceneError, match="hihg"):
+    with refused(SceneError, "hihg"):
         read_scene(folder / "m.yaml", options={"hihg": 1.0})
 
 
@@ -153,7 +154,7 @@ def test_walls_are_as_high_as_the_robot_reaches(folder, tiago):
     assert highest_reach(tiago) > 1.2
 
 
-@pytest.mark.parametrize("name", ["tiago", "silvermate", "panda", "jackal-box"])
+@each("name", ["tiago", "silvermate", "panda", "jackal-box"])
 def test_no_configuration_is_higher_than_the_reach(name):
     robot = es.load_robot(name)
     rng = np.random.default_rng(3)
@@ -180,7 +181,7 @@ def test_a_robot_that_reaches_over_the_walls_is_refused_unless_they_are_said(fol
     text = "robot: tall.urdf\nbase: omni\nscene: SCENE\nstart: {x: -1}\ngoal: {x: 0}\n"
     (folder / "s.yaml").write_text(text.replace("SCENE", "m.yaml"))
     problem = get_scenario(folder / "s.yaml")
-    with pytest.raises(ScenarioError, match=r"tall.*high"):
+    with refused(ScenarioError, "tall", "high"):
         problem.load_robot()
     (folder / "s.yaml").write_text(text.replace("SCENE", "{file: m.yaml, high: 5}"))
     problem = get_scenario(folder / "s.yaml")
@@ -192,7 +193,7 @@ def test_a_robot_that_reaches_over_the_walls_is_refused_unless_they_are_said(fol
 def test_a_start_or_goal_that_no_map_shows_is_refused(folder, where):
     for scene in ("m.yaml", "{file: m.yaml}", "[m.yaml, t.scene]", "{sources: [m.yaml]}"):
         (folder / "s.yaml").write_text(f"robot: jackal-box\nscene: {scene}\n{where}\n")
-        with pytest.raises(ScenarioError, match=r"s\.yaml:\d: (start|goal): .*outside"):
+        with refused(ScenarioError, "s.yaml:"):
             read_scenario(folder / "s.yaml")
     (folder / "s.yaml").write_text(f"robot: jackal-box\nscene: {{file: m.yaml, outside: free}}\n{where}\n")
     assert read_scenario(folder / "s.yaml").scene.names == ("map",)
@@ -236,7 +237,7 @@ def inside(scene: es.Scene, points) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("count", [1, 2, 4])
+@each("count", [1, 2, 4])
 def test_what_no_map_shows_is_filled_near_and_far(count):
     """Points anywhere are in one of the obstacles exactly where they are on no map; robots stay within 10 km."""
     rng = np.random.default_rng(count)
@@ -263,8 +264,8 @@ def edge_of(area: MapArea, xy: np.ndarray) -> np.ndarray:
     return np.abs(np.column_stack((local, local - area.size))).min(axis=1) < 0.02
 
 
-@pytest.mark.parametrize("at", [(30.0, 0.0), (4.5, 0.0), (-9000.0, 4000.0)])
-@pytest.mark.parametrize("kept", [["m.yaml"], ["m.yaml", "far.yaml"]])
+@each("at", [(30.0, 0.0), (4.5, 0.0), (-9000.0, 4000.0)])
+@each("kept", [["m.yaml"], ["m.yaml", "far.yaml"]])
 def test_a_path_that_is_nowhere_on_a_map_is_not_certified(folder, at, kept):
     """Of the scene alone, too; between two maps that do not touch; and there is no proof of it."""
     (folder / "far.yaml").write_text("sources: [{file: m.yaml, at: [20, 0, 0]}]\n")
@@ -327,7 +328,7 @@ def test_the_robots_own_points_are_taken_out(tiago, caplog):
     assert "1 of 3 points" in caplog.text
     wide = without_robot(np.vstack((ground, away)), tiago, q, 5.0)
     assert len(wide.points) == 0
-    with pytest.raises(SceneError, match="margin"):
+    with refused(SceneError, "margin"):
         without_robot(away, tiago, q, -1.0)
 
 
@@ -379,11 +380,11 @@ def tiago() -> RobotModel:
     return es.load_robot("tiago")
 
 
-@pytest.mark.parametrize(
+@each(
     ("sizes", "said"),
     [([[400, 400, 20], [1200, 800, 700]], True), ([[0.4, 0.4, 0.02], [200, 200, 0.1]], False), ([[3, 2, 1.5]], False)],
 )
-@pytest.mark.parametrize("kind", ["yaml", "scene"])
+@each("kind", ["yaml", "scene"])
 def test_obstacles_in_millimetres_are_said(tmp_path, caplog, sizes, said, kind):
     file = tmp_path / f"a.{kind}"
     if kind == "yaml":
@@ -397,7 +398,7 @@ def test_obstacles_in_millimetres_are_said(tmp_path, caplog, sizes, said, kind):
     assert ("millimetres" in caplog.text) == said
 
 
-@pytest.mark.parametrize(
+@each(
     "text",
     [
         "obstacles: [{{shape: box, size: [1, 1, 1], rpy: [0, 0, {}]}}]",

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.errors import InputError, MissingExtraError
@@ -27,7 +28,7 @@ def trajectory(request):
     return retime(es.Strip.from_coordinates(robot, rows))
 
 
-@pytest.mark.parametrize(("suffix", "loss"), [(".csv", 0.0), (".npz", 0.0), (".json", 1e-9)])
+@each(("suffix", "loss"), [(".csv", 0.0), (".npz", 0.0), (".json", 1e-9)])
 def test_a_trajectory_comes_back(tmp_path, trajectory, suffix, loss):
     back = load_path(write_trajectory(tmp_path / f"t{suffix}", trajectory), trajectory.robot)
     assert np.abs(back.q - trajectory.q).max() <= loss  # of a quaternion's sine and cosine
@@ -61,7 +62,7 @@ def test_the_table_has_the_columns(trajectory, monkeypatch):
     assert list(frame.columns) == list(trajectory_columns(trajectory))
     assert (frame["time"] == trajectory.time).all()
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(MissingExtraError, match="pip install pandas"):
+    with refused(MissingExtraError, "pandas"):
         trajectory_frame(trajectory)
 
 
@@ -92,10 +93,10 @@ def test_json_has_the_fields_of_ros(tmp_path, trajectory):
 
 
 def test_another_ending_is_refused_before_anything_is_written(tmp_path, trajectory):
-    with pytest.raises(InputError, match=r"not written as '\.jsn'; did you mean '\.json'"):
+    with refused(InputError, "'.jsn'", "'.json'"):
         write_trajectory(tmp_path / "t.jsn", trajectory)
-    with pytest.raises(InputError, match="must be a Trajectory"):
+    with refused(InputError, "Trajectory"):
         write_trajectory(tmp_path / "t.json", trajectory.strip())
-    with pytest.raises(InputError, match="there is no folder"):
+    with refused(InputError, "folder"):
         write_trajectory(tmp_path / "gone" / "t.csv", trajectory)
     assert not list(tmp_path.iterdir())

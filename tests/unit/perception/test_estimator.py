@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ray_caster import box_segments, scan
@@ -75,23 +76,23 @@ def test_unseen_space_is_blocked_only_where_the_parameters_say_so():
 
 def test_readings_out_of_order_and_scenes_of_the_past_are_refused():
     estimator = SceneEstimator()
-    with pytest.raises(ParameterError, match="before the first reading"):
+    with refused(ParameterError, "reading"):
         estimator.scene()
     estimator.update(scan((0, 0, 0), 1.0, segments=ROOM), (0, 0, 0))
-    with pytest.raises(ParameterError, match=r"at 0.9 s comes after the one at 1 s"):
+    with refused(ParameterError, "0.9"):
         estimator.update(scan((0, 0, 0), 0.9, segments=ROOM), (0, 0, 0))
     estimator.update(ring(0.95), (0, 0, 0))  # another sensor may be a little behind
     assert estimator.scene().time == 1.0
     estimator.update(ring(1.5), (0, 0, 0))  # and does not make up for a laser that is dead
     assert estimator.scene().time == 1.0
     assert estimator.times == {"laser": 1.0, "ring": 1.5}
-    with pytest.raises(ParameterError, match="scans up to 1 s"):
+    with refused(ParameterError, "1 s"):
         estimator.scene(0.5)
-    with pytest.raises(ParameterError, match="three numbers"):
+    with refused(ParameterError, "three"):
         estimator.update(scan((0, 0, 0), 1.1), "here")
-    with pytest.raises(ParameterError, match="must be finite"):
+    with refused(ParameterError, "finite"):
         estimator.update(ring(math.nan), (0, 0, 0))
-    with pytest.raises(ParameterError, match=r"comes after the one at 1\.5 s"):
+    with refused(ParameterError, "1.5"):
         estimator.update(ring(1.4), (0, 0, 0))
     assert estimator.scene().time == 1.0
 

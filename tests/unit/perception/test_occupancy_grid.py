@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ray_caster import box_segments, scan
@@ -181,7 +182,7 @@ def test_rings_mark_near_arcs_and_free_only_what_they_say():
     assert grid.known(beside).all()
 
 
-@pytest.mark.parametrize(
+@each(
     "values, message",
     [
         ({"unseen": "open"}, "unseen='open'.*Valid: blocked, free"),

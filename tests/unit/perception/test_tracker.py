@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from cases import each
 from ray_caster import box_segments, scan
 
 from elastic_strips.perception import SceneEstimator, SceneEstimatorParams
@@ -25,8 +26,8 @@ def drive(estimator, seconds, circles_at, *, pose_at=lambda t: (0, 0, 0), noise=
         yield t, estimator.movers
 
 
-@pytest.mark.parametrize("speed", [0.3, 0.7, 1.1, 1.5])
-@pytest.mark.parametrize("way", [(0.0, 1.0), (-1.0, 0.0), (1.0, 0.0), (0.7, -0.7)])
+@each("speed", [0.3, 0.7, 1.1, 1.5])
+@each("way", [(0.0, 1.0), (-1.0, 0.0), (1.0, 0.0), (0.7, -0.7)])
 def test_a_lone_mover_has_its_velocity_after_a_second(speed, way):
     """Across, towards and away from the sensor; one mover, one name, and errors as small as their sigmas say."""
     v = speed * np.array(way)
@@ -80,7 +81,7 @@ def test_two_that_cross_keep_their_names():
     assert [len(names) for names in known.values()] == [1, 1]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each("seed", range(3))
 def test_a_driving_robot_among_walls_sees_nothing_move(seed):
     """Ten seconds with noise of ranges and pose, past corners, thin poles and a gap through which a wall is seen."""
     gap = [(3.0, 1.0, 3.0, 3.9), (3.0, -0.2, 3.0, 0.4), (3.0, -3.9, 3.0, -0.8)]
@@ -164,7 +165,7 @@ def test_who_comes_out_from_behind_something_may_move_at_once():
     assert estimator.scene().obstacle(movers[0].name).motion is not None
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each("seed", range(3))
 def test_in_a_standing_room_nothing_may_move(seed):
     """A robot drives and turns among walls and boxes, with noise in its ranges and its pose."""
     rng = np.random.default_rng(seed)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
+from cases import refused
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError, RobotError
 from elastic_strips.planning import BasePose, HandPose, initial_strip, plan_approach, problem
@@ -111,23 +112,23 @@ def test_how_busy_a_machine_is_changes_nothing(silvermate, monkeypatch):
 def test_wrong_input_is_refused(silvermate):
     scene, start, by = Scene([]), silvermate.home(), (0.1, 0.0, 0.0)
     one = HandPose(HAND, (2.0, 0.0, 0.9))
-    with pytest.raises(ParameterError, match="HandPoses of one frame"):
+    with refused(ParameterError, "HandPoses"):
         plan_approach(silvermate, scene, start, [], by)
-    with pytest.raises(ParameterError, match="HandPoses of one frame"):
+    with refused(ParameterError, "HandPoses"):
         plan_approach(silvermate, scene, start, [one, HandPose("base_link", (0.0, 0.0, 0.0))], by)
-    with pytest.raises(ParameterError, match="HandPoses of one frame"):
+    with refused(ParameterError, "HandPoses"):
         plan_approach(silvermate, scene, start, [one, BasePose(1.0, 0.0)], by)  # type: ignore[list-item]
-    with pytest.raises(ParameterError, match="axes='tool'"):
+    with refused(ParameterError, "axes='tool'"):
         plan_approach(silvermate, scene, start, one, by, axes="tool")
-    with pytest.raises(ParameterError, match="by"):
+    with refused(ParameterError, "by"):
         plan_approach(silvermate, scene, start, one, (0.1, 0.0))
-    with pytest.raises(ParameterError, match=r"work=0\.0 must be a number > 0"):
+    with refused(ParameterError, "work=0.0"):
         plan_approach(silvermate, scene, start, one, by, work=0.0)
-    with pytest.raises(ParameterError, match="timeout=nan must be a number > 0"):
+    with refused(ParameterError, "timeout=nan"):
         plan_approach(silvermate, scene, start, one, by, timeout=np.nan)
     with pytest.raises(RobotError, match="did you mean"):
         plan_approach(silvermate, scene, start, HandPose("hand_fram", (2.0, 0.0, 0.9)), by)
-    with pytest.raises(ConfigurationError, match="start is in collision"):
+    with refused(ConfigurationError, "start"):
         plan_approach(silvermate, scene, start, one, by, beyond=Scene([Box((1.0, 1.0, 1.0), at=(0.0, 0.0, 0.5))]))
-    with pytest.raises(GoalError, match="out of reach"):
+    with refused(GoalError, "reach"):
         plan_approach(silvermate, scene, start, HandPose(HAND, (2.0, 0.0, 9.0)), by)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from cases import refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -140,9 +140,9 @@ def test_pieces_of_one_obstacle_that_are_apart_have_names_of_their_own(silvermat
 
 
 def test_wrong_input_is_named(silvermate, gantry) -> None:
-    with pytest.raises(ParameterError, match=r"\(K, 2\).*got shape \(1, 2\)"):
+    with refused(ParameterError, "(K, 2)", "(1, 2)"):
         homotopy_class([[0.0, 0.0]], POINTS)
-    with pytest.raises(ParameterError, match="finite"):
+    with refused(ParameterError, "finite"):
         homotopy_class([[0.0, 0.0], [np.nan, 0.0]], POINTS)
-    with pytest.raises(ParameterError, match="fixed"):
+    with refused(ParameterError, "fixed"):
         cluster_map(gantry, Scene([]), [[0.0, 0.0]])

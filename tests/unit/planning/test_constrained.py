@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import refused
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.planning import BasePose, plan, plan_report
@@ -81,9 +82,9 @@ def test_ends_that_do_not_satisfy_it_are_refused(panda):
     start, goal = level_ends(panda)
     level = OrientationConstraint.from_configuration(panda, start, "panda_hand")
     tilted = panda.home(panda_joint6=2.5)
-    with pytest.raises(ConfigurationError, match=r"goal does not satisfy the constraint: 'panda_hand' is .* rad off"):
+    with refused(ConfigurationError, "goal", "constraint", "'panda_hand'"):
         plan(panda, Scene([]), start, tilted, constraint=level)
-    with pytest.raises(ConfigurationError, match="start does not satisfy"):
+    with refused(ConfigurationError, "start"):
         plan(panda, Scene([]), tilted, goal, constraint=level)
 
 
@@ -93,9 +94,7 @@ def test_of_a_goal_only_what_satisfies_it_counts(silvermate):
     report = plan_report(silvermate, Scene([]), start, BasePose(2.0, 1.0), constraint=level)
     assert report.certified
     assert tilt(report.strip, level) <= level.tolerance
-    with pytest.raises(
-        GoalError, match=r"none of its \d+ configurations satisfies the constraint: 'hand_frame' is at least"
-    ):
+    with refused(GoalError, "'hand_frame'"):
         plan(silvermate, Scene([]), start, {"arm_6_joint": start[-2] + 0.8}, constraint=level)
 
 
@@ -114,7 +113,7 @@ def test_a_strip_that_misses_it_is_of_no_use(panda):
 def test_a_deformer_brings_its_own(silvermate):
     start = silvermate.home()
     level = OrientationConstraint.from_configuration(silvermate, start, "hand_frame")
-    with pytest.raises(ParameterError, match="a deformer brings its own"):
+    with refused(ParameterError, "deformer"):
         plan_report(silvermate, Scene([]), start, start, deformer=Deformer(silvermate), constraint=level)
     ball = Scene([Sphere(0.2, at=(2.4, 0.15, 1.15))])  # in the way of the arm alone
     report = plan_report(

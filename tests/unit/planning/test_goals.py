@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import link_distances
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, find_goals, plan_report
@@ -94,30 +95,30 @@ def test_plans_go_to_goals(silvermate, panda):
     assert "of the goal" in report.reason
     report = plan_report(panda, Scene(), panda.home(), [{"panda_joint1": 1.0}, {"panda_joint1": 9.0}][:1])
     assert report.strip.q[-1][0] == pytest.approx(1.0)
-    with pytest.raises(GoalError, match="out of reach") as error:
+    with refused(GoalError, "reach") as error:
         plan_report(silvermate, SCENE, start, HandPose("hand_frame", (2.0, 0.0, 4.0)))
     assert error.value.search.distance > 1.0  # type: ignore[attr-defined]
 
 
 def test_wrong_goals_are_refused(silvermate, panda):
     start = silvermate.home(x=-1.0)
-    with pytest.raises(ConfigurationError, match="the base of 'panda' is fixed"):
+    with refused(ConfigurationError, "'panda'"):
         find_goals(panda, Scene(), panda.home(), BasePose(1.0, 0.0))
-    with pytest.raises(ConfigurationError, match="the base of 'panda' is fixed"):
+    with refused(ConfigurationError, "'panda'"):
         find_goals(panda, Scene(), panda.home(), {"x": 1.0})
-    with pytest.raises(ConfigurationError, match="plans no joint 'arm_one'"):
+    with refused(ConfigurationError, "'arm_one'"):
         find_goals(silvermate, SCENE, start, {"arm_one": 1.0})
-    with pytest.raises(ParameterError, match="empty"):
+    with refused(ParameterError, "empty"):
         find_goals(silvermate, SCENE, start, [])
-    with pytest.raises(ParameterError, match="it must be a configuration"):
+    with refused(ParameterError, "configuration"):
         find_goals(silvermate, SCENE, start, None)  # type: ignore[arg-type]
-    with pytest.raises(ParameterError, match="it must be a configuration"):
+    with refused(ParameterError, "configuration"):
         find_goals(silvermate, SCENE, start, "the kitchen")  # type: ignore[arg-type]
-    with pytest.raises(ParameterError, match="not be negative"):
+    with refused(ParameterError, "negative"):
         BasePose(0.0, 0.0, within=(-1.0, 0.0))
-    with pytest.raises(ParameterError, match="unit length"):
+    with refused(ParameterError, "length"):
         HandPose("hand_frame", (1.0, 0.0, 1.0), (0.0, 0.0, 0.0, 2.0))
-    with pytest.raises(ConfigurationError, match="outside its limits"):
+    with refused(ConfigurationError, "limits"):
         find_goals(silvermate, SCENE, start, {"arm_1_joint": 99.0})
 
 
@@ -141,7 +142,7 @@ def test_grasps_from_all_about():
     )
 
 
-@pytest.mark.parametrize(
+@each(
     ("wrong", "match"),
     [
         ({"rotations": np.eye(4)}, "rotations"),

@@ -8,12 +8,13 @@ import coal
 import numpy as np
 import pytest
 from brute_force import SHAPES, make_obstacle
+from cases import each
 from shared_data import shared_data
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import grid_path, plan_report
 from elastic_strips.planning.grid_path import (
-    COMFORT,
+    COMFORTABLE_CLEARANCE,
     cell_cost,
     cheapest_path,
     clearance_map,
@@ -23,8 +24,8 @@ from elastic_strips.planning.grid_path import (
 from elastic_strips.planning.initial_strip import waypoint_rows
 from elastic_strips.robot import PlanarFootprint, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene
-from elastic_strips.sim.datasets import barn_ids, load_barn
 from elastic_strips.strip import Deformer
+from workshop.datasets import barn_ids, load_barn
 
 FAR_LOW = np.array([-12.0, -12.0])
 WALL = Scene([Box((0.2, 3.0, 1.5), at=(2.0, 0.6, 0.75)), Box((0.2, 3.0, 1.5), at=(2.0, -3.9, 0.75))])
@@ -38,7 +39,7 @@ def slalom(seed):
     return Scene([Cylinder(0.1, 1.0, at=(x, y, 0.5)) for x, y in places])
 
 
-@pytest.mark.parametrize("seed", range(4))
+@each("seed", range(4))
 def test_the_map_holds_every_obstacle_and_little_more(seed):
     """Against exact distances of a thin post at the cells' middles, for shapes in any pose."""
     rng = np.random.default_rng(seed)
@@ -92,24 +93,24 @@ def test_it_prefers_a_wide_gap_to_a_short_way(jackal_box):
     assert abs(np.interp(2.0, narrow.points[:, 0], narrow.points[:, 1])) < 0.1
 
 
-@pytest.mark.parametrize("seed", range(8))
+@each("seed", range(8))
 def test_a_coarse_grid_leads_to_a_path_that_costs_little_more_than_the_cheapest(jackal_box, monkeypatch, seed):
     module = sys.modules["elastic_strips.planning.grid_path"]
     scene, low = slalom(seed), np.array([-3.0, -3.0])
     clear = clearance_map(owner_map(scene, low, np.array([241, 121]), 0.05, 1.0) >= 0, 0.05)
-    assert clear.size > module._FEW
+    assert clear.size > module._MOST_FINE_CELLS
     ends, inner = np.array([[0.0, 0.0], [6.0, 0.0]]), PlanarFootprint.of(jackal_box, jackal_box.home_q).inner
     cells = np.rint((ends - low) / 0.05).astype(int)
-    cost = cell_cost(clear, inner, COMFORT, cells, 0.05)
+    cost = cell_cost(clear, inner, COMFORTABLE_CLEARANCE, cells, 0.05)
 
     def total():
-        path = cheapest_path(clear, low, 0.05, ends, inner=inner, comfort=COMFORT)
+        path = cheapest_path(clear, low, 0.05, ends, inner=inner, comfort=COMFORTABLE_CLEARANCE)
         assert path is not None
         at = tuple(np.rint((path - low) / 0.05).astype(int).T)
         return float((0.5 * (cost[at][1:] + cost[at][:-1]) * np.linalg.norm(np.diff(path, axis=0), axis=1)).sum())
 
     guided = total()
-    monkeypatch.setattr(module, "_FEW", clear.size)
+    monkeypatch.setattr(module, "_MOST_FINE_CELLS", clear.size)
     assert np.isfinite(guided)
     assert total() - 1e-9 <= guided <= 1.1 * total()
 
@@ -134,7 +135,7 @@ def test_no_way_is_said(jackal_box, bridge_arm):
     assert grid_path(jackal_box, deck, jackal_box.home(), jackal_box.home(4.0)).points is not None
 
 
-@pytest.mark.parametrize("seed", range(6))
+@each("seed", range(6))
 def test_a_grid_path_relaxes_to_a_certified_strip_without_cusps(jackal_box, seed):
     """Forwards but for some centimetres while turning at an end; every segment drivable."""
     scene, start, goal = slalom(seed), jackal_box.home(), jackal_box.home(6.0)
@@ -212,7 +213,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("make, message", BAD)
+@each("make, message", BAD)
 def test_wrong_arguments_are_refused(make, message, jackal_box):
     with pytest.raises(ParameterError, match=message):
         make(jackal_box, load_robot("jackal-box", base="fixed"))

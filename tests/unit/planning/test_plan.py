@@ -8,6 +8,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from brute_force import link_distances, make_obstacle, self_distances
+from cases import each, refused
 
 from elastic_strips.collision.bounds import BodySet
 from elastic_strips.errors import ConfigurationError, ParameterError
@@ -26,7 +27,7 @@ DOOR = Scene(
 )
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_an_empty_scene_needs_no_planner(name, request):
     robot = request.getfixturevalue(name)
     start, goal = robot.home(x=-1.0), robot.home(x=2.0, y=1.0, yaw=1.0)
@@ -54,7 +55,7 @@ def test_a_line_deep_in_an_obstacle_is_given_up_at_a_few_nodes_and_whole_where_n
 
 
 def test_a_deformer_of_another_robot_is_refused(silvermate, tiago):
-    with pytest.raises(ParameterError, match=r"deformer is of robot 'tiago'.*must be of 'silvermate'"):
+    with refused(ParameterError, "deformer", "'tiago'", "'silvermate'"):
         plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(x=1.0), deformer=Deformer(tiago))
 
 
@@ -131,7 +132,7 @@ def test_ends_in_collision_name_the_pair(silvermate, what):
 def test_ends_that_are_too_close_say_how_close(silvermate):
     base = silvermate.geometries[0].geometry.radius
     scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 + 0.003, 0.0, 0.1), name="kerb")])
-    with pytest.raises(ConfigurationError, match=r"start is too close: 'base_link' is 3.0 mm from 'kerb'.*5.0 mm"):
+    with refused(ConfigurationError, "start", "'base_link'", "3.0", "'kerb'", "5.0"):
         plan(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params=DeformParams())
     params = DeformParams(clearance=0.001)
     check_endpoints(silvermate, scene, silvermate.home(), silvermate.home(x=-3.0), params)
@@ -156,7 +157,7 @@ def test_large_clearances_are_checked_at_the_ends(silvermate):
     """Clearances beyond the default influence distance, of obstacles and between links."""
     base = silvermate.geometries[0].geometry.radius
     scene = Scene([Box((0.2, 4.0, 1.0), at=(-base - 0.1 - 0.4, 0.0, 0.5), name="wall")])
-    with pytest.raises(ConfigurationError, match="wall"):
+    with refused(ConfigurationError, "wall"):
         check_endpoints(
             silvermate, scene, silvermate.home(), silvermate.home(x=3.0), DeformParams(clearance=0.45, influence=0.6)
         )
@@ -169,11 +170,11 @@ def test_large_clearances_are_checked_at_the_ends(silvermate):
         if fine:
             check_endpoints(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
         else:
-            with pytest.raises(ConfigurationError, match="too close"):
+            with refused(ConfigurationError, "close"):
                 check_endpoints(silvermate, Scene([]), silvermate.home(), silvermate.home(x=3.0), params)
 
 
-@pytest.mark.parametrize(
+@each(
     "options, message",
     [
         ({"seed": -1}, "seed=-1 must be a whole number"),
@@ -189,25 +190,23 @@ def test_wrong_options_are_named(silvermate, options, message):
 
 
 def test_wrong_configurations_are_named(silvermate):
-    with pytest.raises(ConfigurationError, match=r"goal has shape \(3,\)"):
+    with refused(ConfigurationError, "goal", "(3,)"):
         plan(silvermate, Scene([]), silvermate.home(), [1.0, 2.0, 3.0])
-    with pytest.raises(ConfigurationError, match=r"start has shape \(2, 11\); it must be one configuration"):
+    with refused(ConfigurationError, "start", "(2, 11)"):
         plan(silvermate, Scene([]), np.stack([silvermate.home()] * 2), silvermate.home())
     bad = silvermate.home()
     bad[5] = np.nan
-    with pytest.raises(ConfigurationError, match=r"start\[5\] = nan"):
+    with refused(ConfigurationError, "start", "[5]"):
         plan(silvermate, Scene([]), bad, silvermate.home())
     bad[5] = 2.3
-    with pytest.raises(
-        ConfigurationError, match=r"goal: joint 'arm_2_joint' = 2.3 is outside its limits \[-0.6, 2.2\]"
-    ):
+    with refused(ConfigurationError, "goal", "'arm_2_joint'", "2.3", "[-0.6, 2.2]"):
         plan(silvermate, Scene([]), silvermate.home(), bad)
-    with pytest.raises(ParameterError, match=r"fineness=0"):
+    with refused(ParameterError, "fineness=0"):
         ompl_path(silvermate, Scene([]), silvermate.home(), bad, seed=0, margin=0.02, timeout=1.0, fineness=0.0)
 
 
-@pytest.mark.parametrize("native", [False, True], ids=["twin", "native"])
-@pytest.mark.parametrize("many", [False, True], ids=["few parts", "many parts"])
+@each("native", [False, True], ids=["twin", "native"])
+@each("many", [False, True], ids=["few parts", "many parts"])
 def test_validity_equals_brute_force(silvermate, rng, many, native):
     """Without the native kernel there are two ways of asking: links paired with parts in Pinocchio, and one Coal tree
     for many parts."""

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, InputError, ParameterError, RobotError, SceneError
 from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
@@ -96,7 +97,7 @@ BAD_BOUNDS = [
 ]
 
 
-@pytest.mark.parametrize("bounds, error, message", BAD_BOUNDS)
+@each("bounds, error, message", BAD_BOUNDS)
 def test_wrong_bounds_are_named(silvermate, bounds, error, message):
     for call in (plan, plan_report, several):
         with pytest.raises(error, match=message):
@@ -104,7 +105,7 @@ def test_wrong_bounds_are_named(silvermate, bounds, error, message):
 
 
 def test_a_fixed_base_has_no_bounds(gantry):
-    with pytest.raises(ParameterError, match="the base of 'gantry' is fixed"):
+    with refused(ParameterError, "'gantry'"):
         plan(gantry, Scene([]), gantry.home(), gantry.home(bend=1.0), bounds=((0, 0), (1, 1)))
 
 
@@ -152,8 +153,8 @@ def test_a_long_drive_past_an_obstacle_is_planned(mover):
     assert Deformer(mover).certify(report.strip, scene).certified
 
 
-@pytest.mark.parametrize("call", [plan, plan_report, several])
-@pytest.mark.parametrize("x", [3e4, 1e8])
+@each("call", [plan, plan_report, several])
+@each("x", [3e4, 1e8])
 def test_a_goal_in_millimetres_is_refused_with_its_distance(silvermate, call, x):
     with pytest.raises(ConfigurationError, match=rf"goal is {x:.6g} m from start.*millimetres".replace("+", r"\+")):
         call(silvermate, Scene([]), silvermate.home(), silvermate.home(x=x), timeout=1.0)
@@ -232,7 +233,7 @@ def test_strips_with_wide_spacing_are_not_at_rest(mover):
             assert report.reason == "certified and at rest"
         else:
             assert len(report.strip) == most
-            assert "more than max_spacing=0.2 m, for there are max_nodes=512" in report.reason
+            assert "max_nodes=512" in report.reason
     report = Deformer(mover).step(Strip(mover, [mover.home(), mover.home(x=50.0)]), Scene([]))
     assert report.status is DeformStatus.DEFORMING
     assert "apart, more than max_spacing" in report.reason
@@ -244,14 +245,14 @@ def test_the_clearance_to_prove_may_be_given(silvermate):
     start, goal = silvermate.home(), silvermate.home(x=-3.0)
     for gap, clearance in ((3e-3, 1e-3), (1e-4, 0.0)):
         scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 + gap, 0.0, 0.1), name="kerb")])
-        with pytest.raises(ConfigurationError, match=r"DeformParams\(clearance=…\) asks for less, down to 0"):
+        with refused(ConfigurationError, "DeformParams", "(clearance=…)"):
             plan(silvermate, scene, start, goal, params=DeformParams())
         if gap > 5e-4:  # who states none gets half of what there is
             eased = plan_report(silvermate, scene, start, goal, timeout=60.0)
             assert eased.certified, eased.reason
-            assert "proven with 1.5 mm, for at the start" in eased.reason
+            assert "proven with 1.5 mm" in eased.reason
         else:
-            with pytest.raises(ConfigurationError, match="too close"):
+            with refused(ConfigurationError, "close"):
                 plan(silvermate, scene, start, goal)
         report = plan_report(silvermate, scene, start, goal, params=DeformParams(clearance=clearance), timeout=60.0)
         assert report.certified, report.reason
@@ -262,13 +263,13 @@ def test_the_clearance_to_prove_may_be_given(silvermate):
         assert report.certified, report.reason
 
 
-@pytest.mark.parametrize("deep", [0.0, 1e-6, 1e-3])
+@each("deep", [0.0, 1e-6, 1e-3])
 def test_what_touches_is_refused_at_any_clearance(silvermate, deep):
     base = silvermate.geometries[0].geometry.radius
     scene = Scene([Box((0.2, 0.2, 0.2), at=(base + 0.1 - deep, 0.0, 0.1), name="kerb")])
     params = DeformParams(clearance=0.0, self_clearance=0.0)
     start, goal = silvermate.home(), silvermate.home(x=-3.0)
-    with pytest.raises(ConfigurationError, match="kerb"):
+    with refused(ConfigurationError, "kerb"):
         plan(silvermate, scene, start, goal, params=params)
     strip = Strip(silvermate, [start, silvermate.home(x=-1.0), goal])
     certificate = Deformer(silvermate, params).certify(strip, scene)
@@ -319,20 +320,18 @@ KINDS = [
 ]
 
 
-@pytest.mark.parametrize("call, error, message", KINDS)
+@each("call, error, message", KINDS)
 def test_wrong_kinds_of_arguments_are_named(silvermate, call, error, message):
     for planner in (plan, plan_report, several):
         with pytest.raises(error, match=message):
             call(silvermate, planner)
-    with pytest.raises(InputError, match="deformer is a str"):
+    with refused(InputError, "deformer"):
         plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(1.0), deformer="x")
-    with pytest.raises(InputError, match="path='x'"):
+    with refused(InputError, "path='x'"):
         plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(1.0), path="x")
 
 
-@pytest.mark.parametrize(
-    "size, most", [((8.0, 6.0), 400_000), ((700.0, 700.0), 400_000), ((3.0, 3.0), 50), ((1e4, 0.1), 0)]
-)
+@each("size, most", [((8.0, 6.0), 400_000), ((700.0, 700.0), 400_000), ((3.0, 3.0), 50), ((1e4, 0.1), 0)])
 def test_a_grid_has_no_more_cells_than_it_may(size, most):
     low = np.array([-1.3, 0.7])
     first, shape, edge = grid_frame(low, low + size, most)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.planning import plan_report
 from elastic_strips.planning.homotopy.strip_set import divergence_angle, reconnect
@@ -13,8 +14,8 @@ from elastic_strips.strip import Deformer, Strip
 SCENE = Scene([Box((0.3, 0.3, 1.0), at=(2.0, 0.6, 0.5), name="box")])
 
 
-@pytest.mark.parametrize("name", ["silvermate", "jackal_box"])
-@pytest.mark.parametrize("aside, turn", [(0.0, 0.0), (0.05, -0.1), (-0.03, 2 * np.pi)])
+@each("name", ["silvermate", "jackal_box"])
+@each("aside, turn", [(0.0, 0.0), (0.05, -0.1), (-0.03, 2 * np.pi)])
 def test_what_the_robot_has_passed_goes(name, aside, turn, request) -> None:
     robot = request.getfixturevalue(name)
     planned = plan_report(robot, SCENE, robot.home(), robot.home(x=4.0))

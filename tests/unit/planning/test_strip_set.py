@@ -6,11 +6,14 @@ import logging
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import StripSet, StripSetParams, StripSetReport
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Deformer
+
+pytestmark = pytest.mark.usefixtures("own_time")
 
 WALLS = [
     Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
@@ -191,19 +194,19 @@ def test_strips_that_come_to_the_same_side_are_one(silvermate) -> None:
 
 def test_wrong_input_is_named(silvermate) -> None:
     family = StripSet(silvermate, silvermate.home(x=6.0))
-    with pytest.raises(ConfigurationError, match="there are no strips yet; give the start, or call plan"):
+    with refused(ConfigurationError, "strips"):
         family.step(HALL)
-    with pytest.raises(ConfigurationError, match="start has shape"):
+    with refused(ConfigurationError, "start"):
         family.step(HALL, [0.0, 1.0])
-    with pytest.raises(ConfigurationError, match="goal has shape"):
+    with refused(ConfigurationError, "goal"):
         StripSet(silvermate, [0.0])
-    with pytest.raises(ParameterError, match="seed=-1"):
+    with refused(ParameterError, "seed=-1"):
         StripSet(silvermate, silvermate.home(), seed=-1)
-    with pytest.raises(ConfigurationError, match="goal is in collision"):
+    with refused(ConfigurationError, "goal"):
         StripSet(silvermate, silvermate.home(x=3.0)).plan(HALL, silvermate.home())
 
 
-@pytest.mark.parametrize(
+@each(
     "options, message",
     [
         ({"count": 0}, "count=0"),

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each, refused
 from shared_data import shared_data
 
 from elastic_strips import get_scenario, run_scenario
@@ -16,9 +17,9 @@ from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning import check_endpoints, plan_report
 from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.scene import Box, Cylinder, Scene
-from elastic_strips.sim.datasets import load_bridge
 from elastic_strips.strip import Deformer, DeformStatus
 from elastic_strips.viewer import Viewer
+from workshop.datasets import load_bridge
 
 BRIDGE_HEIGHT = 0.70
 DUCKED = {"shoulder_lift_joint": -0.35, "elbow_joint": 0.35}
@@ -39,7 +40,7 @@ def _top(robot, q) -> float:
     return 9.5 - lowest
 
 
-@pytest.mark.parametrize("name", [name for name in robot_names() if is_ours(find_robot(name).urdf)])
+@each("name", [name for name in robot_names() if is_ours(find_robot(name).urdf)])
 def test_the_project_s_own_robots_have_nothing_to_warn_of(name, caplog):
     """Neither at load nor on the card: each link that is drawn has its shape, and home is free."""
     with caplog.at_level(logging.WARNING, logger="elastic_strips"):
@@ -61,7 +62,7 @@ def test_the_jackal_box_has_the_stated_size_and_no_joints(jackal_box):
     np.testing.assert_allclose(_collision_sizes(jackal_box), [(0.508, 0.43, 0.248)])
     assert _top(jackal_box, jackal_box.home_q) == pytest.approx(0.25, abs=1e-5)
     assert len(jackal_box.self_pairs) == 0
-    with pytest.raises(ConfigurationError, match="There are none"):
+    with refused(ConfigurationError, "none"):
         jackal_box.home(joints={"arm": 1.0})
 
 
@@ -80,7 +81,7 @@ def test_a_robot_without_joints_plans_deforms_and_is_drawn(base, tmp_path):
     assert deformer.step(settled.strip, moved, detail=True).certified
     page = Viewer(server=False).show(robot, scene, settled).save_html(tmp_path / "strip.html")
     assert page.stat().st_size > 100_000
-    with pytest.raises(ConfigurationError, match=r"'base_link' is .* mm deep in 'cylinder-0'"):
+    with refused(ConfigurationError, "'base_link'", "'cylinder-0'"):
         check_endpoints(robot, scene, robot.home(x=1.5), goal, deformer.params)
 
 
@@ -92,8 +93,8 @@ def test_a_fixed_base_without_joints_has_nothing_to_plan():
     assert np.all(report.strip.length == 0.0)
 
 
-@pytest.mark.parametrize("preset", ["default", "paper"])
-@pytest.mark.parametrize("name", ["jackal-box", "bridge-arm"])
+@each("preset", ["default", "paper"])
+@each("name", ["jackal-box", "bridge-arm"])
 def test_they_run_the_paper_case(name, preset):
     problem = get_scenario("case-7")
     result = run_scenario(problem, robot=problem.load_robot(name, preset), preset=preset)

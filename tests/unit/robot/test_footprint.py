@@ -6,13 +6,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each
 
+from elastic_strips.coal_shapes import support_points
 from elastic_strips.robot import PlanarFootprint
-from elastic_strips.robot.coal_shapes import support_points
 from elastic_strips.robot.footprint import box_distance, support
 
 
-@pytest.mark.parametrize(
+@each(
     "geometry",
     [coal.Box(0.3, 0.5, 0.8), coal.Sphere(0.4), coal.Capsule(0.2, 0.7), coal.Cylinder(0.3, 0.9), coal.Cone(0.3, 0.9)],
     ids=lambda g: type(g).__name__,
@@ -37,7 +38,7 @@ def test_the_footprint_of_the_robots(jackal_box, silvermate, bridge_arm):
     assert PlanarFootprint.of(bridge_arm, bridge_arm.home_q).height == pytest.approx(0.8217, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", ["silvermate", "bridge_arm", "jackal_box"])
+@each("name", ["silvermate", "bridge_arm", "jackal_box"])
 def test_the_boxes_hold_the_bodies(name, request, rng):
     """In random postures, wherever the base is; and what a disc holds, a box about the base does."""
     robot = request.getfixturevalue(name)

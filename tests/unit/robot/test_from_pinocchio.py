@@ -6,6 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import refused
 
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.robot import RobotModel
@@ -32,7 +33,7 @@ def geometry(*shapes: tuple[str, int, coal.CollisionGeometry, tuple[float, float
 def test_geometry_fixed_to_the_world_is_no_link_of_a_robot_that_moves():
     """A wall in the collision model was carried along as if it could not be hit by the base."""
     collision = geometry(("body", 1, coal.Sphere(0.2), (0, 0, 0)), ("wall", 0, coal.Box(0.1, 2, 1), (1.5, 0, 0)))
-    with pytest.raises(RobotError, match=r"joint 0.*'wall'.*Scene"):
+    with refused(RobotError, "joint", "'wall'", "Scene"):
         RobotModel.from_pinocchio(planar_model(), collision)
 
 
@@ -51,7 +52,7 @@ def test_a_slider_without_limits_is_bounded():
     slide = model.addJoint(turn, pin.JointModelPX(), pin.SE3.Identity(), "slide")
     robot = RobotModel.from_pinocchio(model, geometry(("ball", slide, coal.Sphere(0.1), (0, 0, 0))))
     assert robot.home(slide=900.0)[-1] == 900.0
-    with pytest.raises(ConfigurationError, match="limits"):
+    with refused(ConfigurationError, "limits"):
         robot.home(slide=1100.0)
     far = Strip(robot, [robot.home(turn=0.0, slide=900.0), robot.home(turn=0.3, slide=900.0)])
     at = 900.0 * np.array([np.cos(0.15), np.sin(0.15)])
@@ -72,5 +73,5 @@ def test_a_swept_sphere_radius_counts(shape):
 def test_kinematics_that_differ_from_pinocchios_are_refused(silvermate, monkeypatch):
     """As they would where NumPy returns wrong values for arrays of some size."""
     monkeypatch.setattr(np, "cos", lambda x: np.sqrt(np.maximum(0.0, 1.0 - np.sin(x) ** 2)))
-    with pytest.raises(RobotError, match="differ from Pinocchio's"):
+    with refused(RobotError, "Pinocchio"):
         KinematicTree.from_model(silvermate.model, silvermate.space)

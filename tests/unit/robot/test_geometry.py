@@ -10,15 +10,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, distance, link_poses, outside, random_coordinates, support
+from cases import each, each_robot, refused
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot
+from elastic_strips.coal_shapes import convex_from_vertices, support_points
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.coal_shapes import convex_from_vertices, support_points
 from elastic_strips.robot.geometry import bounding_capsule, convex_shapes, joined_pieces, piece_of
 
 SHAPES = [
@@ -96,6 +97,7 @@ def test_pieces_name_all_links_that_they_cover(tiago):
     assert {link for piece in tiago.geometries for link in piece.links} == wanted
 
 
+@each_robot
 def test_capsules_contain_their_pieces(robot, rng):
     for piece in robot.geometries:
         local = (
@@ -110,7 +112,7 @@ def test_capsules_contain_their_pieces(robot, rng):
         assert np.linalg.norm(points - (a + s[:, None] * way), axis=1).max() <= r + 1e-9, piece.name
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
+@each("shape", SHAPES, ids=lambda s: type(s).__name__)
 def test_support_points_contain_the_shape(shape, rng):
     n = rng.normal(size=(2000, 3))
     n /= np.linalg.norm(n, axis=1)[:, None]
@@ -149,7 +151,7 @@ def test_convex_from_vertices_is_the_hull(rng):
     assert 0.0 < d <= nearest + 1e-9
 
 
-@pytest.mark.parametrize(
+@each(
     "points",
     [
         np.zeros((0, 3)),
@@ -161,7 +163,7 @@ def test_convex_from_vertices_is_the_hull(rng):
     ids=["none", "three", "one", "plane", "line"],
 )
 def test_flat_meshes_are_refused(points):
-    with pytest.raises(RobotError, match=r"^arm: \d+ distinct vertices without volume"):
+    with refused(RobotError, "arm: "):
         convex_from_vertices(points, name="arm")
 
 
@@ -170,7 +172,7 @@ def test_nearly_flat_meshes_do_not_crash(thickness):
     code = (
         "import numpy as np\n"
         "from elastic_strips.errors import RobotError\n"
-        "from elastic_strips.robot.coal_shapes import convex_from_vertices\n"
+        "from elastic_strips.coal_shapes import convex_from_vertices\n"
         "rng = np.random.default_rng(0)\n"
         f"points = np.c_[rng.uniform(0, 1, (30, 2)), rng.uniform(-1, 1, 30) * {thickness}]\n"
         "try:\n    convex_from_vertices(points)\nexcept RobotError:\n    pass\n"
@@ -182,7 +184,7 @@ def test_nearly_flat_meshes_do_not_crash(thickness):
 def test_vertices_that_are_not_finite_are_refused(rng):
     points = rng.normal(size=(20, 3))
     points[3, 1] = np.nan
-    with pytest.raises(RobotError, match="arm"):
+    with refused(RobotError, "arm"):
         convex_from_vertices(points, name="arm")
 
 

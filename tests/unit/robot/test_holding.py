@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import refused
 
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.errors import ConfigurationError, RobotError
@@ -122,17 +123,17 @@ def test_it_has_a_mass(panda):
 
 def test_what_cannot_be_held_is_refused(panda):
     ball, q = Sphere(0.05), panda.home()
-    with pytest.raises(RobotError, match="did you mean 'panda_hand_tcp'"):
+    with refused(RobotError, "'panda_hand_tcp'"):
         panda.attached(ball, "panda_hand_tpc")
-    with pytest.raises(RobotError, match="does not move"):
+    with refused(RobotError, "move"):
         panda.attached(ball, "panda_link0")
-    with pytest.raises(RobotError, match="has no link 'thumb'"):
+    with refused(RobotError, "'thumb'"):
         panda.attached(ball, HAND, touch=["thumb"])
-    with pytest.raises(RobotError, match="already"):
+    with refused(RobotError, "already"):
         panda.attached(ball, HAND, name="panda_link0")
-    with pytest.raises(RobotError, match="mass"):
+    with refused(RobotError, "mass"):
         panda.attached(ball, HAND, mass=-1.0)
-    with pytest.raises(RobotError, match="already"):
+    with refused(RobotError, "already"):
         panda.attached(ball, HAND, name="ball").attached(ball, HAND, name="ball")
     at = frame_pose(panda, q, "panda_link4").translation
     with pytest.raises(ConfigurationError, match="touches the robot where it is taken up"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.robot import RobotModel, load_robot
@@ -27,9 +28,7 @@ def random_q(robot: RobotModel, rng: np.random.Generator) -> np.ndarray:
     return space.from_coordinates(rng.uniform(np.maximum(space.lower, -3.0), np.minimum(space.upper, 3.0)))
 
 
-@pytest.mark.parametrize(
-    "name, frame", [("panda", "panda_hand_tcp"), ("silvermate", "hand_frame"), ("ur5_robot", "tool0")]
-)
+@each("name, frame", [("panda", "panda_hand_tcp"), ("silvermate", "hand_frame"), ("ur5_robot", "tool0")])
 def test_poses_that_can_be_reached_are_reached(name, frame, rng):
     """Whatever configuration a pose was made of: another may be found, with the frame where it was."""
     robot = load_robot(name)
@@ -111,19 +110,19 @@ def test_rotation_vectors_are_pinocchios(rng):
 
 
 def test_wrong_targets_are_refused(panda, silvermate):
-    with pytest.raises(RobotError, match="did you mean 'panda_hand_tcp'"):
+    with refused(RobotError, "'panda_hand_tcp'"):
         panda.inverse_kinematics("panda_hand_tpc", (0.4, 0.0, 0.5))
-    with pytest.raises(RobotError, match="does not move"):
+    with refused(RobotError, "move"):
         panda.inverse_kinematics("panda_link0", (0.4, 0.0, 0.5))
-    with pytest.raises(ParameterError, match="position"):
+    with refused(ParameterError, "position"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, np.nan, 0.5))
-    with pytest.raises(ParameterError, match="unit length"):
+    with refused(ParameterError, "length"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), (0.0, 0.0, 0.0, 2.0))
-    with pytest.raises(ParameterError, match="no rotation"):
+    with refused(ParameterError, "rotation"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), 2.0 * np.eye(3))
-    with pytest.raises(ParameterError, match="within"):
+    with refused(ParameterError, "within"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), within=(0.1, -0.1, 0.0))
-    with pytest.raises(ParameterError, match="count"):
+    with refused(ParameterError, "count"):
         panda.inverse_kinematics("panda_hand_tcp", (0.4, 0.0, 0.5), count=0)
-    with pytest.raises(ConfigurationError, match="near"):
+    with refused(ConfigurationError, "near"):
         silvermate.inverse_kinematics("hand_frame", (0.4, 0.0, 0.5), near=[0.0])

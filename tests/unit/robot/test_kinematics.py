@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from brute_force import configuration, random_coordinates
+from cases import each_robot
 
 from elastic_strips.robot import Kinematics, RobotModel
 
 
-@pytest.fixture
-def coordinates(robot: RobotModel, rng: np.random.Generator) -> np.ndarray:
-    return random_coordinates(robot, rng, 7)
-
-
-@pytest.fixture
-def kin(robot: RobotModel, coordinates: np.ndarray) -> Kinematics:
+def placed(robot: RobotModel, rng: np.random.Generator) -> tuple[np.ndarray, Kinematics]:
+    """Coordinate rows (7, nv), and the kinematics at them."""
+    coordinates = random_coordinates(robot, rng, 7)
     kin = Kinematics(robot.tree, 3)  # grows
     kin.update(coordinates)
-    return kin
+    return coordinates, kin
 
 
 def reference(robot: RobotModel, row: np.ndarray) -> pin.Data:
@@ -37,7 +33,9 @@ def random_points(robot: RobotModel, rng: np.random.Generator, count: int) -> tu
     return node, joint, rng.uniform(-0.5, 0.5, (count, 3))
 
 
-def test_placements_equal_forward_kinematics(robot, kin, coordinates):
+@each_robot
+def test_placements_equal_forward_kinematics(robot, rng):
+    coordinates, kin = placed(robot, rng)
     for n, row in enumerate(coordinates):
         data = reference(robot, row)
         for i in range(robot.model.njoints):
@@ -45,12 +43,16 @@ def test_placements_equal_forward_kinematics(robot, kin, coordinates):
             np.testing.assert_allclose(kin.T[i, n, :, 3], data.oMi[i].translation, atol=1e-12)
 
 
-def test_jacobian_columns_equal_pinocchio(robot, kin, coordinates):
+@each_robot
+def test_jacobian_columns_equal_pinocchio(robot, rng):
+    coordinates, kin = placed(robot, rng)
     for n, row in enumerate(coordinates):
         np.testing.assert_allclose(kin.J[n].T, reference(robot, row).J, atol=1e-12)
 
 
-def test_a_smaller_update_after_a_larger_one(robot, kin, rng):
+@each_robot
+def test_a_smaller_update_after_a_larger_one(robot, rng):
+    _, kin = placed(robot, rng)
     coordinates = random_coordinates(robot, rng, 2)
     kin.update(coordinates)
     assert kin.n == 2
@@ -58,14 +60,18 @@ def test_a_smaller_update_after_a_larger_one(robot, kin, rng):
         np.testing.assert_allclose(kin.J[n].T, reference(robot, row).J, atol=1e-12)
 
 
-def test_updating_without_jacobians_still_places(robot, coordinates):
+@each_robot
+def test_updating_without_jacobians_still_places(robot, rng):
+    coordinates, _ = placed(robot, rng)
     kin = Kinematics(robot.tree, 7)
     kin.update(coordinates, jacobians=False)
     last = robot.model.njoints - 1
     np.testing.assert_allclose(kin.T[last, 3, :, 3], reference(robot, coordinates[3]).oMi[last].translation, atol=1e-12)
 
 
-def test_points_and_to_aligned(robot, kin, coordinates, rng):
+@each_robot
+def test_points_and_to_aligned(robot, rng):
+    coordinates, kin = placed(robot, rng)
     _, joint, local = random_points(robot, rng, 12)
     aligned = np.array([robot.tree.align[j].T @ p for j, p in zip(joint, local, strict=True)])
     world = kin.points(joint, aligned)
@@ -84,7 +90,9 @@ def point_jacobians(kin, node, joint, point):
     return np.stack([kin.directional(node, joint, point, np.tile(axis, (len(node), 1))) for axis in np.eye(3)], axis=1)
 
 
-def test_point_jacobians_equal_finite_differences(robot, kin, coordinates, rng):
+@each_robot
+def test_point_jacobians_equal_finite_differences(robot, rng):
+    coordinates, kin = placed(robot, rng)
     node, joint, local = random_points(robot, rng, 25)
     points = np.array(
         [reference(robot, coordinates[n]).oMi[int(j)].act(p) for n, j, p in zip(node, joint, local, strict=True)]
@@ -105,7 +113,9 @@ def test_point_jacobians_equal_finite_differences(robot, kin, coordinates, rng):
             np.testing.assert_allclose(J[k, :, i], (ends[0] - ends[1]) / (2 * h), atol=1e-8)
 
 
-def test_point_jacobians_equal_frame_jacobians(robot, kin, coordinates, rng):
+@each_robot
+def test_point_jacobians_equal_frame_jacobians(robot, rng):
+    coordinates, kin = placed(robot, rng)
     for n in (0, 6):
         data = reference(robot, coordinates[n])
         for frame_id in rng.integers(0, robot.model.nframes, 8):
@@ -116,7 +126,9 @@ def test_point_jacobians_equal_frame_jacobians(robot, kin, coordinates, rng):
             np.testing.assert_allclose(point_jacobians(kin, np.array([n]), joint, point)[0], full[:3], atol=1e-12)
 
 
-def test_directional_is_the_projected_jacobian(robot, kin, rng):
+@each_robot
+def test_directional_is_the_projected_jacobian(robot, rng):
+    _, kin = placed(robot, rng)
     node, joint, point = random_points(robot, rng, 30)
     direction = rng.normal(size=(30, 3))
     rows = kin.directional(node, joint, point, direction)

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, distance, random_coordinates
+from cases import each, refused
 from lxml import etree
 from random_robots import random_robot
 
@@ -128,7 +129,7 @@ def test_links_are_where_another_reader_has_them(column, column_urdf, rng):
             np.testing.assert_allclose(mine, second.get_transform(link), atol=1e-12, err_msg=link)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@each("seed", range(12))
 def test_random_robots_are_where_pinocchio_has_them(tmp_path, seed):
     rng = np.random.default_rng(seed)
     base = ("fixed", "omni")[seed % 2]
@@ -223,15 +224,15 @@ def test_followers_limit_their_leader(tmp_path):
     robot = load_robot(path, base="fixed", joints=["lift"])
     assert (robot.space.lower[0], robot.space.upper[0]) == pytest.approx((0.0, 0.18))
     assert MotionLimits.for_robot(robot).joint_speed[0] == pytest.approx(0.05)
-    with pytest.raises(ConfigurationError, match="lift"):
+    with refused(ConfigurationError, "lift"):
         robot.home(lift=0.2)
-    with pytest.raises(ConfigurationError, match="'lift'"):
+    with refused(ConfigurationError, "'lift'"):
         robot.home(down=-0.1)
 
 
 def test_a_leader_whose_followers_leave_nothing_is_refused(tmp_path):
     path = write(tmp_path, joint("lift", "base", "a"), joint("far", "a", "b", mimic='joint="lift" offset="3"'))
-    with pytest.raises(RobotError, match="'far'"):
+    with refused(RobotError, "'far'"):
         load_robot(path, base="fixed", joints=["lift"])
     assert load_robot(path, base="fixed").locked["far"] == 0.5
     carrying = joint("elbow", "b", "arm", "revolute", TURNS)
@@ -261,11 +262,11 @@ def test_a_leader_is_planned_where_it_is_named(tmp_path):
         '<robot name="bot"><group name="hand"><joint name="thumb"/><joint name="finger"/></group></robot>'
     )
     assert load_robot(path, base="fixed", srdf=tmp_path / "bot.srdf", group="hand").joint_names == ("thumb",)
-    with pytest.raises(RobotError, match="'thumb'"):
+    with refused(RobotError, "'thumb'"):
         load_robot(path, base="fixed", joints=["finger"])
 
 
-@pytest.mark.parametrize(
+@each(
     "locked, wanted",
     [
         ({"finger": 0.3}, {"thumb": 0.1, "tip": 0.15}),
@@ -281,7 +282,7 @@ def test_what_a_locked_joint_mimics_is_held_where_that_puts_it(tmp_path, locked,
     assert not set(robot.joint_names) & set(robot.locked)
 
 
-@pytest.mark.parametrize(
+@each(
     "options, names",
     [
         ({"joints": ["lift"], "locked": {"second": 0.1}}, "'second'.*'lift'"),
@@ -299,12 +300,12 @@ def test_a_follower_is_not_locked_against_its_leader(tmp_path, options, names):
 def test_two_followers_that_want_their_leader_in_two_places_are_refused(tmp_path):
     more = joint("other", "arm", "third", mimic='joint="thumb"')
     path = write(tmp_path, *LIFT, *GRIPPER, more)
-    with pytest.raises(RobotError, match="'thumb'"):
+    with refused(RobotError, "'thumb'"):
         load_robot(path, base="fixed", locked={"finger": 0.3, "other": 0.3})
     assert load_robot(path, base="fixed", locked={"finger": 0.3, "other": 0.1}).locked["thumb"] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
+@each(
     "kind, more, multiplier",
     [("continuous", AROUND, 0.5), ("revolute", TURNS, 1.0), ("prismatic", SLIDES, 1.0)],
 )
@@ -313,16 +314,16 @@ def test_a_continuous_leader_whose_followers_do_not_go_around_is_refused(tmp_pat
     follower = joint("dial", "base", "hand", kind, more, mimic=f'joint="turret" multiplier="{multiplier}"')
     arm = joint("elbow", "turning", "arm", "revolute", TURNS)
     path = write(tmp_path, joint("turret", "base", "turning", "continuous", AROUND), follower, arm)
-    with pytest.raises(RobotError, match=r"'turret'.*'dial'"):
+    with refused(RobotError, "'turret'", "'dial'"):
         load_robot(path, base="fixed", joints=["turret", "elbow"])
     assert load_robot(path, base="fixed").joint_names == ("elbow",)
     assert "'turret'" in caplog.text
 
 
-@pytest.mark.parametrize("numbers", ['multiplier="1e200"', 'multiplier="1e-200"', 'offset="1e20"'])
+@each("numbers", ['multiplier="1e200"', 'multiplier="1e-200"', 'offset="1e20"'])
 def test_absurd_multipliers_are_refused(tmp_path, numbers):
     path = write(tmp_path, joint("lift", "base", "a"), joint("far", "a", "b", mimic=f'joint="lift" {numbers}'))
-    with pytest.raises(RobotError, match="'far'"):
+    with refused(RobotError, "'far'"):
         load_robot(path, base="fixed", joints=["lift"])
 
 
@@ -333,7 +334,7 @@ def test_a_follower_with_multiplier_0_stays(tmp_path):
     robot = load_robot(path, base="fixed", joints=["lift"])
     assert not robot.followers
     assert robot.locked == {"still": 0.2}
-    with pytest.raises(RobotError, match="'still'"):
+    with refused(RobotError, "'still'"):
         load_robot(path, base="fixed", locked={"still": 0.3})
 
 
@@ -364,9 +365,9 @@ def test_pinocchios_own_mimics_follow():
     assert held.locked == pytest.approx({"lift": 0.2, "second": 0.2})
     z = [piece.placement[2, 3] for piece in held.geometries]
     assert z[:2] == pytest.approx([0.2, 0.4])
-    with pytest.raises(RobotError, match="'second'"):
+    with refused(RobotError, "'second'"):
         RobotModel.from_pinocchio(*pinocchio_lift(), locked={"second": 0.2})
-    with pytest.raises(RobotError, match="'second'"):
+    with refused(RobotError, "'second'"):
         RobotModel.from_pinocchio(*pinocchio_lift(), home={"second": 0.4})
 
 
@@ -382,7 +383,7 @@ def test_robots_that_follow_otherwise_are_not_the_same(tmp_path):
     assert not robots[0].same_as(robots[1])
 
 
-@pytest.mark.parametrize(
+@each(
     "header, second, words",
     [
         ("lift,second", (0.07, 0.12), ""),
@@ -410,5 +411,5 @@ def test_mujoco_drives_no_followers(column_urdf):
     from elastic_strips.sim.mujoco.plant import MujocoPlant
 
     robot = load_robot(column_urdf, base="diff_drive", joints=["lift", "shoulder"])
-    with pytest.raises(ParameterError, match="balance"):
+    with refused(ParameterError, "balance"):
         MujocoPlant(robot, MotionLimits.for_robot(robot, wheel_speed=1.0, track=0.4, wheel_radius=0.1))

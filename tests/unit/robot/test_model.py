@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import random_configurations
+from cases import each, each_robot, refused
 
 from elastic_strips.catalogue import find_robot
 from elastic_strips.errors import ConfigurationError, InputError, RobotError
@@ -32,6 +33,7 @@ def test_named_robots(silvermate, tiago):
     assert (tiago.nq, tiago.nv) == (12, 11)
 
 
+@each_robot
 def test_every_link_of_the_robots_moves_as_convex_shape(robot):
     assert len(robot.geometries) == robot.collision_model.ngeoms
     for piece, obj in zip(robot.geometries, robot.collision_model.geometryObjects, strict=True):
@@ -42,12 +44,12 @@ def test_every_link_of_the_robots_moves_as_convex_shape(robot):
 
 
 def test_unknown_name_says_which_are_known():
-    with pytest.raises(RobotError, match=r"unknown robot 'silvermat'; did you mean 'silvermate'\?.*tiago"):
+    with refused(RobotError, "'silvermat'", "'silvermate'", "tiago"):
         load_robot("silvermat")
 
 
 def test_unknown_base_says_which_are_known():
-    with pytest.raises(RobotError, match=r"'diffdrive'.*did you mean 'diff_drive'.*fixed.*omni"):
+    with refused(RobotError, "'diffdrive'", "'diff_drive'", "fixed", "omni"):
         load_robot("silvermate", base="diffdrive")
 
 
@@ -78,7 +80,7 @@ def test_joints_with_the_names_of_the_base_pose():
     geometry.addGeometryObject(pin.GeometryObject("tip", 2, pin.SE3.Identity(), coal.Sphere(0.1)))
     robot = RobotModel.from_pinocchio(model, geometry, base="fixed")
     np.testing.assert_array_equal(robot.home(joints={"x": 0.25, "yaw": -0.5}), [0.25, -0.5])
-    with pytest.raises(ConfigurationError, match="joints=3 must be a mapping"):
+    with refused(ConfigurationError, "joints=3"):
         robot.home(joints=3)
 
 
@@ -86,7 +88,7 @@ def test_home_is_the_srdfs_posture(silvermate):
     np.testing.assert_allclose(silvermate.home()[4:], [0.05, 0.15, -0.6, 2.0, 0.5, 0.15, -0.6])
 
 
-@pytest.mark.parametrize(
+@each(
     "override, message",
     [
         (
@@ -115,13 +117,13 @@ def test_home_refuses_what_is_no_number(silvermate, override):
 
 
 def test_home_of_a_fixed_base_stays(gantry):
-    with pytest.raises(ConfigurationError, match=r"base of 'gantry' is fixed; x=1.0"):
+    with refused(ConfigurationError, "base", "'gantry'", "x=1.0"):
         gantry.home(x=1.0)
     q = gantry.home(spin=4.0, slide=0.1)
     np.testing.assert_allclose(q, [0.1, 0.1, np.cos(4.0), np.sin(4.0), 0.0])
 
 
-@pytest.mark.parametrize(
+@each(
     "change, message",
     [
         (lambda q: q[:-1], r"shape \(10,\); 'silvermate' wants \(…, 11\): x, y, cos yaw, sin yaw, joints"),
@@ -145,7 +147,7 @@ def test_check_q_refuses(silvermate, change, message):
 def test_check_q_of_a_continuous_joint(gantry):
     q = gantry.home()
     q[2:4] = 0.6, 0.7
-    with pytest.raises(ConfigurationError, match=r"pair \(cos, sin\) at 2, 3"):
+    with refused(ConfigurationError, "(cos, sin)"):
         gantry.check_q(q)
 
 
@@ -156,7 +158,7 @@ def test_check_q_copies_and_can_ignore_limits(silvermate):
     np.testing.assert_array_equal(out, q)
     assert out is not q
     stack = np.stack((silvermate.home(), q))
-    with pytest.raises(ConfigurationError, match=r"strip: joint 'arm_1_joint' = 9"):
+    with refused(ConfigurationError, "strip", "'arm_1_joint'"):
         silvermate.check_q(stack, what="strip")
 
 
@@ -173,7 +175,7 @@ def test_locked_joints_are_gone_and_hold_their_value(gantry_urdf, gantry):
         np.testing.assert_allclose(one, full.oMf[gantry.model.getFrameId(name)].homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize(
+@each(
     "locked, message",
     [
         ({"spinn": 0.0}, r"locked: unknown joint 'spinn'; did you mean 'spin'"),
@@ -213,7 +215,7 @@ def test_control_points_of_ones_own(gantry_urdf, rng):
     np.testing.assert_allclose(pen, data.oMf[robot.model.getFrameId("tip")].act(np.array(given["pen"][1])), atol=1e-12)
 
 
-@pytest.mark.parametrize(
+@each(
     "points, message",
     [
         ({"a": "tipp"}, r"control point 'a': unknown frame 'tipp'; did you mean 'tip'"),
@@ -275,17 +277,17 @@ def test_from_pinocchio_takes_geometry_without_frames():
 
 def test_from_pinocchio_refuses():
     model, geometry = chain(planar=False)
-    with pytest.raises(RobotError, match=r"base='omni', but the model has no planar root"):
+    with refused(RobotError, "base='omni'", "model"):
         RobotModel.from_pinocchio(model, geometry, base="omni")
     model, geometry = chain(planar=True)
-    with pytest.raises(RobotError, match=r"base='fixed', but the model has a planar root"):
+    with refused(RobotError, "base='fixed'", "model"):
         RobotModel.from_pinocchio(model, geometry, base="fixed")
-    with pytest.raises(RobotError, match=r"home: unknown joint 'tum'"):
+    with refused(RobotError, "home", "'tum'"):
         RobotModel.from_pinocchio(model, geometry, home={"tum": 0.0})
-    with pytest.raises(RobotError, match=r"'made' has no collision geometry"):
+    with refused(RobotError, "'made'"):
         RobotModel.from_pinocchio(model, pin.GeometryModel())
     model.jointPlacements[1] = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.1]))
-    with pytest.raises(RobotError, match=r"planar root joint must sit at the origin"):
+    with refused(RobotError, "origin"):
         RobotModel.from_pinocchio(model, geometry)
 
 
@@ -294,7 +296,7 @@ def test_shapes_without_convex_description_are_refused():
     geometry.addGeometryObject(
         pin.GeometryObject("wall", 1, 1, pin.SE3.Identity(), coal.Halfspace(np.array([0, 0, 1.0]), 0))
     )
-    with pytest.raises(RobotError, match=r"Halfspace is not supported.*Box, Sphere"):
+    with refused(RobotError, "Halfspace", "Box, Sphere"):
         RobotModel.from_pinocchio(model, geometry)
 
 
@@ -317,7 +319,7 @@ def test_a_frames_pose(silvermate, rng):
         pin.framesForwardKinematics(silvermate.model, data, q)
         expected = data.oMf[silvermate.model.getFrameId("hand_frame")].homogeneous
         np.testing.assert_allclose(silvermate.frame_pose(q, "hand_frame"), expected, atol=1e-12)
-    with pytest.raises(RobotError, match=r"no frame 'hand_fram'.*hand_frame"):
+    with refused(RobotError, "'hand_fram'", "hand_frame"):
         silvermate.frame_pose(silvermate.home(), "hand_fram")
     with pytest.raises(ConfigurationError):
         silvermate.frame_pose(silvermate.home()[:3], "hand_frame")

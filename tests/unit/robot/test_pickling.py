@@ -5,13 +5,14 @@ from __future__ import annotations
 import pickle
 
 import numpy as np
-import pytest
+from cases import each_robot, refused
 
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.sim.plant import KinematicPlant
 from elastic_strips.trajectory import MotionLimits
 
 
+@each_robot
 def test_a_pickled_robot_is_the_same(robot: RobotModel):
     copy = pickle.loads(pickle.dumps(robot))
     assert copy.same_as(robot)
@@ -39,7 +40,7 @@ def test_a_pickled_robot_is_the_same(robot: RobotModel):
 
 def test_a_pickled_robot_is_read_only_and_can_be_drawn(silvermate: RobotModel):
     copy = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(silvermate))))
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError, "read-only"):
         copy.home_q[0] = 1.0
     assert len(copy.visual_model.geometryObjects) == len(silvermate.geometries)
     KinematicPlant(copy, pickle.loads(pickle.dumps(MotionLimits.for_robot(silvermate))))

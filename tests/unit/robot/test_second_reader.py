@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each
 
 from elastic_strips.robot import load_robot, loading
 from elastic_strips.robot.second_reader import differences, shape_differences
@@ -79,7 +80,7 @@ def hurried(model: pin.Model) -> None:
     model.velocityLimit[model.joints[model.getJointId("ja")].idx_v] = 4.0
 
 
-@pytest.mark.parametrize("change, named", [(moved, "'b'"), (turned, "'a'"), (narrowed, "'jb'"), (hurried, "'ja'")])
+@each("change, named", [(moved, "'b'"), (turned, "'a'"), (narrowed, "'jb'"), (hurried, "'ja'")])
 def test_a_first_reader_that_errs_is_found_out(
     tmp_path: Path, change: Callable[[pin.Model], None], named: str, monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
@@ -99,7 +100,7 @@ def test_a_first_reader_that_errs_is_found_out(
     assert any("yourdfpy" in r.getMessage() and named in r.getMessage() for r in caplog.records)
 
 
-@pytest.mark.parametrize(
+@each(
     "followers",
     [
         {},
@@ -117,7 +118,7 @@ def test_mimics_that_are_read_otherwise_are_found(
     assert any("mimics" in said for said in differences(wrong, model))
 
 
-@pytest.mark.parametrize(
+@each(
     "link, shape, place",
     [
         ("base", coal.Box(0.4, 0.3, 0.25), None),

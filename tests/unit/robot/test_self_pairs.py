@@ -15,13 +15,15 @@ import pinocchio as pin
 import pytest
 import trimesh
 from brute_force import configuration, random_coordinates, self_distances
+from cases import each, each_robot, refused
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
 from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.robot.geometry import collision_data
-from elastic_strips.robot.self_pairs import WhyUnchecked, joints_of_links, least_distance
+from elastic_strips.robot.least_distance import least_distance
+from elastic_strips.robot.unchecked_pairs import WhyUnchecked, joints_of_links
 from elastic_strips.scene import Scene
 
 BASE = "0.8 0.5 0.3"
@@ -76,7 +78,7 @@ def certified(robot: RobotModel, *rows: np.ndarray) -> bool:
     return es.certify(robot, es.Scene([]), list(rows)).certified
 
 
-@pytest.mark.parametrize("base", ["omni", "diff_drive", "fixed"])
+@each("base", ["omni", "diff_drive", "fixed"])
 def test_what_is_fixed_to_a_joints_parent_is_looked_at(tmp_path, base):
     robot = load_robot(mast(tmp_path), base=base)
     found = es.certify(robot, es.Scene([]), [robot.home(), robot.home(pan=INTO)])
@@ -224,7 +226,7 @@ def turned_either_way(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
 BODY = trimesh.creation.box((0.3, 0.3, 0.3))
 
 
-@pytest.mark.parametrize("housing", [BODY, drawn_from_both_sides(BODY), turned_either_way(BODY)])
+@each("housing", [BODY, drawn_from_both_sides(BODY), turned_either_way(BODY)])
 def test_what_is_held_within_a_mesh_collides(tmp_path, housing):
     """However the triangles of the mesh are turned, and if it is the second body of the other that is inside."""
     bodies = [trimesh.creation.icosphere(1, 0.03).apply_translation((0.0, y, 0.0)) for y in (-0.8, 0.0)]
@@ -286,7 +288,7 @@ def test_an_srdf_leaves_pairs_out_and_its_reason_is_kept(tmp_path):
     assert certified(robot, robot.home(), robot.home(pan=INTO))
 
 
-@pytest.mark.parametrize("text, left", [
+@each("text, left", [
     ('<disable_default_collisions link="arm"/>', True),
     ('<disable_default_collisions link="mast"/>', True),
     ('<disable_default_collisions link="arm"/><enable_collisions link1="arm" link2="mast"/>', False),
@@ -308,7 +310,7 @@ def test_a_pair_that_an_srdf_asks_for_is_looked_at_though_a_joint_joins_it(tmp_p
     assert not certified(asked, asked.home(), asked.home(lean=1.2))
 
 
-@pytest.mark.parametrize("name", ["r", "", "another_one"])
+@each("name", ["r", "", "another_one"])
 def test_an_srdf_of_another_robot_is_said(tmp_path, caplog, name):
     """Links of the same names may be other links."""
     path = srdf(tmp_path, '<disable_collisions link1="arm" link2="mast"/>')
@@ -385,6 +387,7 @@ def test_what_touches_in_a_free_posture_is_a_listed_pair(name, held, rng):
 # --- the pairs themselves -----------------------------------------------------------------------------------------
 
 
+@each_robot
 def test_pairs_are_of_different_moving_bodies(robot):
     pairs = [tuple(int(x) for x in p) for p in robot.self_pairs]
     assert len(set(pairs)) == len(pairs) > 0
@@ -393,6 +396,7 @@ def test_pairs_are_of_different_moving_bodies(robot):
         assert robot.geometries[i].joint != robot.geometries[k].joint
 
 
+@each_robot
 def test_every_pair_is_either_looked_at_or_listed(robot):
     """No pair of links is neither: pieces of one joint apart, which never move to each other."""
     looked_at = {
@@ -408,6 +412,7 @@ def test_every_pair_is_either_looked_at_or_listed(robot):
                 assert frozenset(pair) in looked_at | listed, pair
 
 
+@each_robot
 def test_home_is_free_of_self_collision(robot):
     assert self_distances(robot, robot.home_q).min() > 0.001
 
@@ -496,7 +501,7 @@ def test_joints_that_hang_on_the_world_beside_a_moving_base_are_refused(with_sha
     frames = {j: model.addJointFrame(j) for j in (root, gate)}
     for name, j in [("body", root), ("bar", gate)] if with_shape else [("body", root)]:
         geometry.addGeometryObject(pin.GeometryObject(name, j, frames[j], pin.SE3.Identity(), coal.Box(1.0, 0.2, 0.2)))
-    with pytest.raises(RobotError, match="gate"):
+    with refused(RobotError, "gate"):
         RobotModel.from_pinocchio(model, geometry, base="omni")
 
 
@@ -522,7 +527,7 @@ def two_links(limit: float) -> RobotModel:
     return RobotModel.from_pinocchio(model, geometry, base="omni", disabled_pairs=[])
 
 
-@pytest.mark.parametrize("limit, never", [(0.5, True), (1.0, True), (2.9, False)])
+@each("limit, never", [(0.5, True), (1.0, True), (2.9, False)])
 def test_a_least_distance_is_a_proof(limit, never, rng):
     robot = two_links(limit)
     rows = random_coordinates(robot, rng, 4000)

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from cases import each, refused
 
 import elastic_strips as es
 from elastic_strips.errors import RobotError
@@ -17,6 +18,7 @@ from elastic_strips.robot.xacro_file import expand_xacro
 from elastic_strips.trajectory import MotionLimits
 
 pytest.importorskip("xacro")
+pytestmark = pytest.mark.process
 
 ARM = """<?xml version="1.0"?>
 <robot xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -67,7 +69,7 @@ def test_arguments_change_the_robot(tmp_path):
         robot = es.load_robot(file, base="fixed", mappings=mappings)
         lengths.append(max(2.0 * g.geometry.halfSide[2] for g in robot.collision_model.geometryObjects))
     assert lengths == pytest.approx([0.3, 0.7])
-    with pytest.raises(RobotError, match="are arguments of a xacro file; 'panda' is none"):
+    with refused(RobotError, "'panda'"):
         es.load_robot("panda", mappings={"length": "0.7"})
 
 
@@ -93,7 +95,7 @@ def test_what_xacro_says_goes_to_the_log(tmp_path, caplog, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
+@each(
     ("before", "after", "says"),
     [
         ("arm.xacro", "gone.xacro", "gone.xacro"),
@@ -108,7 +110,7 @@ def test_what_xacro_says_goes_to_the_log(tmp_path, caplog, capfd):
 def test_what_cannot_be_expanded_is_one_typed_error(tmp_path, capfd, before, after, says):
     file = write(tmp_path)
     file.write_text(file.read_text().replace(before, after))
-    with pytest.raises(RobotError, match=r"robot\.urdf\.xacro:") as caught:
+    with refused(RobotError, "robot.urdf.xacro:") as caught:
         es.load_robot(file, base="fixed")
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -119,7 +121,7 @@ def test_an_error_in_a_macro_names_its_file_line_and_macro(tmp_path):
     file = write(tmp_path)
     macros = file.parent / "arm.xacro"
     macros.write_text(macros.read_text().replace("${length / 2}", "${lenght / 2}"))
-    with pytest.raises(RobotError, match=r"arm\.xacro:4: .*macro 'segment'.* name 'lenght' is not defined"):
+    with refused(RobotError, "arm.xacro:4:", "'segment'", "'lenght'"):
         es.load_robot(file, base="fixed")
 
 
@@ -129,7 +131,7 @@ def test_a_macro_that_calls_itself_is_named_once(tmp_path):
         '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:macro name="again"><xacro:again/>'
         "</xacro:macro><xacro:again/></robot>"
     )
-    with pytest.raises(RobotError, match="endless") as caught:
+    with refused(RobotError, "endless") as caught:
         es.load_robot(file, base="fixed")
     assert str(caught.value).count("macro 'again'") <= 2
     assert len(str(caught.value)) < 1000
@@ -150,7 +152,7 @@ def test_included_files_are_regular_and_no_larger_than_the_first(tmp_path):
     part.unlink()
     with part.open("wb") as stream:
         stream.truncate(9_000_000)
-    with pytest.raises(RobotError, match=r"arm\.xacro: the xacro file has .* bytes"):
+    with refused(RobotError, "arm.xacro:"):
         es.load_robot(file, base="fixed")
     text = ROBOT.format(include="arm.xacro").replace("<xacro:include", "<xacro:include optional='true'")
     part.unlink()
@@ -188,7 +190,7 @@ def test_a_bomb_ends_in_a_typed_error_and_takes_no_memory_here(tmp_path, bomb):
     """The child is ended by the processor time and memory that it may take, whatever this machine is busy with."""
     file = tmp_path / "bomb.xacro"
     file.write_text(f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{bomb}</robot>')
-    with pytest.raises(RobotError, match=r"bomb\.xacro"):
+    with refused(RobotError, "bomb.xacro"):
         expand_xacro(file)
 
 
@@ -207,7 +209,7 @@ def test_what_the_child_may_take_is_bounded():
     assert resource.getrlimit(resource.RLIMIT_CPU)[0] != seconds, "this process is not bounded"
 
 
-@pytest.mark.parametrize("kind", ["writable by all", "writable by a group", "a link", "a file"])
+@each("kind", ["writable by all", "writable by a group", "a link", "a file"])
 def test_a_folder_that_others_may_write_is_not_used(tmp_path, monkeypatch, kind):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     usual = tmp_path / f"elastic-strips-{getpass.getuser()}"
@@ -235,7 +237,7 @@ def test_the_folder_is_used_again_where_it_is_ones_own(tmp_path, monkeypatch):
     assert made.parent == tmp_path / f"elastic-strips-{getpass.getuser()}"
 
 
-@pytest.mark.parametrize(
+@each(
     ("mappings", "named"), [({}, "length"), ({"length": "0.7"}, None), ({"length": "0.7", "lenght": "0.9"}, "lenght")]
 )
 def test_arguments_that_nobody_gave_or_asked_for_are_said(tmp_path, caplog, mappings, named):

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from cases import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.scene import Points, Voxels
-from elastic_strips.scene.parts import BLOCK, merge_cells, merged_boxes
+from elastic_strips.scene.parts import BLOCK_EDGE, merge_cells, merged_boxes
 
 cells_lists = st.lists(st.tuples(*[st.integers(-6, 6)] * 3), min_size=1, max_size=120)
 
@@ -55,7 +56,7 @@ def test_a_full_block_is_one_box_and_blocks_are_cells_of_space():
     assert [len(part.boxes) for part in voxels.parts] == [1] * 8
     for part in voxels.parts:
         assert part.geometry is None
-        np.testing.assert_allclose(part.half_extents, BLOCK / 2)
+        np.testing.assert_allclose(part.half_extents, BLOCK_EDGE / 2)
     low, high = boxes_of(voxels)
     assert np.prod(high - low, axis=1).sum() == pytest.approx(0.9**3)
 
@@ -97,7 +98,7 @@ def test_voxels_larger_than_a_block_and_of_three_edges():
     assert np.prod(high - low, axis=1).sum() == pytest.approx(4 * 0.1 * 0.2 * 0.3)
 
 
-@pytest.mark.parametrize("kind", ["grid", "sparse", "loose"])
+@each("kind", ["grid", "sparse", "loose"])
 def test_sixty_thousand_voxels_share_their_boxes(kind):
     rng = np.random.default_rng(2)
     centers = {

@@ -5,6 +5,7 @@ import logging
 import numpy as np
 import pytest
 import trimesh
+from cases import each, refused
 from scipy.spatial import ConvexHull as Qhull
 
 from elastic_strips import decompose
@@ -51,7 +52,7 @@ def test_pieces_hold_the_surface_and_stick_out_little(make):
     pieces = piece_vertices(mesh)
     assert len(pieces) > 1
     size = np.linalg.norm(source.extents)
-    assert outside(surface(source), pieces).max() <= decompose.TOLERANCE * size
+    assert outside(surface(source), pieces).max() <= decompose.SURFACE_TOLERANCE * size
     corners = np.vstack(pieces)
     _, far, _ = trimesh.proximity.closest_point(source, corners)
     assert far[outside_of(source, corners)].max(initial=0.0) < 0.05 * size
@@ -61,14 +62,14 @@ def outside_of(source, points):
     return ~source.contains(points) if source.is_watertight else np.ones(len(points), dtype=bool)
 
 
-@pytest.mark.parametrize("most", [4, 16])
-@pytest.mark.parametrize("make", [gap_mesh, open_bucket])
+@each("most", [4, 16])
+@each("make", [gap_mesh, open_bucket])
 def test_few_pieces_hold_all_bodies_of_a_mesh(make, most):
     source = trimesh.util.concatenate([make(), trimesh.creation.box((0.1, 0.2, 0.1)).apply_translation((0, 0, 1.0))])
     pieces = decompose.few_pieces(source.vertices, source.faces, most)
     assert 1 < len(pieces) <= most
     points = np.vstack((surface(source), [[0.0, 0.0, 1.0]]))
-    assert outside(points, pieces).max() <= decompose.TOLERANCE * np.linalg.norm(source.extents)
+    assert outside(points, pieces).max() <= decompose.SURFACE_TOLERANCE * np.linalg.norm(source.extents)
 
 
 def test_a_mesh_with_a_lone_bar_is_its_hull():
@@ -77,7 +78,7 @@ def test_a_mesh_with_a_lone_bar_is_its_hull():
     corners = np.vstack((ring.vertices, [[0.0, 0.0, 3.0], [0.0, 0.0, 4.0]]))
     n = len(ring.vertices)
     pieces = decompose.few_pieces(corners, np.vstack((ring.faces, [[n, n + 1, n + 1]])), 4)
-    assert outside(corners, pieces).max() <= decompose.TOLERANCE * 4.0
+    assert outside(corners, pieces).max() <= decompose.SURFACE_TOLERANCE * 4.0
 
 
 def test_bare_vhacd_would_cut_corners():
@@ -139,7 +140,7 @@ def test_an_open_box_is_not_filled():
 def test_a_flat_mesh_becomes_a_thin_plate():
     mesh = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     assert len(mesh.parts) == 2
-    assert max(p.half_extents[2] for p in mesh.parts) == pytest.approx(decompose.PLATE)
+    assert max(p.half_extents[2] for p in mesh.parts) == pytest.approx(decompose.PLATE_REACH)
 
 
 def test_decomposition_is_deterministic_and_done_once(monkeypatch, caplog):
@@ -155,7 +156,7 @@ def test_decomposition_is_deterministic_and_done_once(monkeypatch, caplog):
     assert all(np.array_equal(a, b) for a, b in zip(again, first, strict=True))
 
 
-@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae"])
+@each("suffix", ["stl", "obj", "ply", "dae"])
 def test_mesh_files_are_read(tmp_path, suffix):
     path = tmp_path / f"box.{suffix}"
     trimesh.creation.box((100, 200, 300)).export(path)
@@ -193,5 +194,5 @@ def test_bad_scale_is_refused(tmp_path):
     path = tmp_path / "box.stl"
     trimesh.creation.box((1, 1, 1)).export(path)
     for scale in (0, -1, float("nan"), True, "2"):
-        with pytest.raises(SceneError, match="Mesh scale"):
+        with refused(SceneError, "Mesh", "scale"):
             Mesh.from_file(path, scale=scale)

@@ -113,8 +113,8 @@ def screws(count=1500):
 def test_no_point_of_the_surface_or_of_the_inside_is_outside_of_the_pieces(make):
     source = make()
     mesh = Mesh(source.vertices, source.faces)
-    assert outside(points_of(source), mesh).max() <= decompose.TOLERANCE * source.scale
-    assert len(mesh.parts) <= decompose.MANY
+    assert outside(points_of(source), mesh).max() <= decompose.SURFACE_TOLERANCE * source.scale
+    assert len(mesh.parts) <= decompose.MANY_BODIES
 
 
 def test_the_check_sees_a_piece_that_is_missing():
@@ -164,7 +164,7 @@ def test_a_large_body_that_is_not_convex_is_held_too():
     source = torus(80_000)
     mesh = Mesh(source.vertices, source.faces)
     points, _ = trimesh.sample.sample_surface(source, 3000, seed=0)
-    assert outside(points, mesh).max() <= decompose.TOLERANCE * source.scale
+    assert outside(points, mesh).max() <= decompose.SURFACE_TOLERANCE * source.scale
     assert outside(np.zeros((1, 3)), mesh)[0] > 0.2  # the hole
     assert max(part.geometry.num_points for part in mesh.parts) <= MOST_CORNERS
 
@@ -179,7 +179,7 @@ def test_a_thin_walled_bin_is_closed_and_yet_not_filled():
     source = trimesh.util.concatenate([walls[0], walls[1], trimesh.Trimesh(top, ring, process=False)])
     source.merge_vertices()
     mesh = Mesh(source.vertices, source.faces)
-    assert outside(points_of(source), mesh).max() <= decompose.TOLERANCE * source.scale
+    assert outside(points_of(source), mesh).max() <= decompose.SURFACE_TOLERANCE * source.scale
     assert outside(np.array([[0.0, 0.0, 0.0], [0.2, -0.2, 0.2]]), mesh).min() > 0.05
 
 
@@ -214,7 +214,7 @@ def test_broken_meshes_are_held(spoil):
     else:
         faces = np.vstack((faces, faces[:40]))
     mesh = Mesh(vertices, faces)
-    assert outside(points_of(source), mesh).max() <= decompose.TOLERANCE * source.scale
+    assert outside(points_of(source), mesh).max() <= decompose.SURFACE_TOLERANCE * source.scale
     assert outside(np.zeros((1, 3)), mesh)[0] > 0.2
     assert max(np.abs(part.center).max() for part in mesh.parts) < 2.0
 
@@ -231,7 +231,7 @@ def test_a_body_with_a_wall_inside_is_solid():
     bent[:, 0] += 3.0 * bent[:, 2] ** 2  # not convex
     solid = trimesh.Trimesh(bent, outer.faces, process=False)
     mesh = Mesh(bent, np.vstack((outer.faces, wall)))
-    assert outside(points_of(solid), mesh).max() <= decompose.TOLERANCE * source.scale
+    assert outside(points_of(solid), mesh).max() <= decompose.SURFACE_TOLERANCE * source.scale
 
 
 def test_a_spike_without_an_area_is_a_bar(caplog):
@@ -315,7 +315,7 @@ def test_a_shape_of_very_many_corners_is_quick_and_no_nearer_than_said(rng):
 def test_progress_is_said_in_the_log(monkeypatch, caplog):
     from elastic_strips import progress
 
-    monkeypatch.setattr(progress, "_PATIENCE", -1.0)
+    monkeypatch.setattr(progress, "PROGRESS_PERIOD", -1.0)
     source = table_and_ring()
     decompose._cache.clear()
     with caplog.at_level(logging.INFO, logger=progress.LOGGER):

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, Sphere, Twist, UnknownMotion, Voxels, World
@@ -127,7 +128,7 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("make, message", BAD)
+@each("make, message", BAD)
 def test_bad_worlds_are_refused(make, message):
     with pytest.raises(SceneError, match=message):
         make()

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import Box, Keyframes, PedestrianMotion, Scene, Sphere, Twist, World
@@ -42,7 +43,7 @@ def test_what_has_been_does_not_change():
     motion.advance(3.0, 0.0)
     assert [motion.place(t) for t in np.linspace(-1.0, 3.0, 41)] == before
     assert motion.place(9.0) == motion.place(3.0)
-    with pytest.raises(SceneError, match="cannot be changed"):
+    with refused(SceneError, "changed"):
         motion.advance(2.9, 1.0)
     motion.reset()
     assert motion.place(2.5) == 2.5
@@ -96,7 +97,7 @@ def test_copies_of_a_world_go_their_own_ways():
     assert still.copied() is still
 
 
-@pytest.mark.parametrize(
+@each(
     "make, message",
     [
         (lambda: PedestrianMotion(Twist()), "needs Keyframes"),  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ from concurrent.futures import TimeoutError
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Box, Scene, World
@@ -39,9 +40,7 @@ def cpu(monkeypatch) -> Clock:
     return clock
 
 
-@pytest.mark.parametrize(
-    "given, label", [("free", "free"), ("work", "work"), ("1", 1.0), (" 0.5 ", 0.5), (10, 10.0), (4.0, 4.0)]
-)
+@each("given, label", [("free", "free"), ("work", "work"), ("1", 1.0), (" 0.5 ", 0.5), (10, 10.0), (4.0, 4.0)])
 def test_it_is_parsed(given, label):
     parsed = Computing.parse(given)
     assert parsed.label == label
@@ -49,9 +48,9 @@ def test_it_is_parsed(given, label):
     assert Computing.parse(parsed.label) == parsed, "results keep the label"
 
 
-@pytest.mark.parametrize("wrong", ["fre", "", "0", "-1", "nan", "inf", "1x", 0, -2.0, float("inf"), True, None, [1]])
+@each("wrong", ["fre", "", "0", "-1", "nan", "inf", "1x", 0, -2.0, float("inf"), True, None, [1]])
 def test_what_means_nothing_is_refused(wrong):
-    with pytest.raises(ParameterError, match=r"compute=.*'free', 'work', or a finite factor > 0"):
+    with refused(ParameterError, "compute=", "'free'", "'work'"):
         Computing.parse(wrong)
 
 
@@ -103,7 +102,7 @@ def test_results_arrive_one_after_the_other(cpu):
 def test_a_result_is_not_to_be_had_before_it_arrives(cpu):
     future = ChargedExecutor(Computing(1.0), Clock()).submit(cpu.compute, 0.25)
     for ask in (future.result, future.exception):
-        with pytest.raises(TimeoutError, match=r"arrives at 0\.250 s of simulated time; it is 0\.000 s"):
+        with refused(TimeoutError, "0.250", "0.000"):
             ask()
     assert not future.cancel()
 
@@ -118,7 +117,7 @@ def test_exceptions_arrive_too(cpu):
     assert not future.done()
     clock.now = 1.0
     assert isinstance(future.exception(), RuntimeError)
-    with pytest.raises(RuntimeError, match="no path"):
+    with refused(RuntimeError, "path"):
         future.result()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, distance, link_poses, make_scene, random_coordinates, scene_pieces
+from cases import each, refused
 from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.record import Recorder, RecordError
@@ -84,7 +85,7 @@ def test_the_clearance_is_that_of_brute_force(name, case, rng, request):
     assert evaluation.queries < 81 * len(robot.geometries) * len(scene_pieces(world.scene)) / 10
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry"])
+@each("name", ["silvermate", "tiago", "gantry"])
 def test_no_point_travels_farther_than_its_bound(name, rng, request):
     robot = request.getfixturevalue(name)
     coordinates = [random_coordinates(robot, rng, 1)[0]]
@@ -123,7 +124,7 @@ def boom(tmp_path_factory):
     return load_robot(path, base="fixed")
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "gantry", "boom"])
+@each("name", ["silvermate", "tiago", "gantry", "boom"])
 def test_no_velocity_moves_a_link_more_than_its_lever(name, rng, request):
     robot = request.getfixturevalue(name)
     for coordinates in random_coordinates(robot, rng, 30):
@@ -425,13 +426,13 @@ def test_wrong_input_is_refused(silvermate, tiago):
     ):
         with pytest.raises(RecordError, match=match):
             evaluate(broken, silvermate, world)
-    with pytest.raises(ParameterError, match="no world"):
+    with refused(ParameterError, "world"):
         evaluate((time, coordinates, v), silvermate)
-    with pytest.raises(ParameterError, match="accuracy=0"):
+    with refused(ParameterError, "accuracy=0"):
         evaluate((time, coordinates, v), silvermate, world, accuracy=0)
-    with pytest.raises(ParameterError, match="goal has shape"):
+    with refused(ParameterError, "goal"):
         evaluate((time, coordinates, v), silvermate, world, goal=[1, 2])
-    with pytest.raises(ParameterError, match=r"Tolerance\.yaw=-1 must be"):
+    with refused(ParameterError, "Tolerance", "yaw=-1"):
         Tolerance(yaw=-1)
-    with pytest.raises(RecordError, match="the record is of 'silvermate'"):
+    with refused(RecordError, "'silvermate'"):
         evaluate(straight_run(silvermate, world), tiago)

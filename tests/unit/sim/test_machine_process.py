@@ -12,6 +12,7 @@ from typing import TypeVar
 import machine_user
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.control.driver import COMMAND_TIMEOUT, Driver
 from elastic_strips.control.interfaces import Command, Measurement
@@ -109,21 +110,28 @@ def test_the_timeout_counts_from_the_command(machine: MachineProcess, driver: Ma
     assert not any(s.motors.any() for s in states)
 
 
-def test_a_reader_that_was_stopped_gets_the_sums_right(machine: MachineProcess, driver: MachineDriver):
-    begin = rows(machine, bool)[-1].coordinates
-    drive(machine, driver, 0.3, lambda end=machine.now + 1.0: machine.now > end)  # it reads nothing meanwhile
-    end = rows(machine, stands)[-1]
+def measured_until(machine: MachineProcess, driver: MachineDriver, time: float) -> list[Measurement]:
+    """What a driver measures, up to a pose that is newer than a time [s]."""
     got: list[Measurement] = []
 
     def newest() -> bool:
         measured = driver.measure(machine.now)
         if measured is not None:
             got.append(measured)
-        return bool(got) and (got[-1].pose_time or 0.0) > end.time
+        return bool(got) and (got[-1].pose_time or 0.0) > time
 
     until(newest)
+    return got
+
+
+def test_a_reader_that_was_stopped_gets_the_sums_right(machine: MachineProcess, driver: MachineDriver):
+    begin = rows(machine, stands)[-1]
+    measured_until(machine, driver, begin.time)  # what was driven before
+    drive(machine, driver, 0.3, lambda end=machine.now + 1.0: machine.now > end)  # it reads nothing meanwhile
+    end = rows(machine, stands)[-1]
+    got = measured_until(machine, driver, end.time)
     travel = sum(np.mean(m.drive) for m in got)
-    assert travel == pytest.approx(np.linalg.norm(end.coordinates[:2] - begin[:2]), abs=1e-6)
+    assert travel == pytest.approx(np.linalg.norm(end.coordinates[:2] - begin.coordinates[:2]), abs=1e-6)
     assert travel > 0.1
     fixes = [m for m in got if m.pose is not None]
     assert fixes
@@ -165,7 +173,7 @@ def test_contact_and_emergency_stop_are_felt(machine: MachineProcess, driver: Ma
 
 def test_no_wrong_command_is_passed_on(machine: MachineProcess, driver: MachineDriver):
     for wrong in ([0.1, np.nan], [0.1], [0.1, np.inf]):
-        with pytest.raises(ParameterError, match="2 finite speeds"):
+        with refused(ParameterError, "speeds"):
             driver.send(machine.now, Command(np.array(wrong), np.zeros(0)))
 
 
@@ -225,9 +233,9 @@ def test_a_sensor_that_throws_throws_in_the_driver(jackal_box: RobotModel):
 
 def test_a_plant_that_cannot_be_made_is_named(jackal_box: RobotModel, silvermate: RobotModel):
     wrong = partial(KinematicPlant, jackal_box, MotionLimits.for_robot(silvermate))
-    with pytest.raises(ParameterError, match=r"does not start.*limits have"), MachineProcess(wrong, np.zeros(3)):
+    with refused(ParameterError, "limits"), MachineProcess(wrong, np.zeros(3)):
         pass
-    with pytest.raises(ParameterError, match="does not start"), MachineProcess(lambda: wrong(), np.zeros(3)):
+    with refused(ParameterError, "start"), MachineProcess(lambda: wrong(), np.zeros(3)):
         pass
 
 

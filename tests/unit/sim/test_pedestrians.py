@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from brute_force import configuration, link_distances
+from cases import each
 
 from elastic_strips.control.interfaces import Command
 from elastic_strips.errors import ParameterError
@@ -49,7 +50,7 @@ def acceleration(places: np.ndarray) -> float:
     return float(np.linalg.norm(velocity[5:] - velocity[:-5], axis=1).max() / (5 * DT))
 
 
-@pytest.mark.parametrize("speed", [0.3, 1.0, 1.5])
+@each("speed", [0.3, 1.0, 1.5])
 def test_stops_before_a_robot_that_stands(silvermate, speed):
     world = walker(speed)
     places = watch(silvermate, world, 6.0 / speed + 4.0, policy=YieldingPolicy(room=0.0))
@@ -198,7 +199,7 @@ def test_mujoco_carries_them_as_their_clocks_say(silvermate):
     plant.close()
 
 
-@pytest.mark.parametrize("wrong", [{"distance": -1.0}, {"room": 2.0}, {"pace": 1.5}, {"look": 0.0}])
+@each("wrong", [{"distance": -1.0}, {"room": 2.0}, {"pace": 1.5}, {"look": 0.0}])
 def test_wrong_courtesy_is_refused(wrong):
     with pytest.raises(ParameterError):
         YieldingPolicy(**wrong)

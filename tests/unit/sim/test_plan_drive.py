@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.control import DriveParams
 from elastic_strips.errors import ParameterError
@@ -44,9 +45,9 @@ def test_what_is_not_certified_is_not_driven(silvermate):
         silvermate, wall, silvermate.home(), silvermate.home(x=3.0), timeout=0.2, bounds=((-1, -1), (4, 1))
     )
     assert not plan.certified
-    with pytest.raises(ParameterError, match=r"not certified: .*wall"):
+    with refused(ParameterError, "wall"):
         drive_plan(plan, wall)
-    with pytest.raises(ParameterError, match="plan must be a PlanReport"):
+    with refused(ParameterError, "plan"):
         drive_plan([], wall)  # type: ignore[arg-type]
 
 
@@ -61,5 +62,5 @@ def test_limits_are_those_of_robot_and_plant(silvermate):
 
 def test_the_parameters_of_a_base_that_stands_can_be_changed():
     assert DriveParams.standing(margin=0.004).clearance == pytest.approx(0.011)
-    with pytest.raises(ParameterError, match="speed_scale"):
+    with refused(ParameterError, "speed_scale"):
         DriveParams.standing(speed_scale=0.0)

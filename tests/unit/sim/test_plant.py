@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each, each_robot, refused
 
 from elastic_strips.control.interfaces import Command
 from elastic_strips.errors import ParameterError
@@ -52,6 +53,7 @@ def test_a_speed_loop_without_lag_or_limit_jumps():
     assert speed_loop(0.0, 1.0, 0.0, 2.0, 0.1) == pytest.approx((0.2, 0.01))
 
 
+@each_robot
 def test_exact_motors_drive_exact_arcs(robot, rng):
     plant = KinematicPlant(robot, limits_of(robot), IDEAL)
     k, n = plant.limits.drive_dim, len(robot.joint_names)
@@ -305,16 +307,16 @@ def test_a_reset_starts_anew(silvermate):
 
 @pytest.mark.parametrize("drive", [(1.0,), (1.0, 1.0, 1.0), (np.nan, 0.0), (np.inf, 0.0)])
 def test_wrong_commands_are_refused(quiet, drive):
-    with pytest.raises(ParameterError, match="command"):
+    with refused(ParameterError, "command"):
         quiet.step(command(quiet, drive), 0.01)
 
 
 def test_limits_of_another_robot_are_refused(silvermate, rover):
-    with pytest.raises(ParameterError, match="drive coordinates"):
+    with refused(ParameterError, "drive coordinates"):
         KinematicPlant(silvermate, limits_of(rover))
 
 
-@pytest.mark.parametrize(
+@each(
     "wrong",
     [{"wheel_lag": -0.1}, {"slip": 0.3}, {"jitter": np.nan}, {"speed_margin": 0.9}, {"slip_time": 0.0}],
 )
@@ -323,7 +325,7 @@ def test_plant_parameters_are_checked(wrong):
         PlantParams(**wrong)
 
 
-@pytest.mark.parametrize("wrong", [{"fix_noise": -1.0}, {"fix_period": 0.0}, {"fix_latency": np.inf}])
+@each("wrong", [{"fix_noise": -1.0}, {"fix_period": 0.0}, {"fix_latency": np.inf}])
 def test_sensor_parameters_are_checked(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         OdometryParams(**wrong)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World
@@ -32,7 +33,7 @@ def test_what_stands_is_known_from_the_start(silvermate):
 
 def test_a_blind_robot_says_so(silvermate):
     perception = SensorPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER, look=0.0)
-    with pytest.raises(PerceptionError, match="laser"):
+    with refused(PerceptionError, "laser"):
         perception.sense(0.0)
 
 

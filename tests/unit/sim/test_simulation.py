@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from brute_force import configuration, link_distances
+from cases import each
 
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import DriveParams, RunState
@@ -37,7 +38,7 @@ def drive(robot, obstacles, seconds: float = 40.0, **options):
     return runner, result, evaluate(result.record, robot, runner.world, runner.limits)
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_drives_to_the_goal(name, request):
     robot = request.getfixturevalue(name)
     limits = MotionLimits.for_robot(robot, joint_speed={"spin": 1.0}) if name == "rover" else None

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from cases import each_robot
 from following import follow_trajectory
 from motions import smooth_motion
 
+from elastic_strips.coal_shapes import support_points
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import DriveParams
 from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.tracking import TrackingController, TrackingGains
 from elastic_strips.planning import plan
-from elastic_strips.robot.coal_shapes import support_points
 from elastic_strips.sim.plant import KinematicPlant, PlantParams
 from elastic_strips.sim.scenarios.corridors import corridor_scene
 from elastic_strips.trajectory.limits import MotionLimits
@@ -58,6 +59,7 @@ def body_points(robot, coordinates, rng) -> np.ndarray:
     return np.vstack(points)
 
 
+@each_robot
 def test_no_point_moves_further_than_the_bound(robot, rng):
     measure = Displacement(robot)
     home = robot.space.to_coordinates(robot.home_q)

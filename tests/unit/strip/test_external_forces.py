@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, link_distances, make_obstacle, random_coordinates, self_distances
+from cases import each_robot
 
 from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
 from elastic_strips.collision.narrowphase import Contacts
@@ -230,6 +231,7 @@ def test_the_nearest_of_several_contacts_wins():
         assert np.count_nonzero(force) == 2
 
 
+@each_robot
 def test_mapping_is_the_sum_of_transposed_jacobians(robot, rng):
     """Eqs. 6–7 with Pinocchio's point Jacobians."""
     coordinates = random_coordinates(robot, rng, 4)

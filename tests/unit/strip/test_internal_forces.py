@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from brute_force import configuration, random_coordinates
+from cases import each_robot
 
 from elastic_strips.robot import RobotModel
 from elastic_strips.strip.forces import add_elastic, add_joint_limits, add_posture
@@ -162,6 +163,7 @@ def limits(robot: RobotModel, k_l: float, margin: float) -> Potential:
     return potential
 
 
+@each_robot
 def test_joint_limit_force_is_minus_its_gradient(robot, rng):
     coordinates = random_coordinates(robot, rng, 6)
     margin, k_l = 0.11, 3.0
@@ -206,6 +208,7 @@ def test_joint_limit_matrix_between_two_near_limits(gantry):
     assert system.diagonal[0, 0, 0] == 2.0
 
 
+@each_robot
 def test_posture_force_is_minus_its_gradient(robot, rng):
     b = robot.space.base_nv
     coordinates, target = random_coordinates(robot, rng, 5), random_coordinates(robot, rng, 5)

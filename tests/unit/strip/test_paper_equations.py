@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.strip.paper.equations import explicit_step
 
@@ -28,7 +29,7 @@ def test_displacements_are_proportional(rng):
     np.testing.assert_array_equal(delta[[0, -1]], 0.0)
 
 
-@pytest.mark.parametrize("tilt", [0.2, np.pi / 6, np.pi / 3])
+@each("tilt", [0.2, np.pi / 6, np.pi / 3])
 def test_no_turn_exceeds_the_transfer_tilt(tilt, rng):
     yaw = rng.uniform(-np.pi, np.pi, 40)
     delta = step(rng.normal(size=(40, 7)) * 50.0, np.zeros((40, 3)), yaw, tilt)

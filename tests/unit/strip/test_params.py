@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from cases import each, refused
 from refusals import taken
 
 from elastic_strips.catalogue import PRESETS
@@ -34,7 +35,7 @@ def test_some_must_be_positive():
                 kind(**{name: 0})
 
 
-@pytest.mark.parametrize(
+@each(
     "given, message",
     [
         ({"clearance": 0.3}, r"clearance=0.3 must be below influence=0.3"),
@@ -53,13 +54,13 @@ def test_presets():
     paper = PaperParams().replaced(k_c=0.4)
     assert (paper.preset, paper.influence, paper.k_r, paper.k_c) == ("paper", 1.5, 0.3, 0.4)
     for kind in KINDS:
-        with pytest.raises(ParameterError, match=r"unknown parameter 'influense'; did you mean 'influence'"):
+        with refused(ParameterError, "'influense'", "'influence'"):
             kind().replaced(influense=1.0)
-        with pytest.raises(ParameterError, match="clearance"):
+        with refused(ParameterError, "clearance"):
             kind().replaced(clearance=-1.0)
-    with pytest.raises(ParameterError, match="unknown parameter 'alpha'"):
+    with refused(ParameterError, "'alpha'"):
         DeformParams().replaced(alpha=0.3)
-    with pytest.raises(ParameterError, match=r"PaperParams\.mobile_only=1 must be True or False"):
+    with refused(ParameterError, "PaperParams", "mobile_only=1"):
         PaperParams(mobile_only=1)
 
 
@@ -71,7 +72,7 @@ def test_values_do_not_change():
     assert (params.influence, other.influence) == (0.3, 0.5)
     with pytest.raises(ParameterError, match="did you mean"):
         params.replaced(influenc=0.5)
-    with pytest.raises(ParameterError, match="must be below influence"):
+    with refused(ParameterError, "influence"):
         params.replaced(influence=0.001)
     values = params.as_dict()
     assert values.pop("preset") == "default"
@@ -91,7 +92,7 @@ def test_a_deformer_takes_the_parameters_of_its_preset(silvermate):
     assert Deformer(silvermate).params == DeformParams()
     assert PaperDeformer(silvermate).params == PaperParams()
     for wrong in ("paper", {"influence": 0.3}, PaperParams()):
-        with pytest.raises(ParameterError, match="params"):
+        with refused(ParameterError, "params"):
             Deformer(silvermate, wrong)
-    with pytest.raises(ParameterError, match="params"):
+    with refused(ParameterError, "params"):
         PaperDeformer(silvermate, DeformParams())

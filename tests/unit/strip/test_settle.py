@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.planning import plan_report
 from elastic_strips.sim.scenarios import get_scenario
@@ -12,7 +13,7 @@ from elastic_strips.strip.forces import add_elastic, add_pieces, add_stretch
 from elastic_strips.strip.solver import System
 
 
-@pytest.mark.parametrize("name", ["corridor", "clutter", "bottleneck", "closing-side"])
+@each("name", ["corridor", "clutter", "bottleneck", "closing-side"])
 def test_the_energy_falls_and_the_clearance_stays(silvermate, name):
     scenario = get_scenario(name, seed=3)
     planned = plan_report(silvermate, scenario.scene, *scenario.ends(silvermate))

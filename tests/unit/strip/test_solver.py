@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from cases import each, refused
 
 from elastic_strips.strip.solver import BandedSolver, System
 
@@ -37,7 +37,7 @@ def dense_solution(system: System, damping: np.ndarray) -> np.ndarray:
     return out
 
 
-@pytest.mark.parametrize("n, nv", [(3, 1), (3, 10), (4, 3), (20, 10), (7, 11), (64, 4)])
+@each("n, nv", [(3, 1), (3, 10), (4, 3), (20, 10), (7, 11), (64, 4)])
 def test_banded_equals_dense(n, nv, rng):
     system, damping = random_system(rng, n, nv), rng.uniform(0.05, 1.0, nv)
     kept = [system.force.copy(), system.diagonal.copy(), system.upper.copy()]
@@ -56,13 +56,13 @@ def test_the_workspace_forgets_its_last_system(rng):
         np.testing.assert_allclose(solver.solve(system, damping), dense_solution(system, damping), atol=1e-9)
 
 
-@pytest.mark.parametrize("n", [0, 1, 2])
+@each("n", [0, 1, 2])
 def test_strips_without_inner_nodes_do_not_move(n):
     delta = BandedSolver().solve(System(n, 4), np.ones(4))
     np.testing.assert_array_equal(delta, np.zeros((n, 4)))
 
 
-@pytest.mark.parametrize(
+@each(
     "bad",
     [
         np.nan,
@@ -73,7 +73,7 @@ def test_strips_without_inner_nodes_do_not_move(n):
 def test_what_is_not_positive_definite_is_an_error(bad, rng):
     system = random_system(rng, 6, 3)
     system.diagonal[2, 1, 1] = bad
-    with pytest.raises(FloatingPointError, match="not positive definite"):
+    with refused(FloatingPointError, "definite"):
         BandedSolver().solve(system, np.full(3, 0.1))
 
 

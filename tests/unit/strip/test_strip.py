@@ -9,20 +9,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, random_configurations
+from cases import each_robot, refused
 
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.strip import Strip
 
 
+@each_robot
 def test_nodes_are_copied_and_read_only(robot, rng):
     q = random_configurations(robot, rng, 4)
     strip = Strip(robot, q)
     q[0] = 0.0
     assert len(strip) == 4
     assert strip.q[0].any()
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError, "read-only"):
         strip.q[0, 0] = 1.0
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError, "read-only"):
         strip.coordinates[0, 0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
         strip.q = q
@@ -30,7 +32,7 @@ def test_nodes_are_copied_and_read_only(robot, rng):
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_a_strip_has_two_nodes_at_least(silvermate, count):
-    with pytest.raises(ConfigurationError, match=r"at least 2 nodes, given as \(N, 11\)"):
+    with refused(ConfigurationError, "(N, 11)"):
         Strip(silvermate, np.tile(silvermate.home_q, (count, 1)))
     with pytest.raises(ConfigurationError):
         Strip(silvermate, silvermate.home_q)
@@ -39,18 +41,19 @@ def test_a_strip_has_two_nodes_at_least(silvermate, count):
 def test_faulty_nodes_are_named(silvermate):
     q = np.tile(silvermate.home_q, (5, 1))
     q[3, 6] = np.nan
-    with pytest.raises(ConfigurationError, match=r"strip q\[3, 6\] = nan"):
+    with refused(ConfigurationError, "strip", "[3, 6]"):
         Strip(silvermate, q)
     q = np.tile(silvermate.home_q, (5, 1))
     q[2, 4] = 8.0
-    with pytest.raises(ConfigurationError, match=r"'arm_1_joint' = 8 is outside"):
+    with refused(ConfigurationError, "'arm_1_joint'"):
         Strip(silvermate, q)
     q = np.tile(silvermate.home_q, (5, 1))
     q[1, 2:4] = 0.5, 0.5
-    with pytest.raises(ConfigurationError, match=r"\(cos, sin\)"):
+    with refused(ConfigurationError, "(cos, sin)"):
         Strip(silvermate, q)
 
 
+@each_robot
 def test_coordinate_and_configurations_agree(robot, rng):
     q = random_configurations(robot, rng, 6)
     strip = Strip(robot, q)
@@ -62,6 +65,7 @@ def test_coordinate_and_configurations_agree(robot, rng):
     assert not same.coordinates.flags.writeable
 
 
+@each_robot
 def test_velocities_are_pinocchios_differences(robot, rng):
     q = random_configurations(robot, rng, 6)
     expected = [pin.difference(robot.model, q[j], q[j + 1]) for j in range(5)]
@@ -89,6 +93,7 @@ def test_an_arc_has_no_slip_and_its_own_length(silvermate):
     assert strip.lateral_slip.max() < 1e-12
 
 
+@each_robot
 def test_samples_lie_on_pin_interpolate(robot, rng):
     q = random_configurations(robot, rng, 3)
     strip = Strip(robot, q)

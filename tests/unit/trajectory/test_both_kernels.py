@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each
 from drivable import arcs, limits_of
 
 from elastic_strips.native import kernel, twin
@@ -22,7 +23,7 @@ def _timed(retimer: Retimer, nodes: np.ndarray, **options: object) -> Trajectory
         return str(error)
 
 
-@pytest.mark.parametrize("name", ["silvermate", "rover", "gantry", "tiago"])
+@each("name", ["silvermate", "rover", "gantry", "tiago"])
 def test_motions_are_the_same(name: str, request: pytest.FixtureRequest) -> None:
     robot: RobotModel = request.getfixturevalue(name)
     retimer = Retimer(robot, limits_of(robot))
@@ -53,7 +54,7 @@ def test_motions_are_the_same(name: str, request: pytest.FixtureRequest) -> None
     assert refused or not robot.space.base_nv, "what cannot be driven was among them"
 
 
-@pytest.mark.parametrize("name", ["silvermate", "rover", "gantry"])
+@each("name", ["silvermate", "rover", "gantry"])
 def test_parts_are_the_same(name: str, request: pytest.FixtureRequest) -> None:
     robot: RobotModel = request.getfixturevalue(name)
     limits, rng = limits_of(robot), np.random.default_rng(3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from cases import each
 from drivable import arcs, limits_of, most_used
 
 from elastic_strips.trajectory.retiming import Retimer
@@ -26,7 +26,7 @@ def distance_from_way(stop: Trajectory, way: Trajectory) -> float:
     return worst
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover", "gantry"])
+@each("name", ["silvermate", "tiago", "rover", "gantry"])
 def test_a_stop_on_the_way(name, request):
     robot = request.getfixturevalue(name)
     limits = limits_of(robot)

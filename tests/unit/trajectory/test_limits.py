@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from cases import each, refused
 from drivable import limits_of
 
 from elastic_strips.errors import ParameterError
@@ -68,7 +69,7 @@ def test_omnidirectional_and_fixed_bases(rover, gantry):
     )
     np.testing.assert_array_equal(given.drive_speed, [2.0, 0.5, 1.0])
     np.testing.assert_array_equal(given.joint_speed, 0.5)
-    with pytest.raises(ParameterError, match="three entries"):
+    with refused(ParameterError, "entries"):
         MotionLimits.for_robot(rover, joint_speed=0.5, base_speed=(1.0, 1.0))
     fixed = limits_of(gantry)
     assert fixed.drive_dim == 0
@@ -112,21 +113,21 @@ def test_scaled_and_frozen(silvermate):
     np.testing.assert_allclose(easy.speed, 0.5 * limits.speed)
     np.testing.assert_allclose(easy.acceleration, 0.25 * limits.acceleration)
     assert (easy.track, easy.wheel_radius) == (limits.track, limits.wheel_radius)
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError, "read-only"):
         limits.joint_speed[0] = 9.0
-    with pytest.raises(ParameterError, match="drive_speed"):
+    with refused(ParameterError, "drive_speed"):
         limits.scaled(0.0, 1.0)
 
 
 def test_given_wheels_need_no_description(silvermate, gantry_urdf):
     bare = RobotModel.from_pinocchio(silvermate.model, silvermate.collision_model, base="diff_drive")
-    with pytest.raises(ParameterError, match=r"wheel_speed=.*track=.*wheel_radius="):
+    with refused(ParameterError, "wheel_speed=", "track=", "wheel_radius="):
         MotionLimits.for_robot(bare)
     limits = MotionLimits.for_robot(bare, wheel_speed=0.7, track=0.5, wheel_radius=0.1)
     np.testing.assert_allclose(limits.drive_speed, 0.7)
     assert limits.track == 0.5
     wheelless = load_robot(gantry_urdf, base="diff_drive")
-    with pytest.raises(ParameterError, match=r"no two continuous joints named \*wheel\*"):
+    with refused(ParameterError, "*wheel*"):
         MotionLimits.for_robot(wheelless, joint_speed=1.0)
 
 
@@ -158,7 +159,7 @@ def test_the_radius_of_a_mesh(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
+@each(
     "wheels, match",
     [
         ([PAIR[0]], "no two continuous"),
@@ -178,7 +179,7 @@ def test_wheels_that_leave_a_doubt_are_asked_for(tmp_path, wheels, match):
 
 
 def test_joints_without_a_speed_are_asked_for(gantry):
-    with pytest.raises(ParameterError, match=r"'spin'.*joint_speed="):
+    with refused(ParameterError, "'spin'", "joint_speed="):
         MotionLimits.for_robot(gantry)
     limits = MotionLimits.for_robot(gantry, joint_speed={"spin": 3.0}, joint_acceleration={"bend": 7.0})
     np.testing.assert_array_equal(limits.joint_speed, [3.0 if n == "spin" else 1.0 for n in gantry.joint_names])
@@ -206,7 +207,7 @@ def test_all_that_states_no_speed_is_named_at_once(tmp_path):
     assert "wheel" not in str(problem.value)
 
 
-@pytest.mark.parametrize(
+@each(
     "arguments, match",
     [
         ({"joint_speed": {"spim": 1.0}}, "did you mean 'spin'"),
@@ -222,7 +223,7 @@ def test_wrong_arguments(gantry, arguments, match):
         MotionLimits.for_robot(gantry, **arguments)
 
 
-@pytest.mark.parametrize(
+@each(
     "change, match",
     [
         ({"track": 0.0}, "track"),

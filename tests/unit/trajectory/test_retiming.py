@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import each, each_robot, refused
 from drivable import arcs, distance_from_strip, limits_of, most_used, motor_travel
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -114,7 +115,7 @@ def nodes_ahead(robot: RobotModel, coordinates: np.ndarray, nodes: np.ndarray) -
     return np.vstack([coordinates, nodes[int(np.argmin((gap**2).sum(axis=1))) + 1 :]])
 
 
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_replanning_all_the_way(name, request):
     """Ten times a second, 1 m ahead, with a reserve of acceleration: it gets there, about as fast as in one go."""
     robot = request.getfixturevalue(name)
@@ -150,6 +151,7 @@ def test_replanning_all_the_way(name, request):
     assert failed < 0.05 * tried
 
 
+@each_robot
 def test_a_horizon_ends_at_its_distance(robot):
     limits = limits_of(robot)
     nodes = arcs(robot, 2)
@@ -174,7 +176,7 @@ def test_it_goes_farther_where_it_cannot_stop(silvermate, monkeypatch):
     assert needed <= motion.coordinates[-1, 0] <= 1.35 * needed
     assert len(tried) <= 2, "it begins with the way that it takes to brake"
     np.testing.assert_allclose(motion.v[0], v, atol=1e-12)
-    with pytest.raises(RetimingError, match=r"stop within 0\.3 m and needs 0\.33"):
+    with refused(RetimingError, "0.33"):
         Retimer(silvermate).horizon(straight(silvermate, 0.3), v)
 
 
@@ -233,6 +235,7 @@ def test_turning_in_place_and_driving(silvermate):
     assert np.abs(first.limits.to_drive(first.v[:, :3])).max() > 0.4
 
 
+@each_robot
 def test_joints_only(robot):
     limits = limits_of(robot)
     nodes = np.tile(robot.space.to_coordinates(robot.home_q), (6, 1))
@@ -246,6 +249,7 @@ def test_joints_only(robot):
     )
 
 
+@each_robot
 def test_duplicate_nodes_change_nothing(robot):
     """toppra would add a stop at each."""
     limits = limits_of(robot)
@@ -256,6 +260,7 @@ def test_duplicate_nodes_change_nothing(robot):
     assert len(np.flatnonzero(~doubled.v.any(axis=1))) == len(np.flatnonzero(~plain.v.any(axis=1)))
 
 
+@each_robot
 def test_standing_still(robot):
     limits = limits_of(robot)
     node = robot.space.to_coordinates(robot.home_q)
@@ -267,7 +272,7 @@ def test_standing_still(robot):
             assert motion.duration == pytest.approx(0.01)
         moving = np.zeros(robot.nv)
         moving[-1] = 0.1
-        with pytest.raises(RetimingError, match="has to stop within 0 m"):
+        with refused(RetimingError, "0 m"):
             Retimer(robot, limits).horizon(nodes, moving)
 
 
@@ -301,7 +306,7 @@ def test_yaw_may_pass_pi(silvermate):
     assert np.abs(np.diff(other.coordinates[:, 2])).max() < 0.1
 
 
-@pytest.mark.parametrize(
+@each(
     "arguments, error, match",
     [
         ({"coordinates": np.zeros((3, 4))}, ConfigurationError, r"\(n, 10\)"),
@@ -327,9 +332,9 @@ def test_wrong_arguments(silvermate, arguments, error, match):
 
 
 def test_wrong_limits(silvermate, tiago, gantry):
-    with pytest.raises(ParameterError, match="the limits are for 2 drive coordinates and 8 joints"):
+    with refused(ParameterError, "2 drive coordinates", "8 joints"):
         Retimer(silvermate, limits_of(tiago))
-    with pytest.raises(ParameterError, match="dt"):
+    with refused(ParameterError, "dt"):
         Retimer(silvermate, dt=0.5)
 
 
@@ -343,10 +348,10 @@ def test_a_profile_that_breaks_a_limit_is_never_returned(silvermate, monkeypatch
 
     nodes = arcs(silvermate, 3)
     monkeypatch.setattr(retiming, "fastest", hasty)
-    with pytest.raises(RetimingError, match="of its limit"):
+    with refused(RetimingError, "limit"):
         Retimer(silvermate).horizon(nodes)
     monkeypatch.setattr(retiming, "fastest", lambda *arguments: None)
-    with pytest.raises(RetimingError, match="no profile"):
+    with refused(RetimingError, "profile"):
         Retimer(silvermate).horizon(nodes)
 
 
@@ -377,6 +382,6 @@ def test_who_does_not_insist_tries_the_plain_curve_alone(silvermate, monkeypatch
             tried[insist] += 1
 
         monkeypatch.setattr(retiming, "fastest", none)
-        with pytest.raises(RetimingError, match="no profile"):
+        with refused(RetimingError, "profile"):
             Retimer(silvermate).horizon(straight(silvermate), v, distance=1.0, insist=insist)
     assert tried[False] == 1 < tried[True]

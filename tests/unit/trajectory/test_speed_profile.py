@@ -9,6 +9,7 @@ import pytest
 import toppra
 import toppra.algorithm
 import toppra.constraint
+from cases import each
 from drivable import arcs, limits_of, most_used
 
 from elastic_strips.native import twin
@@ -23,7 +24,7 @@ def straight(length: float, speed: float, acceleration: float, start: float = 0.
     return fastest(grid, ones, zeros, np.full(41, speed**2), np.array([acceleration]), start**2)
 
 
-@pytest.mark.parametrize("length", [1e-4, 0.1, 5.0])
+@each("length", [1e-4, 0.1, 5.0])
 def test_a_straight_way_takes_what_it_has_to(length):
     """Up and down with full acceleration, or up to full speed and down: within the grid's resolution."""
     profile = straight(length, 1.0, 2.0)
@@ -72,8 +73,8 @@ def test_where_a_joint_turns_back_only_the_speed_counts(kernel):
         assert fastest(grid, y1, y2, bound, limits, 0.201) is None
 
 
-@pytest.mark.parametrize("kernel", [nullcontext, twin], ids=["native", "twin"])
-@pytest.mark.parametrize("name", ["silvermate", "tiago", "rover"])
+@each("kernel", [nullcontext, twin], ids=["native", "twin"])
+@each("name", ["silvermate", "tiago", "rover"])
 def test_as_fast_as_toppra(name, kernel, request):
     """Its own algorithm with the same constraints at the same points is no faster."""
     robot = request.getfixturevalue(name)

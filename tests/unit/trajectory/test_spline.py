@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from cases import each
 from scipy.interpolate import BSpline
 
 from elastic_strips.trajectory.path import SHAPES, Curve, greville, shapes
@@ -17,7 +17,7 @@ def example(rng: np.random.Generator, knots: int) -> tuple[Curve, np.ndarray]:
     return Curve.near(places, control), control
 
 
-@pytest.mark.parametrize("knots", [2, 3, 4, 12])
+@each("knots", [2, 3, 4, 12])
 def test_it_is_the_b_spline_of_its_control_points(rng, knots):
     curve, control = example(rng, knots)
     t = np.concatenate([[0.0] * 3, curve.knots, [curve.length] * 3])

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration
+from cases import each, each_robot, refused
 from drivable import arcs, limits_of, motor_travel
 
 from elastic_strips.errors import ParameterError
@@ -15,12 +16,13 @@ from elastic_strips.trajectory.retiming import Retimer
 from elastic_strips.trajectory.trajectory import Trajectory
 
 
-@pytest.fixture
-def motion(robot) -> Trajectory:
+def motion_of(robot) -> Trajectory:
     return Retimer(robot, limits_of(robot)).horizon(arcs(robot, 5), distance=1.5, start_time=3.0)
 
 
-def test_references_lie_on_the_arcs(robot, motion, rng):
+@each_robot
+def test_references_lie_on_the_arcs(robot, rng):
+    motion = motion_of(robot)
     for t in rng.uniform(motion.start_time, motion.end_time, 20):
         i = int(np.searchsorted(motion.time, t, side="right")) - 1
         s = (t - motion.time[i]) / (motion.time[i + 1] - motion.time[i])
@@ -32,7 +34,9 @@ def test_references_lie_on_the_arcs(robot, motion, rng):
         np.testing.assert_allclose(state.a, (1 - s) * motion.a[i] + s * motion.a[i + 1], atol=1e-12)
 
 
-def test_before_the_start_and_after_the_end(motion):
+@each_robot
+def test_before_the_start_and_after_the_end(robot):
+    motion = motion_of(robot)
     before, after = motion.at(motion.start_time - 1.0), motion.at(motion.end_time + 1.0)
     np.testing.assert_array_equal(before.coordinates, motion.coordinates[0])
     np.testing.assert_array_equal(before.a, motion.a[0])
@@ -44,8 +48,10 @@ def test_before_the_start_and_after_the_end(motion):
     np.testing.assert_array_equal(motion.at(motion.time[7]).coordinates, motion.coordinates[7])
 
 
-def test_who_interpolates_the_values_goes_the_way_of_the_references(motion):
+@each_robot
+def test_who_interpolates_the_values_goes_the_way_of_the_references(robot):
     """Also where a yaw was given wrapped: the values of two samples are less than half a turn apart."""
+    motion = motion_of(robot)
     turning = motion.robot.space.turning
     wrapped = motion.coordinates.copy()
     shift = np.pi - motion.coordinates[len(motion) // 2]  # so that the angles pass over half a turn on the way
@@ -57,7 +63,9 @@ def test_who_interpolates_the_values_goes_the_way_of_the_references(motion):
         np.testing.assert_allclose(again.at(float(t)).coordinates[turning], values, atol=1e-9)
 
 
-def test_many_references_at_once(motion):
+@each_robot
+def test_many_references_at_once(robot):
+    motion = motion_of(robot)
     times = np.linspace(motion.start_time - 0.5, motion.end_time + 0.5, 40)
     expected = [motion.at(float(t)).coordinates for t in times]
     np.testing.assert_allclose(motion.coordinates_at(times), expected, rtol=0.0, atol=1e-12)
@@ -65,7 +73,9 @@ def test_many_references_at_once(motion):
     np.testing.assert_allclose(early.coordinates_at(early.time), early.coordinates, rtol=0.0, atol=1e-12)
 
 
-def test_what_a_tail_keeps(robot, motion, rng):
+@each_robot
+def test_what_a_tail_keeps(robot, rng):
+    motion = motion_of(robot)
     t = motion.start_time + 0.4 * motion.duration
     tail = motion.tail(t)
     assert tail.start_time == t
@@ -86,14 +96,18 @@ def test_what_a_tail_keeps(robot, motion, rng):
     assert not over.v.any()
 
 
-def test_the_samples_as_a_strip(robot, motion):
+@each_robot
+def test_the_samples_as_a_strip(robot):
+    motion = motion_of(robot)
     strip = motion.strip()
     assert strip.robot is robot
     np.testing.assert_array_equal(strip.coordinates, motion.coordinates)
     np.testing.assert_array_equal(strip.q, motion.q)
 
 
-def test_speeds_of_base_and_wheels(robot, motion):
+@each_robot
+def test_speeds_of_base_and_wheels(robot):
+    motion = motion_of(robot)
     assert len(motion) == len(motion.time)
     limits = motion.limits
     np.testing.assert_allclose(limits.to_coordinates(motion.v), motor_travel(robot, limits, motion.v), atol=1e-14)
@@ -110,9 +124,11 @@ def test_backwards_is_negative(silvermate):
     assert motion.v[:, 0].max() <= 0.0
 
 
-def test_it_is_a_frozen_copy(silvermate, motion):
+@each_robot
+def test_it_is_a_frozen_copy(robot, silvermate):
+    motion = motion_of(robot)
     for name in ("time", "coordinates", "v", "a", "q", "steps"):
-        with pytest.raises(ValueError, match="read-only"):
+        with refused(ValueError, "read-only"):
             getattr(motion, name)[0] = 0.0
     rows = np.zeros((3, silvermate.nv))
     own = Trajectory(silvermate, limits_of(silvermate), np.arange(3.0), rows, rows, rows)
@@ -120,13 +136,15 @@ def test_it_is_a_frozen_copy(silvermate, motion):
     assert not own.coordinates.any()
 
 
-def test_rest_at_the_end(silvermate, motion):
+@each_robot
+def test_rest_at_the_end(robot, silvermate):
+    motion = motion_of(robot)
     assert motion.at_rest_at_end
     rows = np.zeros((3, silvermate.nv))
     assert not Trajectory(silvermate, limits_of(silvermate), np.arange(3.0), rows, rows + 1e-3, rows).at_rest_at_end
 
 
-@pytest.mark.parametrize(
+@each(
     "change, match",
     [
         ({"time": [0.0]}, "at least 2 samples"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +14,7 @@ from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Capsule, Cone, ConvexHull, Cylinder, Mesh, Points, Scene, Sphere, Twist, Voxels
 from elastic_strips.strip import Strip
 from elastic_strips.strip.report import DeformStatus
+from elastic_strips.viewer.browser import Browser
 
 
 @pytest.fixture(scope="session")
@@ -66,3 +70,24 @@ def make_report(robot):
         return SimpleNamespace(**(fields | changes))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def browser(chromium: str) -> Iterator[Browser]:
+    """One for all tests that look at a page."""
+    with Browser(size=(640, 400)) as browser:
+        yield browser
+
+
+@pytest.fixture
+def look(browser: Browser) -> Callable[[str | Path, str], tuple[object, np.ndarray]]:
+    """Draw a page; return what it says about itself, and the picture as an array."""
+    from PIL import Image
+
+    def look(page: str | Path, script: str) -> tuple[object, np.ndarray]:
+        browser.open(page)
+        state = browser.evaluate(script)
+        assert browser.errors == []
+        return state, np.asarray(Image.open(BytesIO(browser.picture())).convert("RGB")).astype(int)
+
+    return look

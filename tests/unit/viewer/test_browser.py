@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,6 @@ from elastic_strips.robot import load_robot
 from elastic_strips.viewer import Viewer
 
 SCREENSHOT = Path(__file__).parents[3] / "scripts" / "screenshot"
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 STATE = """new Promise((done) => setTimeout(() => done({
   calls: viewer.renderer.info.render.calls,
   card: document.getElementById("es-card").innerText,
@@ -25,11 +23,6 @@ STATE = """new Promise((done) => setTimeout(() => done({
   playing: animator.playing, duration: animator.duration,
 }), 1500))"""
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not any(shutil.which(b) for b in BROWSERS), reason="no chromium"),
-]
-
 
 @pytest.fixture(scope="module")
 def robot():
@@ -37,8 +30,8 @@ def robot():
     return load_robot("bridge-arm")
 
 
-def look(page, picture):
-    """Draw a page; return what the page says about itself and the picture as an array."""
+def shot(page, picture):
+    """Draw a page by the script; return what the page says about itself and the picture as an array."""
     from PIL import Image
 
     command = [sys.executable, SCREENSHOT, str(page), str(picture), "--size", "640x400", "--script", STATE]
@@ -60,25 +53,24 @@ def check(state, picture):
     assert (red > 40).sum() > 200  # obstacles
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("chromium")
 def test_a_live_page(robot, scene, make_report, tmp_path):
     with Viewer() as viewer:
         viewer.show(robot, scene, make_report())
         for k in range(20):
             viewer.update(make_report(shift=0.01 * k), scene.at(0.05 * k))
-        state, picture = look(viewer.url, tmp_path / "live.png")
+        state, picture = shot(viewer.url, tmp_path / "live.png")
         assert viewer.alive
     check(state, picture)
     assert "0.95 s" in state["card"]
     assert not state["playing"]
 
 
-@pytest.mark.slow
-def test_a_saved_page_that_plays(robot, scene, make_report, tmp_path):
+def test_a_saved_page_that_plays(robot, scene, make_report, tmp_path, look):
     with Viewer(server=False) as viewer:
         viewer.animate(robot, scene, make_report(), 5.0)
         page = viewer.save_html(tmp_path / "play.html")
-    state, picture = look(page, tmp_path / "play.png")
+    state, picture = look(page, STATE)
     check(state, picture)
     assert state["playing"]
     assert state["duration"] == pytest.approx(5.0, abs=0.1)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import shutil
 from io import BytesIO
 
 import numpy as np
 import pytest
+from cases import refused
 
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.robot import load_robot
 from elastic_strips.viewer import BrowserError, Viewer
-from elastic_strips.viewer.browser import NAMES
 from elastic_strips.viewer.film import film_writer
 
 imageio = pytest.importorskip("imageio.v3")
-chromium = pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no chromium")
 
 
 @pytest.fixture
@@ -26,18 +24,14 @@ def viewer(scene):
         yield viewer.animate(robot, scene, path, 1.0)
 
 
-@chromium
-@pytest.mark.browser
-@pytest.mark.slow
+@pytest.mark.usefixtures("chromium")
 def test_a_picture_of_a_moment(viewer, tmp_path):
     pictures = [imageio.imread(viewer.save_png(tmp_path / f"{t}.png", size=(480, 300), time=t)) for t in (0.0, 0.9)]
     assert pictures[0].shape[:2] == (300, 480)
     assert np.abs(pictures[0].astype(int) - pictures[1]).max() > 100  # the robot is elsewhere
 
 
-@chromium
-@pytest.mark.browser
-@pytest.mark.slow
+@pytest.mark.usefixtures("chromium")
 @pytest.mark.parametrize("ending", ["gif", "mp4"])
 def test_a_film_has_its_pictures_and_its_speed(viewer, tmp_path, ending):
     if ending == "mp4":
@@ -51,21 +45,19 @@ def test_a_film_has_its_pictures_and_its_speed(viewer, tmp_path, ending):
 
 
 def test_wrong_files_and_speeds_are_said_before_anything_is_drawn(viewer, tmp_path):
-    with pytest.raises(InputError, match=r"ends in \.gif, \.mp4, \.webm"):
+    with refused(InputError, "mp4"):
         viewer.save_film(tmp_path / "film.avi")
-    with pytest.raises(ParameterError, match="fps"):
+    with refused(ParameterError, "fps"):
         viewer.save_film(tmp_path / "film.gif", fps=0.0)
-    with pytest.raises(InputError, match=r"ends in \.png"):
+    with refused(InputError, ".png"):
         viewer.save_png(tmp_path / "picture.gif")
-    with pytest.raises(InputError, match="nowhere"):
+    with refused(InputError, "nowhere"):
         viewer.save_png(tmp_path / "nowhere" / "x.png")
 
 
-@chromium
-@pytest.mark.browser
-@pytest.mark.slow
+@pytest.mark.usefixtures("chromium")
 def test_nothing_plays(scene, make_report, robot, tmp_path):
-    with Viewer(server=False) as viewer, pytest.raises(InputError, match="nothing plays"):
+    with Viewer(server=False) as viewer, refused(InputError, "plays"):
         viewer.show(robot, scene, make_report()).save_film(tmp_path / "film.gif")
     assert not (tmp_path / "film.gif").exists()
 
@@ -73,7 +65,7 @@ def test_nothing_plays(scene, make_report, robot, tmp_path):
 def test_without_a_chromium_the_message_says_how_to_get_one(viewer, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("CHROMIUM", "")
-    with pytest.raises(BrowserError, match="apt-get install chromium"):
+    with refused(BrowserError, "chromium"):
         viewer.save_png(tmp_path / "x.png")
 
 

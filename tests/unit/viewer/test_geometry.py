@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from cases import each
 
 from elastic_strips.robot import load_robot
 from elastic_strips.viewer import geometry
@@ -114,8 +115,8 @@ def test_ribbon_follows_the_arc(robot):
     assert geometry.ribbon(robot.space, robot.space.to_coordinates(q[[0, 0]]), np.ones((1, 3))) is None
 
 
-@pytest.mark.parametrize("count", [1, 2, 7])
-@pytest.mark.parametrize("nodes", [1, 2, 3, 8, 200])
+@each("count", [1, 2, 7])
+@each("nodes", [1, 2, 3, 8, 200])
 def test_spaced_ends_with_the_goal(count, nodes):
     points = np.zeros((nodes, 2, 3))
     points[:, :, 0] = np.linspace(0, 1, nodes)[:, None] ** 2
@@ -135,9 +136,7 @@ def test_distinct_rows_are_those_that_numpy_finds(spread):
     np.testing.assert_array_equal(found[1], inverse.reshape(-1))
 
 
-@pytest.mark.parametrize(
-    "shape", ['<box size="0.6 0.06 0.06"/>', '<sphere radius="0.2"/>', '<mesh filename="flat.stl"/>']
-)
+@each("shape", ['<box size="0.6 0.06 0.06"/>', '<sphere radius="0.2"/>', '<mesh filename="flat.stl"/>'])
 def test_links_that_no_collision_shape_covers_are_hatched(tmp_path, shape):
     flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
     flat.export(tmp_path / "flat.stl")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pytest
+from cases import each
 
 from elastic_strips.viewer import geometry
 
@@ -14,7 +15,7 @@ def volume(mesh: geometry.MeshData) -> float:
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
-@pytest.mark.parametrize(
+@each(
     ("shape", "expected", "tolerance"),
     [
         (coal.Box(0.4, 0.6, 0.8), 0.192, 1e-5),

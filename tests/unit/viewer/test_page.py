@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import http.client
 import http.server
-import shutil
 import threading
 import time
 from functools import partial
@@ -16,9 +15,7 @@ from elastic_strips.planning import plan
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene, Sphere
 from elastic_strips.viewer import LiveStrip, Viewer, geometry
-from elastic_strips.viewer.browser import NAMES
 
-CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage")
 PLACE = """(name) => {
   viewer.render();
@@ -32,12 +29,6 @@ GOAL = """() => {
   return [(at.x + 1) / 2 * innerWidth, (1 - at.y) / 2 * innerHeight];
 }"""
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium"),
-]
-
 
 def wait(condition, patience=60.0):
     end = time.monotonic() + patience
@@ -47,11 +38,12 @@ def wait(condition, patience=60.0):
 
 
 @pytest.fixture(scope="module")
-def browser():
+def browser(chromium):
+    """One for these tests alone: while Playwright's is open, nobody else can run an event loop in this thread."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        browser = playwright.chromium.launch(executable_path=chromium, args=list(ARGUMENTS))
         yield browser
         browser.close()
 

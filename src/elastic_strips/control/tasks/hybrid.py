@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor as Workers
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
-from elastic_strips.control.controller import KEPT_EVENTS, Controller
+from elastic_strips.control.controller import Controller, ControllerOptions
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.params import DriveParams
-from elastic_strips.control.replanning import Replanner, standing
+from elastic_strips.control.replanning import Replanned, Replanner, standing
 from elastic_strips.control.strip_timer import PlanOutcome, PlanResult
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Strip
 from elastic_strips.strip.constraint import ConstraintForce, OrientationConstraint
 from elastic_strips.strip.report import DeformReport
-from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import check_able, check_count, check_type, shown
 
 from .sequencing import Blackboard, Order, SequencingLayer
 from .tasks import DeliberativeLayer, DriveAndReach, DriveTo, ReachHand, Task, TaskPlan
 
-_LONGEST = 8
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+_MOST_RETRY_GROWTH = 8
 """Largest factor by which the time between attempts to resume grows."""
 
 
@@ -60,7 +61,7 @@ class ConstraintMonitor:
         retry: ticks from then to the next attempt; twice as many after every failed one.
 
     Attributes:
-        state, reason: of the constraint.
+        state, reason: state of the constraint, and why.
         events: their changes.
     """
 
@@ -83,7 +84,7 @@ class ConstraintMonitor:
 
         Args:
             t: time [s].
-            report: of the deformer with the constraint.
+            report: the report of the deformer with the constraint.
 
         Raises:
             ParameterError: the report is of a deformer without a constraint.
@@ -113,7 +114,7 @@ class ConstraintMonitor:
                 else f"the strip is broken: {report.certificate.broken}"
             )
             if self.state is ConstraintState.TRYING and any(e.state is ConstraintState.SUSPENDED for e in self.events):
-                self._wait = min(2 * self._wait, _LONGEST * self.retry)
+                self._wait = min(2 * self._wait, _MOST_RETRY_GROWTH * self.retry)
             self._enter(t, ConstraintState.SUSPENDED, reason)
         return self.state
 
@@ -132,23 +133,16 @@ class PathService(Replanner):
         attempts: paths requested since the last goal.
     """
 
-    pending: bool
-    due: float
-
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
         super().__init__(robot, params, seed=seed, grid=grid)
         self.trouble: str = ""
         self.attempts: int = 0
         self._requested = False
 
-    def plan(
-        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
-    ) -> PlanReport:
-        """The first path of a step; see :meth:`Replanner.plan`."""
-        report = super().plan(scene, start, goal, path=path)
+    def begin(self, report: PlanReport) -> None:
+        """Told of the first path of a step; see :meth:`Replanner.begin`."""
         self.attempts, self._requested = 0, False
         self.trouble = "" if report.certified else report.reason
-        return report
 
     def request(self) -> None:
         """Request another path."""
@@ -164,20 +158,15 @@ class PathService(Replanner):
             self.trouble = ""
         if not self._requested:
             return ""
-        self._requested, self.pending, self.due = False, True, t + self.params.replan_time
+        self._requested = False
+        self.demand(t + self.params.replan_time)
         return self.trouble
 
-    def plan_anew(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> tuple[Strip | None, str]:
-        """Another path; see :meth:`Replanner.plan_anew`."""
-        strip, reason = super().plan_anew(scene, start, goal)
+    def take(self, found: Replanned) -> None:
+        """Told of another path; see :meth:`Replanner.take`."""
+        super().take(found)
         self.attempts += 1
-        self.trouble = "" if strip is not None else reason
-        return strip, reason
-
-    def discard(self) -> None:
-        """The last path is not used; see :meth:`Replanner.discard`."""
-        super().discard()
-        self.attempts -= 1
+        self.trouble = "" if found.strip is not None else found.reason
 
 
 def deliberate(
@@ -194,10 +183,10 @@ def deliberate(
     Args:
         robot: the robot.
         start: configuration (nq,).
-        task: to be done.
+        task: the task to do.
         scene: known obstacles; moving ones are ignored.
-        params: of the drive: goals keep a little more than its clearance.
-        seed: of the search for goals.
+        params: parameters of the drive: goals keep a little more than its clearance.
+        seed: seed of the search for goals.
 
     Returns:
         The plan; without steps where the task cannot be done, with the reason.
@@ -224,18 +213,18 @@ class HybridControl(Controller):
     Args:
         robot: the robot.
         start: configuration (nq,).
-        plan: of the deliberative layer; at least one step.
+        plan: plan of the deliberative layer; at least one step.
         scene: obstacles known before the first step; none where None.
         keep: constraint on the strip; suspended while it cannot be satisfied.
-        params: of the drive.
-        seed: of the planner.
+        params: parameters of the drive.
+        seed: seed of the planner.
         look: called after every planning tick, with this control.
-        limits, strip, path, workers, meter, events: of the :class:`Controller`.
+        **options: of the :class:`Controller`: limits, strip, path, workers, meter, events.
 
     Attributes:
         paths: plans paths when the sequencing layer requests them.
         sequencing: the layer.
-        constraint_monitor: of the constraint, or None.
+        constraint_monitor: monitor of the constraint, or None.
         orders: (time [s], order, reason) of the sequencing layer, at every change.
 
     Raises:
@@ -254,12 +243,7 @@ class HybridControl(Controller):
         params: DriveParams | None = None,
         seed: int = 0,
         look: Callable[[HybridControl], object] | None = None,
-        limits: MotionLimits | None = None,
-        strip: Strip | None = None,
-        path: npt.ArrayLike | None = None,
-        workers: Workers | None = None,
-        meter: Callable[[], float] | None = None,
-        events: int | None = KEPT_EVENTS,
+        **options: Unpack[ControllerOptions],
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
         check_type("keep", keep, OrientationConstraint, none=True)
@@ -274,10 +258,7 @@ class HybridControl(Controller):
         )
         self.paths: PathService = PathService(robot, params, seed=seed, grid=robot.space.planar)
         goals = [s.q for s in plan.steps]
-        super().__init__(
-            robot, start, goals, scene, params=params, limits=limits, strip=strip, path=path, replanner=self.paths,
-            workers=workers, seed=seed, events=events, meter=meter,
-        )  # fmt: skip
+        super().__init__(robot, start, goals, scene, params=params, replanner=self.paths, seed=seed, **options)
         force = self.planner.deformer.constraint
         self.constraint_monitor: ConstraintMonitor | None = None if force is None else ConstraintMonitor(force)
         self.orders: list[tuple[float, Order, str]] = []

@@ -35,7 +35,7 @@ class Blackboard:
     """Inputs of the sequencing layer in a tick.
 
     Attributes:
-        scene_age: of the newest scene [s].
+        scene_age: age of the newest scene [s].
         localized: whether the robot is localized.
         trouble: why the strip cannot be followed; empty where it can.
         planning: whether a requested path is being planned.
@@ -60,7 +60,7 @@ class SequencingLayer:
         max_attempts: paths that are requested in one step before the task is given up.
 
     Attributes:
-        order, reason: of the last tick.
+        order, reason: order of the last tick, and why.
 
     Raises:
         ParameterError: no step, or no attempt.

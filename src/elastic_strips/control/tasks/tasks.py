@@ -28,7 +28,8 @@ class DriveTo(Checked):
     """Drive the base to a pose, with the arm as it is.
 
     Attributes:
-        x, y: [m]; yaw: [rad], in the world.
+        x, y: place of the base in the world [m].
+        yaw: its heading in the world [rad].
     """
 
     x: Finite
@@ -44,9 +45,9 @@ class ReachHand:
     """Bring a frame of the robot to a pose; the base moves where the arm alone does not reach.
 
     Attributes:
-        position: (x, y, z) in the world [m].
-        quaternion: (x, y, z, w) of the frame in the world; None leaves its orientation free.
-        frame: of the robot.
+        position: (x, y, z) position in the world [m].
+        quaternion: (x, y, z, w) orientation of the frame in the world; None leaves it free.
+        frame: frame of the robot.
     """
 
     position: tuple[float, float, float]
@@ -68,7 +69,7 @@ class ReachHand:
 
 @dataclass(frozen=True, slots=True)
 class DriveAndReach(Checked):
-    """Both at once: the base at a pose, the hand at another; one goal for the whole body."""
+    """Bring the base to a pose and the hand to another one: one goal for the whole body."""
 
     drive: DriveTo
     reach: ReachHand
@@ -111,7 +112,7 @@ class TaskStep(Summary):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TaskPlan(Summary):
-    """Steps of a task, none where it cannot be done, and the reason."""
+    """Steps of a task, or no steps where it cannot be done, and the reason."""
 
     task: Task
     steps: tuple[TaskStep, ...]
@@ -123,7 +124,7 @@ class DeliberativeLayer:
 
     Args:
         robot: the robot.
-        seed: of the search for goals.
+        seed: seed of the search for goals.
         margin: distance that goals keep to obstacles [m].
     """
 
@@ -136,7 +137,7 @@ class DeliberativeLayer:
         """Decompose a task into steps.
 
         Args:
-            task: to be done.
+            task: the task to do.
             q: (nq,) present configuration.
             scene: static obstacles.
 
@@ -182,9 +183,7 @@ class DeliberativeLayer:
 
     def _reaching(self, scene: Scene, q: Array, task: ReachHand, *, base: bool) -> GoalSearch:
         goal = HandPose(task.frame, task.position, task.quaternion)
-        return find_goals(
-            self.robot, scene, q, goal, count=_MOST_GOALS, seed=self.seed, params=self._params, base=base
-        )  # fmt: skip
+        return find_goals(self.robot, scene, q, goal, count=_MOST_GOALS, seed=self.seed, params=self._params, base=base)
 
     def _driven(self, q: Array, drive: DriveTo) -> Array:
         row = self.robot.space.to_coordinates(q)

@@ -36,10 +36,10 @@ class Tree:
     """The steps in sequence: each is done where the robot is there, else the robot goes there.
 
     Args:
-        steps: name of each, in order, and the condition that the robot is there.
-        conditions: name and condition of what has to hold before the strip can be followed.
+        steps: name of each step, in order, and the condition that the robot is there.
+        conditions: names and conditions that have to hold before the strip can be followed.
         usable: condition that there is a strip to follow.
-        request: action where there is none.
+        request: action where there is no such strip.
         follow: action where there is one.
     """
 

@@ -1,4 +1,4 @@
 """Classes of paths: on which sides of the obstacles the base passes, and strips on several sides at once.
 
-The room's package exports what users need of it.
+The package ``planning`` exports the names that users need.
 """

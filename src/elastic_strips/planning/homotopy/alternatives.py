@@ -19,7 +19,7 @@ from .classes import ClusterMap, HomotopyClass, cluster_map, homotopy_class, hom
 _log = logging.getLogger(__name__)
 _NO_CLEARANCE_COST = 1.0  # [m] of a strip without any clearance
 _FURTHER_TICKS = 12  # most ticks that a certified strip gets to become short and clear
-_MARGINS = (0.04, 0.02, 0.01, 0.005)
+_SEARCH_MARGINS = (0.04, 0.02, 0.01, 0.005)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -27,10 +27,11 @@ class Alternative(Summary):
     """One certified strip among others.
 
     Attributes:
-        strip: the strip; report: the deformation report that certifies it.
+        strip: the strip.
+        report: the deformation report that certifies it.
         homotopy_class: its class among the clusters of obstacles.
         method: ``"path"``, ``"line"``, ``"grid"`` or ``"ompl"``.
-        length: of the base's path [m]; of the joints' path [rad] for a fixed base.
+        length: length of the base's path [m]; for a fixed base that of the joints' path [rad].
         cost: see :func:`strip_cost`.
     """
 
@@ -48,13 +49,17 @@ class Alternative(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "homotopy_class": self.homotopy_class, "method": self.method, "length": f"{self.length:.3f} m",
-            "clearance": f"{self.clearance:.3f} m", "cost": self.cost, "nodes": len(self.strip),
-        }  # fmt: skip
+            "homotopy_class": self.homotopy_class,
+            "method": self.method,
+            "length": f"{self.length:.3f} m",
+            "clearance": f"{self.clearance:.3f} m",
+            "cost": self.cost,
+            "nodes": len(self.strip),
+        }
 
 
 def strip_cost(report: DeformReport, params: DeformParams) -> float:
-    """What a strip costs [m]: its length, and up to 1 m more the less of the influence distance it keeps clear."""
+    """Cost of a strip [m]: its length, and up to 1 m more the less of the influence distance it keeps clear."""
     return report.strip.length + _NO_CLEARANCE_COST * max(0.0, 1.0 - report.node_clearance / params.influence)
 
 
@@ -66,34 +71,44 @@ def base_path(strip: Strip) -> Array:
 class AlternativesSearch(PathSearch):
     """Workspace: looks for certified strips of different classes.
 
-    The straight line is relaxed, paths over a grid that differ in class, and paths of OMPL with other seeds where they
-    were not enough. What relaxes into a class that is there already replaces it where it is cheaper.
+    It relaxes the straight line, paths over a grid that differ in class, and paths of OMPL with other seeds where these
+    were not enough. A strip that relaxes into a known class replaces the strip there if it is cheaper.
 
     Args:
         problem: start, goal, scene, time and bounds.
-        count: so many strips at most.
-        without: classes among ``clusters`` that are not wanted, because they are there already.
-        clusters: of the scene, about start and goal; found where None.
-        ompl_attempts: most calls of OMPL.
+        count: largest number of strips.
+        without: classes among ``clusters`` that are not wanted, because the caller has them already.
+        clusters: clusters of the scene, about start and goal; found where None.
+        ompl_attempts: largest number of calls of OMPL.
         line: whether the straight line gets ticks, or is looked at as it is.
         given: rows (N, nv) to relax first, or None.
         grid: whether paths over a grid are looked for.
         watch: called with every tick's report.
 
     Attributes:
-        found: class → its cheapest strip; initial: class → what that was relaxed from.
-        clusters: of obstacles, among which the classes are.
-        best: the clearest report of what was not certified, and what it was relaxed from.
-        attempts: paths that were relaxed; ticks: that this took.
+        found: class → its cheapest strip.
+        initial: class → the strip that this was relaxed from.
+        clusters: clusters of obstacles, among which the classes are.
+        best: the clearest report without a certificate, and the strip that it was relaxed from.
+        attempts: number of paths that were relaxed.
+        ticks: number of ticks that this took.
         timings: seconds by phase: line, planner, relaxation.
-        reason: how many there are, and why not more, for people.
+        reason: how many strips there are, and why not more, in words.
     """
 
     def __init__(
-        self, problem: PlanningProblem, count: int, *, without: Collection[HomotopyClass] = (),
-        clusters: ClusterMap | None = None, ompl_attempts: int = 3, line: bool = True,
-        given: Array | None = None, grid: bool = True, watch: Callable[[DeformReport], object] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        problem: PlanningProblem,
+        count: int,
+        *,
+        without: Collection[HomotopyClass] = (),
+        clusters: ClusterMap | None = None,
+        ompl_attempts: int = 3,
+        line: bool = True,
+        given: Array | None = None,
+        grid: bool = True,
+        watch: Callable[[DeformReport], object] | None = None,
+    ) -> None:
         super().__init__(problem, watch)
         self._count, self._line, self._grid = count, line, grid
         self._without, self._ompl_attempts, self._given = frozenset(without), ompl_attempts, given
@@ -159,7 +174,7 @@ class AlternativesSearch(PathSearch):
         for attempt in range(self._ompl_attempts):
             if hopeless or self._over():
                 return
-            margin = _MARGINS[min(attempt, len(_MARGINS) - 1)]
+            margin = _SEARCH_MARGINS[min(attempt, len(_SEARCH_MARGINS) - 1)]
             box = region.box(2.0 * 1.6**attempt) if region else None
             path = self.ompl(attempt, margin, 1.0, box, self.problem.deadline)
             if path.rows is None:
@@ -175,7 +190,7 @@ class AlternativesSearch(PathSearch):
         return self._add(*self.relax_rows(rows, STUCK_TICKS), method, what)
 
     def _add(self, strip: Strip, report: DeformReport, method: str, what: str) -> bool:
-        """Take in what a strip was relaxed to; whether that is certified."""
+        """Take in the strip that another one was relaxed to; whether it is certified."""
         problem = self.problem
         self.attempts += 1
         if report.usable:
@@ -198,7 +213,7 @@ class AlternativesSearch(PathSearch):
         return True
 
     def _shortened(self, report: DeformReport) -> DeformReport:
-        """A few ticks more, as long as they keep the strip usable and are of use."""
+        """A few ticks more, as long as they keep the strip usable and improve it."""
         problem = self.problem
         for _ in range(_FURTHER_TICKS):
             further = problem.deformer.step(report.strip, problem.scene)

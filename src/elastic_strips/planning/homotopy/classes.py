@@ -16,8 +16,8 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning.grid_path import (
-    COMFORT,
-    FLOOR,
+    COMFORTABLE_CLEARANCE,
+    DRIVEN_OVER_HEIGHT,
     MOST_CELLS,
     box_about,
     cell_cost,
@@ -42,10 +42,10 @@ class ObstacleCluster:
     """Obstacles that the base cannot pass between.
 
     Attributes:
-        name: of the cluster, after its obstacles; unique among the clusters of a map.
+        name: name of the cluster, after its obstacles; unique among the clusters of a map.
         obstacles: names of the obstacles.
         at: (2,) a point [m] well inside it.
-        area: that the base's centre cannot enter [m²].
+        area: area that the base's centre cannot enter [m²].
     """
 
     name: str
@@ -84,7 +84,7 @@ def cluster_map(
 ) -> ClusterMap:
     """The clusters of a scene about ``points``, on a grid.
 
-    What is above the robot in its home posture, or on the floor below 2 cm, does not count: the robot passes under or
+    Obstacles above the robot in its home posture, or on the floor below 2 cm, do not count: the robot passes under or
     over it.
 
     Args:
@@ -92,7 +92,7 @@ def cluster_map(
         scene: the obstacles, as they stand.
         points: (K, 2) positions of the base that the grid has to hold [m].
         box: low and high corner (2,) of the grid [m]; it holds the points, and reaches 3 m beyond them where None.
-        over: says whether the time is over; then there are no clusters.
+        over: a function that says whether the time is over; then there are no clusters.
 
     Raises:
         ParameterError: a fixed base, or points of another shape or not finite.
@@ -141,7 +141,7 @@ def single_obstacles(robot: RobotModel, scene: Scene) -> tuple[ObstacleCluster, 
     for k, name in enumerate(scene.names):
         rows = slice(int(table.offsets[k]), int(table.offsets[k + 1]))
         low, high = table.center[rows] - table.half_extents[rows], table.center[rows] + table.half_extents[rows]
-        if len(low) and low[:, 2].min() < height and high[:, 2].max() > FLOOR:
+        if len(low) and low[:, 2].min() < height and high[:, 2].max() > DRIVEN_OVER_HEIGHT:
             corner, other = low.min(axis=0)[:2], high.max(axis=0)[:2]
             found.append(ObstacleCluster(name, (name,), 0.5 * (corner + other), float(np.prod(other - corner))))
     return tuple(found)
@@ -183,7 +183,7 @@ def separating_obstacles(
 
     Returns:
         cluster → ``"left"`` or ``"right"``, seen along the path; the other path passes on the other side. A cluster
-        that the paths together surround more than once, or in both senses, is there by its total.
+        that the paths together surround more than once, or in both senses, counts by its total.
     """
     a, b = _points(one, least=2), _points(other, least=2)
     loop = np.vstack((a, b[::-1], a[:1]))
@@ -209,7 +209,8 @@ class HomotopyPath:
     """A path of the base from start to goal, of one class.
 
     Attributes:
-        points: (K, 2) waypoints [m]; cost: the grid's, in metres of open floor.
+        points: (K, 2) waypoints [m].
+        cost: its cost on the grid, in metres of open floor.
         homotopy_class: its class among the clusters of the map.
     """
 
@@ -231,8 +232,8 @@ def homotopy_paths(
         robot: the robot; its base must move.
         scene: the obstacles, standing still.
         start, goal: configurations (nq,).
-        count: so many at most.
-        clusters: of the scene, about start and goal; found where None.
+        count: largest number of paths.
+        clusters: clusters of the scene, about start and goal; found where None.
     """
     from scipy.sparse.csgraph import dijkstra  # late: slow to import
 
@@ -241,7 +242,7 @@ def homotopy_paths(
     resolution = clusters.resolution
     shape = np.array(clusters.clear.shape)
     cells = np.clip(np.rint((endpoints - clusters.low) / resolution).astype(int), 0, shape - 1)
-    cost = cell_cost(clusters.clear, clusters.inner, COMFORT, cells, resolution)
+    cost = cell_cost(clusters.clear, clusters.inner, COMFORTABLE_CLEARANCE, cells, resolution)
     graph = cell_graph(cost)
     first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
     come, before = dijkstra(graph, indices=[first, last], return_predecessors=True)
@@ -297,7 +298,7 @@ def _crossings(a: Indices, b: Indices, heights: Indices) -> Indices:
 def _summed(before: Indices, heights: Indices) -> Indices:
     """(cells,) for each cell the signed sum of the numbers of the rays that the tree's path to it crosses.
 
-    Equal sums mean equal numbers of crossings of each ray, but for a chance that does not matter.
+    Equal sums mean equal numbers of crossings of each ray, except by a negligible chance.
     """
     cell = np.arange(len(before))
     before = np.where(before < 0, cell, before)

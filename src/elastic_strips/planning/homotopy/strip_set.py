@@ -1,4 +1,4 @@
-"""Strip sets: strips on different sides of the obstacles, deformed side by side; which to follow, and why."""
+"""Strip sets: strips on different sides of the obstacles, deformed side by side; which one to follow, and why."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive, Whole, check_count
 
 from .alternatives import Alternative, AlternativesSearch, base_path, strip_cost
-from .classes import cluster_map, homotopy_class, separating_obstacles, single_obstacles
+from .classes import ClusterMap, cluster_map, homotopy_class, separating_obstacles, single_obstacles
 
 _log = logging.getLogger(__name__)
-_LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre
-_NEAR = 0.03  # [m] a node that is so near the robot is left out
+_ANGLE_LEVER = 0.25  # [m/rad] how much a radian, of the base or a joint, counts against a metre
+_LEFT_OUT_DISTANCE = 0.03  # [m] a node that is so near the robot is left out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,16 +34,16 @@ class StripSetParams(Checked):
     """How many strips a set keeps, and when it changes over.
 
     Attributes:
-        count: most strips, the current one included.
+        count: largest number of strips, the current one included.
         margin: share by which another strip must be cheaper than the current one to be better.
-        patience: so many times in a row another strip must have been found better before it is followed; and broken
-            before it is dropped, or the current one planned anew.
-        divergence_distance: how far ahead [m] it is looked where a strip leads, once the robot has gone as far since it
-            was planned.
-        divergence_angle: a strip is dropped then whose direction differs from that of a certified current one by more
-            than this [rad]: the robot has passed where they part.
-        plan_every: a planner is called at most once in so many ticks; 0 calls none.
-        timeout: of a planner's call within a tick [s].
+        patience: how many times in a row another strip must be found better before it is followed, and broken
+            before it is dropped; or the current one be broken before it is planned anew.
+        divergence_distance: how far ahead [m] the directions of strips are compared, once the robot has gone as far
+            since it was planned.
+        divergence_angle: a strip is dropped if its direction then differs from that of a certified current one by more
+            than this [rad]: the robot has passed the place where they part.
+        plan_every: a planner is called at most once in this many ticks; 0 calls none.
+        timeout: longest time of a planner's call within a tick [s].
         backward: whether a straight line may be driven backwards.
     """
 
@@ -77,7 +77,7 @@ class _Member:
 
     @property
     def travelled(self) -> float:
-        """How far from there it begins now [m]; 0 for a fixed base."""
+        """How far from there the strip begins now [m]; 0 for a fixed base."""
         strip = self.report.strip
         return float(np.hypot(*(strip.coordinates[0] - self.origin)[:2])) if strip.robot.space.planar else 0.0
 
@@ -101,12 +101,12 @@ class StripSetReport(Summary):
     """A tick of a strip set.
 
     Attributes:
-        current: index of the strip to follow among ``alternatives``, or None where there is none at all.
+        current: index in ``alternatives`` of the strip to follow, or None where there is none at all.
         alternatives: the members as they now are; only those named in ``fresh`` were deformed in this very tick, the
             others' certificates are of an earlier scene.
         fresh: indices of the members that were deformed in this tick, the current one first.
         certified: whether the current strip is certified against this tick's scene.
-        events: what happened, with the reasons, for people.
+        events: what happened, with the reasons, in words.
         planned: whether a planner was called.
     """
 
@@ -131,18 +131,24 @@ class StripSet(OneThread):
     ``plan_every`` ticks, and less often where it has found nothing more.
 
     Args:
-        robot: whose strips.
+        robot: the robot of the strips.
         goal: configuration (nq,) where they end.
-        params: of the set; the defaults where None.
-        deform: of the deformation; the default preset where None.
-        seed: of the planner.
-        constraint: what the strips are to satisfy besides; those that are planned do.
+        params: parameters of the set; the defaults where None.
+        deform: parameters of the deformation; the default preset where None.
+        seed: seed of the planner.
+        constraint: constraint that the strips are drawn to; planned ones satisfy it.
     """
 
     def __init__(
-        self, robot: RobotModel, goal: npt.ArrayLike, *, params: StripSetParams | None = None,
-        deform: DeformParams | None = None, seed: int = 0, constraint: OrientationConstraint | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        robot: RobotModel,
+        goal: npt.ArrayLike,
+        *,
+        params: StripSetParams | None = None,
+        deform: DeformParams | None = None,
+        seed: int = 0,
+        constraint: OrientationConstraint | None = None,
+    ) -> None:
         self.robot: RobotModel = robot
         self.params: StripSetParams = params or StripSetParams()
         self.deform: DeformParams = deform or DeformParams()
@@ -168,7 +174,7 @@ class StripSet(OneThread):
             timeout: longest time [s].
 
         Raises:
-            ConfigurationError: start or goal is not sound, or in collision; names the pair.
+            ConfigurationError: start or goal is not valid, or in collision; the message names the pair.
             ParameterError: a timeout that is not positive.
         """
         self._members, self._current, self._said_none = [], None, False
@@ -182,11 +188,11 @@ class StripSet(OneThread):
 
         Args:
             scene: the obstacles.
-            start: configuration (nq,) where the robot is; where it has been so far, where None.
-            decide: whether to change over; without that, the current strip stays the current one until :meth:`leave`.
+            start: configuration (nq,) where the robot is; None where it has not moved.
+            decide: whether to change over; if not, the current strip stays the current one until :meth:`leave`.
 
         Raises:
-            ConfigurationError: a start that is not sound, or none at all yet.
+            ConfigurationError: a start that is not valid, or no start yet.
         """
         if start is None and not self._members:
             raise ConfigurationError("StripSet.step: there are no strips yet; give the start, or call plan")
@@ -218,8 +224,8 @@ class StripSet(OneThread):
     def leave(self, scene: Scene, start: npt.ArrayLike, why: str) -> StripSetReport:
         """Follow another strip than the current one, because the robot cannot follow that one any more.
 
-        The cheapest that is certified from where the robot is, after up to ``patience`` ticks each. Where there is
-        none, all strips are forgotten: `best` of the report is None.
+        It is the cheapest one that is certified from where the robot is, after up to ``patience`` ticks each. Where
+        there is none, all strips are forgotten: `best` of the report is None.
 
         Args:
             scene: the obstacles.
@@ -227,7 +233,7 @@ class StripSet(OneThread):
             why: the reason, for the report's events.
 
         Raises:
-            ConfigurationError: a start that is not sound.
+            ConfigurationError: a start that is not valid.
         """
         self._reconnect(self.robot.check_q(start, what="start"))
         others, events = [m for m in self._members if m is not self._current], list[str]()
@@ -305,7 +311,7 @@ class StripSet(OneThread):
         return f"{side} of {name} to {'left' if side == 'right' else 'right'} of it{more}"
 
     def _drop(self, events: list[str]) -> None:
-        """Others go that have been broken for long, or that the robot has left behind."""
+        """Drop other strips that have been broken for long, or that the robot has left behind."""
         current = self._current
         for member in tuple(self._members):
             if member is current:
@@ -343,36 +349,62 @@ class StripSet(OneThread):
     def _plan(self, scene: Scene, start: Array, events: list[str], timeout: float) -> None:
         """Call the planner for what is missing; a certified strip replaces a broken current one."""
         self._since_plan, self._calls = 0, self._calls + 1
-        robot, current = self.robot, self._current
         keep = [m for m in self._members if m.report.usable]
-        clusters = None
-        if robot.space.planar:
-            endpoints = robot.space.to_coordinates(np.stack((start, self.goal)))[:, :2]
-            paths = [base_path(m.report.strip) for m in keep]
-            clusters = cluster_map(robot, scene, np.vstack((endpoints, *paths)))
-            for member, path in zip(keep, paths, strict=True):
-                member.homotopy_class = homotopy_class(path, clusters.clusters)
+        clusters = self._classified(keep, scene, start)
+        if clusters is not None:
             keep = self._unlike(keep, events)
         try:
-            problem = PlanningProblem(
-                robot, scene, start, self.goal, deformer=self._planner, seed=self.seed + self._calls, timeout=timeout,
-                backward=self.params.backward,
-            )  # fmt: skip
-            found = AlternativesSearch(
-                problem, max(self.params.count - len(keep), 1), without=[m.homotopy_class for m in keep],
-                clusters=clusters, ompl_attempts=1 if keep else 3,
-            )  # fmt: skip
-            found.run()
+            found = self._searched(scene, start, timeout, keep, clusters)
         except ConfigurationError as error:
             if not self._members:
                 raise
             events.append(f"could not replan: {error}")
             return
-        new = [_Member(robot, self.deform, self._constraint, a) for a in found.alternatives]
+        new = [_Member(self.robot, self.deform, self._constraint, a) for a in found.alternatives]
         if new:
             events.append(f"{'replanned' if self._calls > 1 else 'planned'}: {found.reason}")
         elif not keep:
             events.append(f"no strip: {found.reason}")
+        self._take(new, keep, scene, events)
+
+    def _classified(self, members: list[_Member], scene: Scene, start: Array) -> ClusterMap | None:
+        """The obstacles' clusters; the members get their class among them. None for a fixed base, with one class."""
+        if not self.robot.space.planar:
+            return None
+        endpoints = self.robot.space.to_coordinates(np.stack((start, self.goal)))[:, :2]
+        paths = [base_path(m.report.strip) for m in members]
+        clusters = cluster_map(self.robot, scene, np.vstack((endpoints, *paths)))
+        for member, path in zip(members, paths, strict=True):
+            member.homotopy_class = homotopy_class(path, clusters.clusters)
+        return clusters
+
+    def _searched(
+        self, scene: Scene, start: Array, timeout: float, keep: list[_Member], clusters: ClusterMap | None
+    ) -> AlternativesSearch:
+        """What a search finds beside the members that are kept."""
+        problem = PlanningProblem(
+            self.robot,
+            scene,
+            start,
+            self.goal,
+            deformer=self._planner,
+            seed=self.seed + self._calls,
+            timeout=timeout,
+            backward=self.params.backward,
+        )
+        search = AlternativesSearch(
+            problem,
+            max(self.params.count - len(keep), 1),
+            without=[m.homotopy_class for m in keep],
+            clusters=clusters,
+            ompl_attempts=1 if keep else 3,
+        )
+        search.run()
+        return search
+
+    def _take(self, new: list[_Member], keep: list[_Member], scene: Scene, events: list[str]) -> None:
+        """Add what was found; what is broken goes, and the current strip too where something else is certified."""
+        current = self._current
         if not keep and new and current is not None:
             self._members = []  # what was broken has no use beside what is certified
             self._switch(scene, new[0], f"replanned after {_failure(current.report)}", events)
@@ -419,8 +451,8 @@ def divergence_angle(one: Strip, other: Strip, ahead: float) -> float:
 def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> DeformReport:
     """A report whose strip begins at coordinates (nv,) and goes on from the nearest point.
 
-    What is certified is unknown until the next tick, for the first segment is new; the report stays the old one but for
-    its strip.
+    Its certificate is unknown until the next tick, because the first segment is new; the report stays the old one
+    except for its strip.
     """
     strip = report.strip
     segment = _nearest(strip, coordinates)
@@ -428,7 +460,7 @@ def reconnect(deformer: Deformer, report: DeformReport, coordinates: Array) -> D
     first = coordinates.copy()
     if strip.robot.space.planar:
         first[2] += 2.0 * np.pi * np.rint((rest[0, 2] - first[2]) / (2.0 * np.pi))
-    skip = int(len(rest) > 1 and np.linalg.norm(_weighed(strip, first[None], rest[:1])) < _NEAR)
+    skip = int(len(rest) > 1 and np.linalg.norm(_weighed(strip, first[None], rest[:1])) < _LEFT_OUT_DISTANCE)
     source = np.arange(segment + 1 + skip, len(strip))
     rows = np.vstack((first, rest[skip:]))
     if strip.robot.base_kind is BaseKind.DIFF_DRIVE:
@@ -454,5 +486,5 @@ def _nearest(strip: Strip, coordinates: Array) -> int:
 def _weighed(strip: Strip, a: Array, b: Array) -> Array:
     v = strip.robot.space.difference(a, b)
     base = 2 if strip.robot.space.planar else 0
-    v[:, base:] *= _LEVER
+    v[:, base:] *= _ANGLE_LEVER
     return v

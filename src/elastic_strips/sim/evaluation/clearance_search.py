@@ -26,13 +26,17 @@ _SIGNS = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1
 
 
 class _Link:
-    """A convex piece of the robot with what bounds it.
+    """A convex piece of the robot with its bounds.
 
     Attributes:
-        name: of the piece; joint: that carries it; placement: (4, 4) in the joint's frame.
-        shape: Coal's; rounded: the same, a sphere as a capsule of no length.
-        corners: (8, 3) of its box; centre (3,), radius [m]: of a sphere about it; all in the shape's frame.
-        lever: (nv,) most that any of its points moves for one unit of each velocity [m].
+        name: name of the piece.
+        joint: the joint that carries it.
+        placement: (4, 4) its pose in the joint's frame.
+        shape: Coal's shape.
+        rounded: the same, a sphere as a capsule of no length.
+        corners: (8, 3) corners of its box in the shape's frame [m].
+        centre, radius: (3,) centre and radius of a sphere about it in the shape's frame [m].
+        lever: (nv,) largest motion of any of its points for one unit of each velocity [m].
         turns: (nv,) how fast each velocity turns it: 1 for those that do, else 0, more where joints follow.
     """
 
@@ -72,7 +76,7 @@ class LinkMotion:
     A *place* is a number in [0, T − 1]: a sample, or with a fraction a moment between two samples.
 
     Attributes:
-        time: (T,) [s].
+        time: (T,) times [s].
         q: (T, nq) configurations.
         links: the robot's pieces (G).
         poses: (T, G, 4, 4) world poses of their shapes.
@@ -98,11 +102,11 @@ class LinkMotion:
         return float(self.time[k] if share == 0.0 else (1.0 - share) * self.time[k] + share * self.time[k + 1])
 
     def travelled(self, begin: int, end: int) -> Array:
-        """Most that any point of each link (G,) moved between two samples [m]."""
+        """(G,) largest motion of any point of each link between two samples [m]."""
         return self._way[end] - self._way[begin]
 
     def moved(self, link: int, a: float, b: float) -> float:
-        """Most that any point of a link moved from place ``a`` to ``b`` [m]: two samples, or within one interval."""
+        """Largest motion [m] of any point of a link from place ``a`` to ``b``: two samples, or within one interval."""
         if b - a >= 1.0:
             return float(self._way[int(b), link] - self._way[int(a), link])
         return 0.0 if a == b else (b - a) * float(self._pace[int(a), link])
@@ -172,10 +176,10 @@ def _with_samples(robot: RobotModel, time: Array, coordinates: Array, more: Arra
     return times, np.array(rows)
 
 
-_TOUCH = 1e-5
+_CONTACT_DISTANCE = 1e-5
 """Distances up to this [m] count as contact, by the accuracy of Coal."""
-_BLOCK = 32  # samples that are bounded at once
-_FINEST = 1e-6  # share of a sample interval that is not split any more, as where an obstacle jumps
+_SAMPLES_AT_ONCE = 32  # samples that are bounded at once
+_FINEST_SHARE = 1e-6  # share of a sample interval that is not split any more, as where an obstacle jumps
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,19 +218,19 @@ class ClearanceSearch:
         self.motion: LinkMotion = LinkMotion(robot, time, coordinates, events)
         time = self.motion.time
         last = len(time) - 1
-        cuts = sorted({0, last, *range(0, last, _BLOCK), *np.searchsorted(time, events).tolist()})
+        cuts = sorted({0, last, *range(0, last, _SAMPLES_AT_ONCE), *np.searchsorted(time, events).tolist()})
         self._blocks = np.array(list(pairwise(cuts)) or [(0, 0)])
         self._lower = self._bounds(np.array(cuts))
 
     def closest(self, accuracy: float) -> ClosestApproach | None:
         """The moment of least distance, to within ``accuracy`` [m]; None if no obstacle existed meanwhile.
 
-        Whether anything touched is settled to `_TOUCH`, however coarse the accuracy.
+        Whether anything touched is settled to `_CONTACT_DISTANCE`, however coarse the accuracy.
         """
         best, where = np.inf, None
 
         def settled(bound: float) -> bool:
-            return bound >= best - accuracy and (bound > _TOUCH or best <= _TOUCH)
+            return bound >= best - accuracy and (bound > _CONTACT_DISTANCE or best <= _CONTACT_DISTANCE)
 
         order = np.argsort(self._lower, axis=None)
         bounds = self._lower.ravel()[order]
@@ -258,18 +262,18 @@ class ClearanceSearch:
     def contacts(self) -> list[ClosestApproach]:
         """All samples at which a pair touches, and a moment of each contact between two samples; in order of time."""
         found: dict[tuple[int, int, float], ClosestApproach] = {}
-        for block, g, p in np.argwhere(self._lower <= _TOUCH).tolist():
+        for block, g, p in np.argwhere(self._lower <= _CONTACT_DISTANCE).tolist():
             first, last = self._blocks[block].tolist()
             stack: list[tuple[float, float]] = [(float(first), float(last))]
             while stack:
                 a, b = stack.pop()
                 d, e = self.distance(g, p, a), self.distance(g, p, b)
                 for u, x in ((a, d), (b, e)):
-                    if x <= _TOUCH:
+                    if x <= _CONTACT_DISTANCE:
                         found[g, p, u] = self._approach(g, p, u)
                 middle = _middle(a, b)
-                known = b - a <= 1.0 and min(d, e) <= _TOUCH  # that they touch in this interval
-                if middle is not None and not known and 0.5 * (d + e - self._moved(g, p, a, b)) <= _TOUCH:
+                known = b - a <= 1.0 and min(d, e) <= _CONTACT_DISTANCE  # that they touch in this interval
+                if middle is not None and not known and 0.5 * (d + e - self._moved(g, p, a, b)) <= _CONTACT_DISTANCE:
                     stack += [(middle, b), (a, middle)]
         return sorted(found.values(), key=lambda c: (c.time, c.distance))
 
@@ -382,4 +386,4 @@ def _middle(a: float, b: float) -> float | None:
     """The middle of two places, at a sample where there is one; None below the finest resolution."""
     if b - a > 1.0:
         return float((int(a) + int(b)) // 2)
-    return 0.5 * (a + b) if b - a > _FINEST else None
+    return 0.5 * (a + b) if b - a > _FINEST_SHARE else None

@@ -24,7 +24,7 @@ from elastic_strips.validation import check_number, check_type, shown
 from .clearance_search import ClearanceSearch, ClosestApproach
 
 REST_SPEED = 0.01
-"""A robot is at rest while none of its control points is faster [m/s]."""
+"""A robot is at rest while none of its control points is faster than this [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +33,8 @@ class Contact:
 
     Attributes:
         time, end: its first and last moment [s].
-        link: the link with the deepest penetration; obstacle: that was touched.
+        link: the link with the deepest penetration.
+        obstacle: the obstacle that was touched.
         depth: deepest penetration [m] among the recorded samples, and measured moments between them.
         speed: largest speed of any control point of the robot from the sample before to the one after it [m/s].
     """
@@ -58,17 +59,17 @@ class Evaluation(Summary):
     Attributes:
         min_clearance_m: least measured distance of the robot to an obstacle; at most ``accuracy_m`` above the least at
             any time; negative in penetration, infinite without obstacles.
-        accuracy_m: see there.
-        closest: that moment, with link and obstacle; None without obstacles.
-        contacts: all of them in order of time, including those of a robot at rest.
-        max_lateral_slip_m: most sideways travel between two successive reference samples that do not both stand still;
-            differential drives only.
-        excess: by how much a limit was exceeded at most, relative to it, by name; 0 where it was kept. ``drive`` is
+        accuracy_m: accuracy of ``min_clearance_m`` [m].
+        closest: moment of the least distance, with link and obstacle; None without obstacles.
+        contacts: all contacts in order of time, including those of a robot at rest.
+        max_lateral_slip_m: largest sideways travel between two successive reference samples that do not both stand
+            still; differential drives only.
+        excess: limit by name → the most by which it was exceeded, relative to it; 0 where it was kept. ``drive`` is
             of the motors where the record has them, else over the ground; ``joints`` of the true speeds; each also as
             ``*_acceleration``; ``command_*`` are commands. Empty without limits.
         path_m: length of the base's true path; of the joints' path [rad] for a fixed base.
-        time_s: between the first and the last sample.
-        rest_s: of it at rest, see `REST_SPEED`.
+        time_s: time between the first and the last sample.
+        rest_s: part of that time at rest, see `REST_SPEED`.
         reached: whether the last sample is at the goal; None without a goal.
         reached_s: time since the first sample from which on the robot was at the goal; None if it is not at the end.
         queries: number of measured exact distances.
@@ -143,12 +144,12 @@ def evaluate(
 
     Args:
         run: a record, or the true motion alone: time (T,) [s], coordinate rows (T, nv), velocities (T, nv).
-        robot: that drove.
+        robot: the robot that drove.
         world: the true obstacles; the record's where None.
-        limits: to compare with; not compared where None.
+        limits: limits to compare with; not compared where None.
         goal: coordinate row (nv,) of the goal; the record's where None.
         tolerance: how near counts as reached.
-        accuracy: of the least distance [m].
+        accuracy: accuracy of the least distance [m].
 
     Raises:
         RecordError: another robot than the recorded one, or a motion that is not finite or not ascending in time.
@@ -219,9 +220,7 @@ def _speeds(robot: RobotModel, coordinates: Array, v: Array) -> Array:
     """(T,) largest speed of any control point [m/s]."""
     model, data, points = robot.model, robot.model.createData(), robot.control_point_set
     joints = sorted(set(points.joint.tolist()))
-    twists = np.empty(
-        (len(coordinates), len(joints), 6)
-    )  # linear and angular velocity of each joint's frame, in that frame
+    twists = np.empty((len(coordinates), len(joints), 6))  # of each joint's frame, linear and angular, in that frame
     for row, q, rate in zip(twists, robot.space.from_coordinates(coordinates), v, strict=True):
         pin.forwardKinematics(model, data, q, rate)
         for k, joint in enumerate(joints):
@@ -331,10 +330,10 @@ def protective_separation(
     the errors of the sensed position and of its own. It is for comparison, not a claim of conformity.
 
     Args:
-        limits: of the motors.
-        params: of the drive.
+        limits: limits of the motors.
+        params: parameters of the drive.
         perception: delay of the sensed scene.
-        speed: of the base [m/s]; its largest where None.
+        speed: speed of the base [m/s]; its largest where None.
         approach: speed of the person [m/s].
     """
     v = float(limits.drive_speed[:2].max(initial=0.0)) * params.speed_scale if speed is None else speed

@@ -25,11 +25,11 @@ class Visibility:
     """Visibility of an obstacle to a laser.
 
     Attributes:
-        name: of the obstacle.
+        name: name of the obstacle.
         low, high: its range of heights [m].
         in_plane: whether the scan's plane cuts it.
-        in_view: share of its parts that the plane cuts of which the middle or a corner of the bounding box
-            lies within field of view and range, 0 to 1.
+        in_view: share of those of its parts that the plane cuts whose bounding box has its middle or a corner
+            within field of view and range, 0 to 1.
         hit: whether a ray of the scan ended at it (within the tolerance of its parts' bounding boxes).
     """
 
@@ -45,10 +45,10 @@ def visible_to(points: Array, scan: LaserScan, base_pose: ArrayLike, *, thicknes
     """Which points a scan could have seen without occlusion.
 
     Args:
-        points: (n, 3) in the world [m].
-        scan: whose sensor it is; its ranges do not matter.
+        points: (n, 3) points in the world [m].
+        scan: a scan of the sensor; its ranges do not matter.
         base_pose: (x [m], y [m], yaw [rad]) of the base.
-        thickness: of the plane, to either side [m].
+        thickness: thickness of the plane, to either side [m].
 
     Returns:
         (n,) true where a point is at the plane's height, in the field of view, and within range.
@@ -65,7 +65,7 @@ def seen_obstacles(
     """Visibility of each obstacle of a true scene to a scan, by the bounding boxes of their parts.
 
     Args:
-        scene: the true one, at the scan's time.
+        scene: the true scene at the scan's time.
         scan: the scan.
         base_pose: (x [m], y [m], yaw [rad]) of the base.
         tolerance: a ray that ends within this distance [m] of a part's box has hit it.
@@ -108,8 +108,8 @@ def _hit(ends: Array, center: Array, half: Array, tolerance: float) -> bool:
     )
 
 
-_HISTORY = 1.0  # [s] before a contact
-_STEP = 0.1  # [s]
+_LOOK_BACK = 1.0  # [s] before a contact
+_LOOK_STEP = 0.1  # [s]
 
 
 def unseen_contacts(
@@ -119,13 +119,13 @@ def unseen_contacts(
 
     An obstacle was in view if a ray of a laser hit it in at least half of the scans in the second before the contact;
     the middle of a moving one has to be within the laser's field of view, too. Obstacles that a planar scan cannot see
-    (above or below its plane, or behind the robot) are no failures of its processing.
+    (above or below its plane, or behind the robot) are not failures of its processing.
 
     Args:
-        record, evaluation: of the run.
-        robot: that drove.
+        record, evaluation: record and evaluation of the run.
+        robot: the robot that drove.
         world: the true obstacles.
-        sensors: of the robot; only its lasers count.
+        sensors: the robot's sensors; only its lasers count.
     """
     lasers = tuple(
         replace(sensor, noise=0.0, noise_ratio=0.0, dropout=0.0, latency=0.0)
@@ -139,7 +139,7 @@ def unseen_contacts(
     unseen = []
     for contact in evaluation.contacts:
         name, first = contact.obstacle, contact.time
-        times = np.arange(max(first - _HISTORY, float(rows.time[0])), first + 1e-9, _STEP)
+        times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _LOOK_STEP)
         looks = []
         for t in times.tolist():
             coordinates = rows.coordinates[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]

@@ -15,11 +15,11 @@ import numpy.typing as npt
 from lxml import etree
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, support_points
 from elastic_strips.errors import ParameterError, RobotError, missing_extra
 from elastic_strips.robot import BaseKind, RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, support_points
 from elastic_strips.robot.geometry import LinkGeometry
-from elastic_strips.robot.urdf import read_xml
+from elastic_strips.robot.xml_file import read_xml
 from elastic_strips.scene import Obstacle
 from elastic_strips.sim.plant import PlantParams
 from elastic_strips.trajectory import MotionLimits
@@ -28,7 +28,7 @@ FLOOR, ROLLING, LINK, OBSTACLE = range(4)
 """Kinds of geoms: the floor; wheels and casters; the robot's other links; obstacles."""
 
 _WITH_OBSTACLES, _WITH_FLOOR = 1, 2  # bits of contype and conaffinity
-_TYRE = 0.02  # [m] half the width of a driven wheel
+_TYRE_HALF_WIDTH = 0.02  # [m] half the width of a driven wheel
 _TYRE_CONTACT = (0.006, 1.0)  # solref: time constant [s], damping ratio
 # Softer, as with springs, so that the driven wheels carry nine tenths of the weight. On four rigid points their share
 # is undetermined, and in fast curves the inner wheel lifted and lost its grip.
@@ -56,10 +56,18 @@ def _add_robot(mujoco: ModuleType, spec: Any, robot: RobotModel, limits: MotionL
         quat = np.zeros(4)
         mujoco.mju_quatZ2Vec(quat, np.array(joint.axis))
         joint.parent.add_geom(
-            name=_name(spec, f"{ROLLING}|{joint.parent.name}"), type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, quat=quat,
-            size=[limits.wheel_radius, limits.wheel_radius, _TYRE], contype=_WITH_OBSTACLES | _WITH_FLOOR,
-            conaffinity=0, mass=0.0, priority=1, condim=3, friction=[1.0, 0.005, 0.0001], solref=_TYRE_CONTACT,
-        )  # fmt: skip
+            name=_name(spec, f"{ROLLING}|{joint.parent.name}"),
+            type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+            quat=quat,
+            size=[limits.wheel_radius, limits.wheel_radius, _TYRE_HALF_WIDTH],
+            contype=_WITH_OBSTACLES | _WITH_FLOOR,
+            conaffinity=0,
+            mass=0.0,
+            priority=1,
+            condim=3,
+            friction=[1.0, 0.005, 0.0001],
+            solref=_TYRE_CONTACT,
+        )
     casters = [b for b in spec.bodies if "caster" in b.name.lower() and b.first_body() is None]
     if not casters:
         raise ParameterError(f"{robot.urdf_path}: no link named *caster* holds the base up beside its two wheels")
@@ -70,10 +78,16 @@ def _add_robot(mujoco: ModuleType, spec: Any, robot: RobotModel, limits: MotionL
         height = float(data.xpos[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body.name)][2])
         if height > 0.0:
             body.add_geom(
-                name=_name(spec, f"{ROLLING}|{body.name}"), type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[height, 0.0, 0.0],
-                contype=_WITH_OBSTACLES | _WITH_FLOOR, conaffinity=0, mass=0.0, priority=2, condim=1,
+                name=_name(spec, f"{ROLLING}|{body.name}"),
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[height, 0.0, 0.0],
+                contype=_WITH_OBSTACLES | _WITH_FLOOR,
+                conaffinity=0,
+                mass=0.0,
+                priority=2,
+                condim=1,
                 solref=_CASTER_CONTACT,
-            )  # fmt: skip
+            )
 
 
 def _add_obstacle(mujoco: ModuleType, spec: Any, name: str, obstacle: Obstacle) -> bool:
@@ -105,9 +119,11 @@ def _shape_geoms(
     values: dict[str, object] = {"pos": T[:3, 3].copy(), "quat": quat}
     kinds = mujoco.mjtGeom
     primitives = {
-        ShapeKind.SPHERE: kinds.mjGEOM_SPHERE, ShapeKind.BOX: kinds.mjGEOM_BOX,
-        ShapeKind.CYLINDER: kinds.mjGEOM_CYLINDER, ShapeKind.CAPSULE: kinds.mjGEOM_CAPSULE,
-    }  # fmt: skip
+        ShapeKind.SPHERE: kinds.mjGEOM_SPHERE,
+        ShapeKind.BOX: kinds.mjGEOM_BOX,
+        ShapeKind.CYLINDER: kinds.mjGEOM_CYLINDER,
+        ShapeKind.CAPSULE: kinds.mjGEOM_CAPSULE,
+    }
     kind, size = shape_of(shape)
     if kind in primitives:
         return [{**values, "type": primitives[kind], "size": [*size, 0.0, 0.0][:3]}]
@@ -136,10 +152,14 @@ def _name(spec: Any, text: str) -> str:
     return f"{text}#{len(spec.geoms)}"
 
 
-_ARMATURE = 0.1  # [kg m²] rotors seen through their gears; the geared drives of arms of this size have 0.05 to 0.5
+_JOINT_ARMATURE = (
+    0.1  # [kg m²] rotors seen through their gears; the geared drives of arms of this size have 0.05 to 0.5
+)
 _SLIDE_ARMATURE = 5.0  # [kg]
 _WHEEL_ARMATURE = 0.01  # [kg m²]
-_LOOP = 0.01  # [s] time constant of the joints' speed loops alone; the rest of their lag is a filter of the command
+_LOOP_TIME = (
+    0.01  # [s] time constant of the joints' speed loops alone; the rest of their lag is a filter of the command
+)
 
 
 def import_mujoco() -> ModuleType:
@@ -195,13 +215,13 @@ def build_model(
     """Compile a robot among obstacles.
 
     Masses, inertias, joints and effort limits are the URDF's. Collision shapes are the robot's convex pieces, the ones
-    that certificates speak of, but for the driven wheels (ellipsoids, as crowned tyres) and the casters (frictionless
+    of certificates, except for the driven wheels (ellipsoids, as crowned tyres) and the casters (frictionless
     spheres).
 
     Raises:
         ParameterError: the robot has no differential drive, no URDF, no wheels or casters in it, or joints that follow
             others.
-        RobotError: MuJoCo refuses the model, in its words.
+        RobotError: MuJoCo refuses the model; the message quotes it.
     """
     mujoco = import_mujoco()
     if robot.base_kind is not BaseKind.DIFF_DRIVE or robot.urdf_path is None:
@@ -233,7 +253,7 @@ def build_model(
         if isinstance(error, (ParameterError, RobotError)):
             raise
         raise RobotError(f"{path}: MuJoCo cannot build the model: {' '.join(str(error).split())}") from None
-    filters = np.array([0.0] * 2 + [max(params.joint_lag - _LOOP, 0.0)] * len(robot.joint_names))
+    filters = np.array([0.0] * 2 + [max(params.joint_lag - _LOOP_TIME, 0.0)] * len(robot.joint_names))
     return _layout(mujoco, model, robot, wheels, kinds, compensation, filters)
 
 
@@ -261,9 +281,12 @@ def _weightless(inertial: Any) -> bool:
     inertia = inertial.find("inertia")
     value = {k: float(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
     matrix = np.array(
-        [[value["ixx"], value["ixy"], value["ixz"]], [value["ixy"], value["iyy"], value["iyz"]],
-         [value["ixz"], value["iyz"], value["izz"]]]
-    )  # fmt: skip
+        [
+            [value["ixx"], value["ixy"], value["ixz"]],
+            [value["ixy"], value["iyy"], value["iyz"]],
+            [value["ixz"], value["iyz"], value["izz"]],
+        ]
+    )
     if np.linalg.eigvalsh(matrix).min() <= 1e-12:
         for key in value:
             inertia.set(key, repr(0.4 * mass * 1e-4 if key in ("ixx", "iyy", "izz") else 0.0))
@@ -337,11 +360,11 @@ def _add_motors(
     for name in motors:
         joint = spec.joint(name)
         slides = joint.type == mujoco.mjtJoint.mjJNT_SLIDE
-        joint.armature = _WHEEL_ARMATURE if name in wheels else (_SLIDE_ARMATURE if slides else _ARMATURE)
+        joint.armature = _WHEEL_ARMATURE if name in wheels else (_SLIDE_ARMATURE if slides else _JOINT_ARMATURE)
     inertia = _inertia(mujoco, spec, robot, motors)
     total = float(sum(b.mass for b in spec.bodies))
     inertia[:2] = _WHEEL_ARMATURE + 0.5 * total * limits.wheel_radius**2
-    loop = np.array([max(params.wheel_lag, _LOOP)] * 2 + [_LOOP] * len(robot.joint_names))
+    loop = np.array([max(params.wheel_lag, _LOOP_TIME)] * 2 + [_LOOP_TIME] * len(robot.joint_names))
     kv = inertia / loop
     for name, gain in zip(motors, kv.tolist(), strict=True):
         joint = spec.joint(name)
@@ -375,9 +398,14 @@ def _inertia(mujoco: ModuleType, spec: Any, robot: RobotModel, motors: list[str]
 
 
 def _layout(
-    mujoco: ModuleType, model: Any, robot: RobotModel, wheels: list[tuple[str, float]], moves: dict[str, bool],
-    compensation: tuple[Array, Array], filters: Array,
-) -> MujocoModel:  # fmt: skip
+    mujoco: ModuleType,
+    model: Any,
+    robot: RobotModel,
+    wheels: list[tuple[str, float]],
+    moves: dict[str, bool],
+    compensation: tuple[Array, Array],
+    filters: Array,
+) -> MujocoModel:
     def ids(kind: Any, names: Iterable[str]) -> npt.NDArray[np.intp]:
         return np.array([mujoco.mj_name2id(model, kind, n) for n in names], dtype=np.intp)
 
@@ -391,10 +419,17 @@ def _layout(
     geoms = {n: np.array([g for g in range(model.ngeom) if kind[g] == OBSTACLE and owner[g] == n]) for n in moves}
     bodies = {n: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"obstacle:{n}") for n, m in moves.items() if m}
     return MujocoModel(
-        model=model, base=int(model.body_rootid[model.jnt_bodyid[wheel[0]]]),
-        wheel_qpos=model.jnt_qposadr[wheel], wheel_dof=model.jnt_dofadr[wheel],
+        model=model,
+        base=int(model.body_rootid[model.jnt_bodyid[wheel[0]]]),
+        wheel_qpos=model.jnt_qposadr[wheel],
+        wheel_dof=model.jnt_dofadr[wheel],
         wheel_sign=np.array([w[1] for w in wheels]),
-        joint_qpos=model.jnt_qposadr[joint], joint_dof=model.jnt_dofadr[joint],
-        kind=kind, owner=tuple(owner), obstacle_geoms=geoms,
-        mocap={n: int(model.body_mocapid[b]) for n, b in bodies.items()}, compensation=compensation, filters=filters,
-    )  # fmt: skip
+        joint_qpos=model.jnt_qposadr[joint],
+        joint_dof=model.jnt_dofadr[joint],
+        kind=kind,
+        owner=tuple(owner),
+        obstacle_geoms=geoms,
+        mocap={n: int(model.body_mocapid[b]) for n, b in bodies.items()},
+        compensation=compensation,
+        filters=filters,
+    )

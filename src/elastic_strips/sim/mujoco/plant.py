@@ -18,7 +18,7 @@ from elastic_strips.trajectory import MotionLimits
 
 from .model import FLOOR, LINK, OBSTACLE, ROLLING, MujocoModel, build_model, import_mujoco
 
-_SETTLE = 0.3  # [s] that a robot is given to sink into its tyres at a reset
+_SETTLE_TIME = 0.3  # [s] that a robot is given to sink into its tyres at a reset
 _FRICTION_EDGE = 0.02  # [rad/s or m/s] speed above which the drives make up for all of their friction
 _SAME_TOUCH = 0.1  # [s] shorter interruptions do not end a contact
 
@@ -28,10 +28,10 @@ class Touch:
     """A present contact of a robot's link.
 
     Attributes:
-        link: of the robot.
-        other: obstacle, or ``"floor"``.
-        depth: how deep they are in one another [m].
-        speed: of the link at the point of contact [m/s]; 0 for a robot at rest.
+        link: the robot's link.
+        other: the obstacle, or ``"floor"``.
+        depth: depth of penetration [m].
+        speed: speed of the link at the point of contact [m/s]; 0 for a robot at rest.
     """
 
     link: str
@@ -45,10 +45,10 @@ class TouchEvent:
     """A contact from its beginning to its end.
 
     Attributes:
-        link, other: in contact.
+        link, other: what is in contact.
         start, end: first and last time [s].
         depth: largest depth [m].
-        speed: of the link at the point of contact when it began [m/s].
+        speed: speed of the link at the point of contact when it began [m/s].
     """
 
     link: str
@@ -72,11 +72,11 @@ class MujocoPlant:
 
     Args:
         robot: a robot from a URDF, with a differential drive.
-        limits: what its motions are planned with.
+        limits: limits with which its motions are planned.
         scene: obstacles, or a world of them over time; None for an empty floor.
         params: lags, jitter, speed margin and sensors.
-        seed: of all noise, or a generator.
-        timestep: of the simulation [s].
+        seed: seed of all noise, or a generator.
+        timestep: time step of the simulation [s].
 
     Raises:
         MissingExtraError: mujoco (extra ``sim``) is not installed.
@@ -164,7 +164,7 @@ class MujocoPlant:
         self._place(coordinates)
         for geoms in layout.obstacle_geoms.values():
             model.geom_conaffinity[geoms] = 0  # nothing but the floor holds a robot that settles
-        for _ in range(round(_SETTLE / self.timestep)):
+        for _ in range(round(_SETTLE_TIME / self.timestep)):
             mujoco.mj_step1(model, data)
             data.qfrc_applied[layout.joint_dof] = data.qfrc_bias[layout.joint_dof]
             mujoco.mj_step2(model, data)

@@ -10,13 +10,13 @@ from .run import RunResult, result_document, run_scenario
 from .scenario import Scenario
 
 if TYPE_CHECKING:
-    from .drive import DriveOutcome, drive_document, drive_scenario, make_base_simulation, make_simulation
+    from .drive import DriveOutcome, DriveSetup, drive_document, drive_scenario, make_simulation
 
 __all__ = [
     "DriveOutcome",
+    "DriveSetup",
     "drive_document",
     "drive_scenario",
-    "make_base_simulation",
     "make_simulation",
     "result_document",
     "RunResult",
@@ -29,5 +29,5 @@ __all__ = [
 ]
 
 __getattr__ = late_names(  # running a scenario needs nothing of what driving needs
-    __name__, {"drive": ("DriveOutcome", "drive_document", "drive_scenario", "make_base_simulation", "make_simulation")}
+    __name__, {"drive": ("DriveOutcome", "DriveSetup", "drive_document", "drive_scenario", "make_simulation")}
 )

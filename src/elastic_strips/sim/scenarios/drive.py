@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from time import monotonic, sleep
 from typing import cast
@@ -16,16 +16,14 @@ from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
-from elastic_strips.control.executor_process import ExecutorProcess
 from elastic_strips.control.params import DRIVE_STRIP
+from elastic_strips.control.process.executor_process import ExecutorProcess
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
-from elastic_strips.errors import RobotError, ScenarioError
+from elastic_strips.errors import ParameterError, RobotError, ScenarioError, nearest_name
 from elastic_strips.planning import StripSetParams
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
-from elastic_strips.sim import Perception, PerceptionParams, SensorPerception, base_simulation
-from elastic_strips.sim.baselines import BASE_METHODS, BaseController
-from elastic_strips.sim.baselines.base_controller import PATIENCE
+from elastic_strips.sim import Perception, PerceptionParams, SensorPerception
 from elastic_strips.sim.closed_loop import MACHINE, Simulation, prepare, simulation
 from elastic_strips.sim.evaluation import Contact, Evaluation, evaluate, protective_separation
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
@@ -46,8 +44,6 @@ from .scenario import Scenario
 
 PLANTS = ("kinematic", "mujoco")
 STRIP = "strip"
-DRIVE_METHODS = (STRIP, *BASE_METHODS)
-"""Names of methods: the elastic strip, and the base methods that the paper names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -55,17 +51,17 @@ class DriveOutcome(Summary):
     """Result of driving a scenario.
 
     Attributes:
-        scenario, robot, plant, seed: of the drive.
-        result: of the loop, with its record.
-        evaluation: from the true states.
+        scenario, robot, plant, seed: what was driven.
+        result: result of the loop, with its record.
+        evaluation: evaluation of the true states.
         separation: protective separation distance [m] at the robot's largest speed; None for a method without certified
             stops.
-        method: one of `DRIVE_METHODS`.
+        method: the method that steered: `STRIP`, or another method's name.
         sensors: names of the simulated sensors; empty where the scene was known.
         physical_contacts: contacts in a physical plant, without wheels and casters on the floor.
         unseen: touched obstacles that had not been in a laser's view.
-        seen_collisions: contacts at speed with obstacles that were in view, or known; see `unseen_contacts`.
-        constraint_error: by how much [rad] the robot missed the drive's constraint at most; None without one.
+        seen_collisions: contacts at speed with obstacles that were in view or known; see `unseen_contacts`.
+        constraint_error: largest angle [rad] by which the robot missed the drive's constraint; None without one.
     """
 
     scenario: Scenario
@@ -85,18 +81,26 @@ class DriveOutcome(Summary):
     def _summary(self) -> dict[str, object]:
         clearance = f"{self.evaluation.min_clearance_m:.3f} m"
         return {
-            "scenario": self.scenario.name, "robot": self.robot.name, "plant": self.plant, "method": self.method,
-            "reached": self.reached, "collisions": len(self.evaluation.collisions), "least_clearance": clearance,
-            "time": f"{self.evaluation.time_s:.1f} s", "stops": len(self.result.stops), "reason": self.result.reason,
-        }  # fmt: skip
+            "scenario": self.scenario.name,
+            "robot": self.robot.name,
+            "plant": self.plant,
+            "method": self.method,
+            "reached": self.reached,
+            "collisions": len(self.evaluation.collisions),
+            "least_clearance": clearance,
+            "time": f"{self.evaluation.time_s:.1f} s",
+            "stops": len(self.result.stops),
+            "reason": self.result.reason,
+        }
 
     @property
     def tracking_error(self) -> float | None:
         """Bound [m] of the largest distance of any point of the robot from its place by the reference; None without
         one."""
         rows = self.result.record.control
-        error = float(Displacement(self.robot)(rows.coordinates, rows.reference).max())
-        return error if np.isfinite(error) else None
+        if not np.isfinite(rows.reference).all():
+            return None
+        return float(Displacement(self.robot)(rows.coordinates, rows.reference).max())
 
     @property
     def reached(self) -> bool:
@@ -104,88 +108,138 @@ class DriveOutcome(Summary):
         return self.result.reached and bool(self.evaluation.reached)
 
 
-def make_simulation(
-    scenario: Scenario,
-    *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    evade: bool = True,
-    sensors: SensorConfig | None = None,
-    alternatives: int = 1,
-    level: str = "",
-    params: DriveParams | None = None,
-    limits: MotionLimits | None = None,
-    faults: Iterable[Fault] = (),
-    perception: PerceptionParams | None = None,
-    watch: Callable[[Simulation[Controller]], object] | None = None,
-    realtime: bool = False,
-    compute: str | float = "free",
-) -> Simulation[Controller]:
-    """A closed loop of the elastic strip for a scenario, ready to run.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DriveSetup:
+    """How a scenario is driven.
 
-    Args:
-        scenario: the problem.
+    Attributes:
         robot: another robot than the scenario's.
         seed: of plan, plant and noise; the scenario's where None.
         plant: ``"kinematic"``, or ``"mujoco"`` (extra ``sim``).
-        evade: whether to leave the strip to avoid moving obstacles, rather than only to brake and wait; where
+        evade: whether to leave the strip to avoid moving obstacles, rather than only brake and wait; where
             ``params`` are given, they say so.
         sensors: simulated sensors, from which alone the scene is estimated; a known scene where None.
         alternatives: number of strips on different sides of the obstacles that are deformed in parallel; the robot
             switches to another one where its strip is given up.
         level: a frame of the robot that is to stay as level as it is at the start; none where empty.
-        params: of the drive; the defaults with the scenario's parameters of the strip where None.
-        limits: of the robot; those of its description where None.
+        params: parameters of the drive; the defaults with the scenario's parameters of the strip where None.
+        limits: limits of the robot; those of its description where None.
         faults: injected faults.
         perception: noise and delay of a known scene.
-        watch, realtime, compute: of :func:`~elastic_strips.sim.simulation`.
+        compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
+
+    Raises:
+        InputError: a value of another type, an unknown plant, a negative seed.
+    """
+
+    robot: RobotModel | None = None
+    seed: int | None = None
+    plant: str = "kinematic"
+    evade: bool = True
+    sensors: SensorConfig | None = None
+    alternatives: int = 1
+    level: str = ""
+    params: DriveParams | None = None
+    limits: MotionLimits | None = None
+    faults: Iterable[Fault] = ()
+    perception: PerceptionParams | None = None
+    compute: str | float = "free"
+
+    def __post_init__(self) -> None:
+        check_type("robot", self.robot, RobotModel, RobotError, none=True)
+        check_type("limits", self.limits, MotionLimits, none=True)
+        check_choice("plant", self.plant, PLANTS)
+        if self.seed is not None:
+            check_count("seed", self.seed)
+        check_type("params", self.params, DriveParams, none=True)
+        check_type("sensors", self.sensors, SensorConfig, none=True)
+        check_count("alternatives", self.alternatives, low=1)
+
+    def replaced(self, options: Mapping[str, object]) -> DriveSetup:
+        """A copy with some values replaced.
+
+        Raises:
+            ParameterError: a name that no value has.
+        """
+        valid = {f.name for f in fields(self)}
+        for name in options:
+            if name not in valid:
+                raise ParameterError(f"unknown option of a drive: {name!r}{nearest_name(name, valid)}")
+        return replace(self, **options)
+
+
+def make_simulation(
+    scenario: Scenario,
+    setup: DriveSetup | None = None,
+    *,
+    watch: Callable[[Simulation[Controller]], object] | None = None,
+    realtime: bool = False,
+    **options: object,
+) -> Simulation[Controller]:
+    """A closed loop of the elastic strip for a scenario, ready to run.
+
+    Args:
+        scenario: the problem.
+        setup: how it is driven; **options: values of it by name.
+        watch, realtime: of :func:`~elastic_strips.sim.simulation`.
 
     Raises:
         InputError: start or goal in collision, an unknown plant, …
     """
-    problem = _Problem.of(scenario, robot, seed, plant, limits)
-    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
+    setup = (setup or DriveSetup()).replaced(options)
+    problem = DrivenProblem.of(scenario, setup)
+    params, seen = problem.params, problem.seen()
     return simulation(
-        problem.robot, problem.world, problem.start, problem.goal, params=params, limits=problem.limits,
-        plant=problem.machine, perception=perception if seen is None else seen, faults=faults, seed=problem.seed,
-        watch=watch, realtime=realtime, metadata=problem.metadata, replanner=replanner, compute=compute,
-    )  # fmt: skip
+        problem.robot,
+        problem.world,
+        problem.start,
+        problem.goal,
+        params=params,
+        limits=problem.limits,
+        plant=problem.machine,
+        perception=setup.perception if seen is None else seen,
+        faults=setup.faults,
+        seed=problem.seed,
+        watch=watch,
+        realtime=realtime,
+        metadata=problem.metadata,
+        replanner=problem.replanner(),
+        compute=setup.compute,
+    )
 
 
 def make_realtime(
     scenario: Scenario,
+    setup: DriveSetup | None = None,
     *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    evade: bool = True,
-    sensors: SensorConfig | None = None,
-    alternatives: int = 1,
-    level: str = "",
-    params: DriveParams | None = None,
-    limits: MotionLimits | None = None,
-    faults: Iterable[Fault] = (),
     watch: Callable[[RealtimeSimulation], object] | None = None,
     log: str | os.PathLike[str] | None = None,
     eager: bool = False,
+    **options: object,
 ) -> RealtimeSimulation:
     """As :func:`make_simulation`, but against the wall clock: machine and executor run in processes of their own.
 
     Args:
-        scenario, robot, seed, evade, sensors, alternatives, level, params, limits, faults: of :func:`make_simulation`.
+        scenario: the problem.
+        setup: how it is driven, with the kinematic plant, a known scene as it is, and computing that takes what it
+            takes; **options: values of it by name.
         watch, eager: of :class:`~elastic_strips.sim.realtime.RealtimeSimulation`.
         log: file that the executor writes while it drives; a temporary one where None.
 
     Raises:
-        InputError: start or goal in collision, …
+        InputError: start or goal in collision, a plant, perception or cost of computing of its own, …
     """
-    problem = _Problem.of(scenario, robot, seed, "kinematic", limits)
-    params, seen, replanner = _planned_with(problem, scenario, evade, sensors, alternatives, level, params)
+    setup = (setup or DriveSetup()).replaced(options)
+    for name in ("plant", "perception", "compute"):
+        if (given := getattr(setup, name)) != getattr(DriveSetup(), name):
+            raise ParameterError(f"{name}={given!r}: a drive against the wall clock has none of its own; leave it out")
+    problem = DrivenProblem.of(scenario, setup)
+    params, seen, replanner = problem.params, problem.seen(), problem.replanner()
     model, limits = problem.robot, problem.limits
     world, machine, rng = prepare(model, problem.world, limits, None, problem.seed, shared=seen is not None)
     senses: Perception = NoisyGroundTruth(world, params.assumptions, PerceptionParams(), rng) if seen is None else seen
     make: Callable[[], Plant] = partial(KinematicPlant, model, limits, MACHINE, seed=problem.seed)
-    plan = FaultPlan(faults)
+    plan = FaultPlan(setup.faults)
     if plan.faults:
         make = partial(faulty_plant, make, plan, problem.seed)
         senses = cast("Perception", FaultyPerception(senses, plan))
@@ -196,17 +250,34 @@ def make_realtime(
         os.close(number)
     executor = ExecutorProcess(model, problem.start, problem.goal, params=params, limits=limits, log=log)
     controller = Controller(
-        model, problem.start, problem.goal, senses.known(), params=params, limits=limits, replanner=replanner,
-        seed=problem.seed, executor=executor, meter=monotonic,
-    )  # fmt: skip
+        model,
+        problem.start,
+        problem.goal,
+        senses.known(),
+        params=params,
+        limits=limits,
+        replanner=replanner,
+        seed=problem.seed,
+        executor=executor,
+        meter=monotonic,
+    )
     machine.reset(model.space.to_coordinates(problem.start))
     if plan.faults:
-        slow = 10.0 * params.latency * params.control_dt
-        controller.plan_tick = faulty_planning(controller.plan_tick, plan, slow=slow, wait=sleep)
+        controller.plan_tick = faulty_planning(controller.plan_tick, plan, params, wait=sleep)
     return RealtimeSimulation(
-        controller, executor, world, make, machine, senses, goal=controller.goal, watch=watch,
-        metadata=problem.metadata, log=log, temporary=temporary, eager=eager,
-    )  # fmt: skip
+        controller,
+        executor,
+        world,
+        make,
+        machine,
+        senses,
+        goal=controller.goal,
+        watch=watch,
+        metadata=problem.metadata,
+        log=log,
+        temporary=temporary,
+        eager=eager,
+    )
 
 
 def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfig | None = None) -> DriveParams:
@@ -215,7 +286,7 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
     Args:
         scenario: the problem, with its own parameters of the strip.
         evade: whether to leave the strip to avoid moving obstacles.
-        sensors: of the robot; a known scene where None.
+        sensors: the robot's sensors; a known scene where None.
     """
     deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
     params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
@@ -224,71 +295,11 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
     return params
 
 
-def _planned_with(
-    problem: _Problem,
-    scenario: Scenario,
-    evade: bool,
-    sensors: SensorConfig | None,
-    alternatives: int,
-    level: str,
-    params: DriveParams | None,
-) -> tuple[DriveParams, Perception | None, Replanner | None]:
-    """Parameters, the perception where sensors are given, and the replanner where it is not the usual one."""
-    check_type("params", params, DriveParams, none=True)
-    check_type("sensors", sensors, SensorConfig, none=True)
-    check_count("alternatives", alternatives, low=1)
-    if params is None:
-        params = drive_params(scenario, evade=evade, sensors=sensors)
-    if level:
-        constraint = OrientationConstraint.from_configuration(problem.robot, problem.start, level)
-        params = replace(params, constraint=constraint)
-    seen = None
-    if sensors is not None:
-        seen = SensorPerception(problem.robot, problem.world, problem.start, sensors=sensors, seed=problem.seed)
-    replanner = None
-    if alternatives > 1:
-        family = StripSetParams(count=alternatives, backward=params.backward)
-        replanner = SwitchingReplanner(problem.robot, params, seed=problem.seed, grid=True, family=family)
-    return params, seen, replanner
-
-
-def make_base_simulation(
-    scenario: Scenario,
-    method: str,
-    *,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    sensors: SensorConfig | None = None,
-    limits: MotionLimits | None = None,
-    patience: float = PATIENCE,
-    watch: Callable[[Simulation[BaseController]], object] | None = None,
-    realtime: bool = False,
-) -> Simulation[BaseController]:
-    """A closed loop of a base method for a scenario, ready to run.
-
-    Args:
-        scenario: the problem.
-        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
-        robot: another robot than the scenario's.
-        seed: of plant and sensors; the scenario's where None.
-        plant: ``"kinematic"``, or ``"mujoco"``.
-        sensors: of the method; the Silvermate's where None.
-        limits: of the robot; those of its description where None.
-        patience, watch, realtime: of :func:`~elastic_strips.sim.base_simulation`.
-    """
-    problem = _Problem.of(scenario, robot, seed, plant, limits)
-    return base_simulation(
-        problem.robot, problem.world, problem.start, problem.goal, method, limits=problem.limits,
-        plant=problem.machine, sensors=sensors, seed=problem.seed, metadata=problem.metadata, patience=patience,
-        watch=watch, realtime=realtime,
-    )  # fmt: skip
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
+class DrivenProblem:
     """A scenario with all parts of a closed loop."""
 
+    setup: DriveSetup
     robot: RobotModel
     world: World
     start: Array
@@ -296,58 +307,77 @@ class _Problem:
     limits: MotionLimits
     machine: Plant
     seed: int
+    params: DriveParams
     metadata: dict[str, object]
 
     @classmethod
-    def of(
-        cls, scenario: Scenario, robot: RobotModel | None, seed: int | None, plant: str, limits: MotionLimits | None
-    ) -> _Problem:
+    def of(cls, scenario: Scenario, setup: DriveSetup) -> DrivenProblem:
         check_type("scenario", scenario, Scenario, ScenarioError)
-        check_type("robot", robot, RobotModel, RobotError, none=True)
-        check_type("limits", limits, MotionLimits, none=True)
-        check_choice("plant", plant, PLANTS)
-        if seed is not None:
-            check_count("seed", seed)
-        robot = scenario.load_robot(preset="default") if robot is None else robot
-        seed = scenario.seed if seed is None else seed
-        limits, world = MotionLimits.for_robot(robot) if limits is None else limits, scenario.world
+        robot = scenario.load_robot(preset="default") if setup.robot is None else setup.robot
+        seed = scenario.seed if setup.seed is None else setup.seed
+        limits = MotionLimits.for_robot(robot) if setup.limits is None else setup.limits
         machine: Plant
-        if plant == "mujoco":
+        if setup.plant == "mujoco":
             from elastic_strips.sim.mujoco.plant import MujocoPlant
 
-            machine = MujocoPlant(robot, limits, world, seed=seed)
+            machine = MujocoPlant(robot, limits, scenario.world, seed=seed)
         else:
             machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
-        metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": plant}
-        return cls(robot, world, *scenario.ends(robot), limits, machine, seed, metadata)
+        start, goal = scenario.ends(robot)
+        params = setup.params or drive_params(scenario, evade=setup.evade, sensors=setup.sensors)
+        if setup.level:
+            params = replace(params, constraint=OrientationConstraint.from_configuration(robot, start, setup.level))
+        metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": setup.plant}
+        return cls(setup, robot, scenario.world, start, goal, limits, machine, seed, params, metadata)
+
+    def seen(self) -> Perception | None:
+        """The perception where sensors are given."""
+        sensors = self.setup.sensors
+        if sensors is None:
+            return None
+        return SensorPerception(self.robot, self.world, self.start, sensors=sensors, seed=self.seed)
+
+    def replanner(self) -> Replanner | None:
+        """The replanner where it is not the usual one."""
+        if self.setup.alternatives == 1:
+            return None
+        family = StripSetParams(count=self.setup.alternatives, backward=self.params.backward)
+        return SwitchingReplanner(self.robot, self.params, seed=self.seed, grid=True, family=family)
 
 
-_Driven = Simulation[Controller] | Simulation[BaseController]
-
-
-def conclude(scenario: Scenario, driven: _Driven, result: DriveResult, *, plant: str, seed: int) -> DriveOutcome:
-    """Evaluate the finished run of a simulation, with the name of its plant and its seed."""
-    controller, perception = driven.controller, driven.perception
-    evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=controller.tolerance)
+def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveResult) -> DriveOutcome:
+    """Evaluate the finished run of a simulation of a scenario; plant, seed and method are those of its record."""
+    perception, tolerance = driven.perception, driven.controller.tolerance
+    evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=tolerance)
     suite: SensorSuite | None = getattr(perception, "suite", None)
-    separation = None
-    if controller.method == STRIP:
-        separation = protective_separation(driven.limits, driven.params, cast("Perception", perception).params)
+    about = result.record.metadata
+    method, separation = str(about.get("method", STRIP)), None
+    plant, seed = str(about.get("plant", PLANTS[0])), int(str(about.get("seed", scenario.seed)))
+    if method == STRIP:
+        separation = protective_separation(driven.limits, driven.params, perception.params)
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
     if suite is not None:
         unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
     return DriveOutcome(
-        scenario, driven.robot, plant, seed, result, evaluation, separation, method=controller.method,
-        physical_contacts=touched, sensors=() if suite is None else suite.config.names,
+        scenario,
+        driven.robot,
+        plant,
+        seed,
+        result,
+        evaluation,
+        separation,
+        method=method,
+        physical_contacts=touched,
+        sensors=() if suite is None else suite.config.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
         constraint_error=_missed(driven, result),
-    )  # fmt: skip
+    )
 
 
-def _missed(driven: _Driven, result: DriveResult) -> float | None:
-    """By how much [rad] the true robot missed the drive's constraint at most."""
+def _missed(driven: Simulation[Controller], result: DriveResult) -> float | None:
+    """Largest angle [rad] by which the true robot missed the drive's constraint."""
     constraint = getattr(driven.params, "constraint", None)
     if constraint is None:
         return None
@@ -355,33 +385,28 @@ def _missed(driven: _Driven, result: DriveResult) -> float | None:
 
 
 def drive_scenario(
-    scenario: Scenario,
-    *,
-    method: str = STRIP,
-    robot: RobotModel | None = None,
-    seed: int | None = None,
-    plant: str = "kinematic",
-    time_limit: float | None = None,
-    **options: object,
+    scenario: Scenario, setup: DriveSetup | None = None, *, time_limit: float | None = None, **options: object
 ) -> DriveOutcome:
     """Drive a scenario from start to goal, and evaluate it.
 
     Args:
         scenario: the problem.
-        method: one of `DRIVE_METHODS`.
-        robot, seed, plant, **options: as in :func:`make_simulation` or :func:`make_base_simulation`.
+        setup: how it is driven.
         time_limit: longest run [s of simulated time].
+        **options: values of the setup by name, and others of :func:`make_simulation`.
     """
     check_type("scenario", scenario, Scenario, ScenarioError)
-    check_choice("method", method, DRIVE_METHODS)
-    seed = scenario.seed if seed is None else seed
-    make = make_simulation if method == STRIP else partial(make_base_simulation, method=method)
-    driven = cast("Callable[..., _Driven]", make)(scenario, robot=robot, seed=seed, plant=plant, **options)
+    make = cast("Callable[..., Simulation[Controller]]", make_simulation)
+    return driven_to_its_end(make(scenario, setup, **options), scenario, time_limit)
+
+
+def driven_to_its_end(driven: Simulation[Controller], scenario: Scenario, time_limit: float | None) -> DriveOutcome:
+    """Run a simulation of a scenario, and evaluate it; see :func:`drive_scenario`."""
     try:
         result = driven.run(time_limit=time_limit)
     finally:
         driven.plant.close()
-    return conclude(scenario, driven, result, plant=plant, seed=seed)
+    return conclude(scenario, driven, result)
 
 
 DRIVE_FORMAT = "elastic-strips-drive"

@@ -17,20 +17,25 @@ from elastic_strips.scene.motion import Twist
 from .scenario import Scenario
 
 CLUTTER = "clutter"
-START, GOAL = (0.0, -1.2), (6.0, 1.2)
+CLUTTER_START, CLUTTER_GOAL = (0.0, -1.2), (6.0, 1.2)
 """Where the base starts and ends [m], on two sides of the room."""
-HALF_WIDTH = 2.3
+CLUTTER_HALF_WIDTH = 2.3
 """Half the distance [m] between the walls."""
-REACH = {
-    "arm_1_joint": 0.61, "arm_2_joint": 0.25, "arm_3_joint": -0.58, "arm_4_joint": 1.53, "arm_5_joint": 0.46,
-    "arm_6_joint": -0.36, "arm_7_joint": 0.55,
-}  # fmt: skip
+CLUTTER_GOAL_ARM = {
+    "arm_1_joint": 0.61,
+    "arm_2_joint": 0.25,
+    "arm_3_joint": -0.58,
+    "arm_4_joint": 1.53,
+    "arm_5_joint": 0.46,
+    "arm_6_joint": -0.36,
+    "arm_7_joint": 0.55,
+}
 """The arm at the goal: the hand forward, level, above the table [rad]."""
-_BLOCKERS, _PILLARS, _TABLES, _SHELVES, _BEAMS = 3, 12, 6, 6, 2
-_FREE = {"pillar": 0.38, "table": 0.32, "shelf": 0.36}
+_BLOCKERS, _PILLARS, _TABLES, _SHELVES, _BEAMS = 3, 12, 6, 6, 2  # so many are tried of each kind
+_FREE_RADII = {"pillar": 0.38, "table": 0.32, "shelf": 0.36}
 """Half width [m] that each kind leaves free about the guide curve."""
-_DOOR = (0.72, 0.95)  # least and largest width of the door [m]
-_ENDS = 0.7  # radius [m] about start and goal that is left free, but for the table at the goal
+_DOOR_WIDTHS = (0.72, 0.95)  # least and largest width of the door [m]
+_FREE_ENDS_RADIUS = 0.7  # radius [m] about start and goal that is left free, but for the table at the goal
 
 
 def clutter(seed: int = 0) -> Scenario:
@@ -41,12 +46,12 @@ def clutter(seed: int = 0) -> Scenario:
     exists for the base with the arm tucked.
 
     Args:
-        seed: of the generator.
+        seed: seed of the generator.
 
     Raises:
         ScenarioError: no room was found for the obstacles.
     """
-    start, goal = PoseSpec(*START, 0.0), PoseSpec(*GOAL, 0.0, joints=REACH)
+    start, goal = PoseSpec(*CLUTTER_START, 0.0), PoseSpec(*CLUTTER_GOAL, 0.0, joints=CLUTTER_GOAL_ARM)
     return Scenario(CLUTTER, SCENARIOS[CLUTTER], clutter_scene(seed), start, goal, seed=seed)
 
 
@@ -54,38 +59,40 @@ def clutter_scene(seed: int) -> Scene:
     """The obstacles of :func:`clutter`."""
     rng = np.random.default_rng(seed)
     guide = _guide(rng)
-    length, middle = GOAL[0] + 3.0, 0.5 * GOAL[0] + 0.3
+    length, middle = CLUTTER_GOAL[0] + 3.0, 0.5 * CLUTTER_GOAL[0] + 0.3
     items: list[Obstacle] = [
-        Box((length, 0.1, 1.6), at=(middle, side * (HALF_WIDTH + 0.05), 0.8), name=name)
+        Box((length, 0.1, 1.6), at=(middle, side * (CLUTTER_HALF_WIDTH + 0.05), 0.8), name=name)
         for side, name in ((1.0, "wall-left"), (-1.0, "wall-right"))
     ]
-    items += _table("goal-table", GOAL[0] + 0.70, GOAL[1], 0.0, (0.6, 1.0), 0.66)
+    items += _table("goal-table", CLUTTER_GOAL[0] + 0.70, CLUTTER_GOAL[1], 0.0, (0.6, 1.0), 0.66)
     items += _partition(guide, rng)
     kinds = ["blocker"] * _BLOCKERS + ["table"] * _TABLES + ["shelf"] * _SHELVES + ["pillar"] * _PILLARS
     for number, kind in enumerate(kinds):
         items += _placed(kind, f"{kind}-{number}", guide, rng, seed)
     for number in range(_BEAMS):
-        x = float(rng.uniform(0.5, GOAL[0] - 0.5))
-        items.append(Box((0.2, 2 * HALF_WIDTH, 0.15), at=(x, 0.0, float(rng.uniform(1.6, 1.8))), name=f"beam-{number}"))
+        x = float(rng.uniform(0.5, CLUTTER_GOAL[0] - 0.5))
+        items.append(
+            Box((0.2, 2 * CLUTTER_HALF_WIDTH, 0.15), at=(x, 0.0, float(rng.uniform(1.6, 1.8))), name=f"beam-{number}")
+        )
     return Scene(items)
 
 
 def _partition(guide: Array, rng: np.random.Generator) -> list[Obstacle]:
     """A wall across the room with one door, where the guide curve crosses it."""
     x = float(rng.uniform(2.4, 3.6))
-    door, half = float(np.interp(x, guide[:, 0], guide[:, 1])), 0.5 * float(rng.uniform(*_DOOR))
+    door, half = float(np.interp(x, guide[:, 0], guide[:, 1])), 0.5 * float(rng.uniform(*_DOOR_WIDTHS))
     items: list[Obstacle] = []
-    for low, high, side in ((-HALF_WIDTH, door - half, "right"), (door + half, HALF_WIDTH, "left")):
+    for low, high, side in ((-CLUTTER_HALF_WIDTH, door - half, "right"), (door + half, CLUTTER_HALF_WIDTH, "left")):
         items.append(Box((0.1, high - low, 1.6), at=(x, 0.5 * (low + high), 0.8), name=f"partition-{side}"))
     return items
 
 
 def _placed(kind: str, name: str, guide: Array, rng: np.random.Generator, seed: int) -> list[Obstacle]:
     """One piece of furniture that leaves the guide curve and the ends free."""
-    ends = np.array([START, GOAL])
+    ends = np.array([CLUTTER_START, CLUTTER_GOAL])
     for _attempt in range(5000):
         share = float(rng.uniform(0.2, 0.8))
-        at = rng.uniform([0.0, -HALF_WIDTH], [GOAL[0], HALF_WIDTH])
+        at = rng.uniform([0.0, -CLUTTER_HALF_WIDTH], [CLUTTER_GOAL[0], CLUTTER_HALF_WIDTH])
         yaw = float(rng.uniform(-np.pi, np.pi))
         size = rng.uniform([0.5, 0.35], [0.9, 0.6])
         radius, height = float(rng.uniform(0.08, 0.2)), float(rng.uniform(0.9, 1.6))
@@ -93,14 +100,14 @@ def _placed(kind: str, name: str, guide: Array, rng: np.random.Generator, seed: 
             at = ends[0] + share * (ends[1] - ends[0]) + rng.uniform(-0.1, 0.1, 2)
         if kind in ("pillar", "blocker"):
             outline = at + np.zeros((1, 2))
-            free = _FREE["pillar"] + radius
+            free = _FREE_RADII["pillar"] + radius
         else:
             outline = at + _frame(yaw, size)
-            free = _FREE[kind]
+            free = _FREE_RADII[kind]
         apart = np.linalg.norm(outline[:, None] - guide, axis=2).min()
-        if apart < free or np.linalg.norm(outline[:, None] - ends, axis=2).min() < _ENDS + radius:
+        if apart < free or np.linalg.norm(outline[:, None] - ends, axis=2).min() < _FREE_ENDS_RADIUS + radius:
             continue
-        if np.abs(outline[:, 1]).max() > HALF_WIDTH + 0.3:
+        if np.abs(outline[:, 1]).max() > CLUTTER_HALF_WIDTH + 0.3:
             continue
         x, y = float(at[0]), float(at[1])
         if kind == "table":
@@ -137,17 +144,17 @@ def _frame(yaw: float, size: Array) -> Array:
 def _guide(rng: np.random.Generator) -> Array:
     """A smooth curve (K, 2) from start to goal that swings to one side or both."""
     s = np.linspace(0.0, 1.0, 200)
-    straight = np.array(START) + s[:, None] * (np.array(GOAL) - np.array(START))
+    straight = np.array(CLUTTER_START) + s[:, None] * (np.array(CLUTTER_GOAL) - np.array(CLUTTER_START))
     swing = float(rng.uniform(0.7, 1.2)) * (1.0 if rng.random() < 0.5 else -1.0)
     waves = int(rng.integers(1, 3))
     straight[:, 1] += swing * np.sin(np.pi * s) ** 0.5 * np.sin(np.pi * waves * s + float(rng.uniform(-0.2, 0.2)))
-    straight[:, 1] = np.clip(straight[:, 1], -HALF_WIDTH + 0.6, HALF_WIDTH - 0.6)
-    straight[[0, -1]] = START, GOAL
+    straight[:, 1] = np.clip(straight[:, 1], -CLUTTER_HALF_WIDTH + 0.6, CLUTTER_HALF_WIDTH - 0.6)
+    straight[[0, -1]] = CLUTTER_START, CLUTTER_GOAL
     return straight
 
 
 CLOSING = "closing-side"
-_SPEED = 0.2
+_WALKING_SPEED = 0.2
 
 
 def closing_side(seed: int = 0) -> Scenario:
@@ -162,7 +169,7 @@ def closing_side(seed: int = 0) -> Scenario:
         Box((9.0, 0.1, 1.4), at=(3.0, 1.85, 0.7), name="wall-left"),
         Box((9.0, 0.1, 1.4), at=(3.0, -1.85, 0.7), name="wall-right"),
         Box((0.7, 0.7, 1.4), at=(3.0, -0.15, 0.7), name="box"),
-        Box((0.6, 0.8, 1.4), at=(3.0, 2.4, 0.7), name="cabinet", motion=Twist(np.array([0.0, -_SPEED, 0.0]))),
+        Box((0.6, 0.8, 1.4), at=(3.0, 2.4, 0.7), name="cabinet", motion=Twist(np.array([0.0, -_WALKING_SPEED, 0.0]))),
     ]
     return _six_metres(CLOSING, obstacles, seed)
 
@@ -174,11 +181,11 @@ def _six_metres(name: str, obstacles: list[Obstacle], seed: int) -> Scenario:
 
 
 BOTTLENECK, DEAD_END = "bottleneck", "dead-end"
-DOOR = 0.75
+DOOR_WIDTH = 0.75
 """Width of the bottleneck [m]; the Silvermate's base is 0.54 m wide."""
-_HALL = 12.0  # [m] of wall on either side of the door: too long to drive around
-_DEPTH, _WIDTH = 1.2, 1.8  # [m] of the dead end, inside
-_HEIGHT, _THICK = 1.2, 0.2  # [m]
+_WALL_LENGTH = 12.0  # [m] of wall on either side of the door: too long to drive around
+_DEAD_END_DEPTH, _DEAD_END_WIDTH = 1.2, 1.8  # [m] of the dead end, inside
+_WALL_HEIGHT, _WALL_THICKNESS = 1.2, 0.2  # [m]
 
 
 def bottleneck(seed: int = 0) -> Scenario:
@@ -188,8 +195,8 @@ def bottleneck(seed: int = 0) -> Scenario:
         seed: not used.
     """
     walls: list[Obstacle] = [
-        _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR + _HALL), across=_HALL),
-        _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR + _HALL), across=_HALL),
+        _wall("wall-left", x=3.0, y=0.3 + 0.5 * (DOOR_WIDTH + _WALL_LENGTH), across=_WALL_LENGTH),
+        _wall("wall-right", x=3.0, y=0.3 - 0.5 * (DOOR_WIDTH + _WALL_LENGTH), across=_WALL_LENGTH),
     ]
     return _six_metres(BOTTLENECK, walls, seed)
 
@@ -201,14 +208,14 @@ def dead_end(seed: int = 0) -> Scenario:
         seed: not used.
     """
     back = 3.2
-    middle = back - 0.5 * (_THICK + _DEPTH)
-    side = 0.5 * (_WIDTH + _THICK)
-    walls: list[Obstacle] = [_wall("back", x=back, y=0.0, across=_WIDTH + 2.0 * _THICK)]
+    middle = back - 0.5 * (_WALL_THICKNESS + _DEAD_END_DEPTH)
+    side = 0.5 * (_DEAD_END_WIDTH + _WALL_THICKNESS)
+    walls: list[Obstacle] = [_wall("back", x=back, y=0.0, across=_DEAD_END_WIDTH + 2.0 * _WALL_THICKNESS)]
     for name, sign in (("left", 1.0), ("right", -1.0)):
-        at = (middle, sign * side, 0.5 * _HEIGHT)
-        walls.append(Box((_DEPTH, _THICK, _HEIGHT), at=at, name=name))
+        at = (middle, sign * side, 0.5 * _WALL_HEIGHT)
+        walls.append(Box((_DEAD_END_DEPTH, _WALL_THICKNESS, _WALL_HEIGHT), at=at, name=name))
     return _six_metres(DEAD_END, walls, seed)
 
 
 def _wall(name: str, *, x: float, y: float, across: float) -> Box:
-    return Box((_THICK, across, _HEIGHT), at=(x, y, 0.5 * _HEIGHT), name=name)
+    return Box((_WALL_THICKNESS, across, _WALL_HEIGHT), at=(x, y, 0.5 * _WALL_HEIGHT), name=name)

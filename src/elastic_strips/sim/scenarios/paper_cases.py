@@ -15,13 +15,13 @@ from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
 
 from .scenario import Scenario
 
-RADIUS = 0.3
+OBSTACLE_RADIUS = 0.3
 """Radius of the two obstacles [m]."""
-_HEIGHT = 1.3
-_STAGGER = 0.2
-_START = (-3.0, -3.0, np.pi / 6)
-_GOAL = (6.0, 6.0, np.pi / 4)
-_SENSED = (-1.5, -1.5)
+_OBSTACLE_HEIGHT = 1.3  # [m]
+_STAGGER_OFFSET = 0.2  # [m]
+_CASE_START = (-3.0, -3.0, np.pi / 6)  # [m, m, rad]
+_CASE_GOAL = (6.0, 6.0, np.pi / 4)  # [m, m, rad]
+_SENSED_PLACE = (-1.5, -1.5)
 _SHELF_ALONG = 3.6
 _SHELF_EDGE = 0.28  # from the straight line [m]: the base (0.27) passes, the arm on the right does not
 _WAY = np.array([1.0, 1.0]) / np.sqrt(2.0)
@@ -47,8 +47,8 @@ def paper_case(name: str) -> Scenario:
         name=name,
         summary=SCENARIOS[name],
         scene=Scene(_obstacles(name, gap)),
-        start=PoseSpec(*_START),
-        goal=PoseSpec(*_GOAL),
+        start=PoseSpec(*_CASE_START),
+        goal=PoseSpec(*_CASE_GOAL),
         params={"paper": {**TABLE_1, "influence": safe, "transfer_tilt": tilt, "mobile_only": name != "case-7"}},
         gap=None if gap is None else ("obstacle-1", "obstacle-2"),
     )
@@ -57,16 +57,21 @@ def paper_case(name: str) -> Scenario:
 def _obstacles(name: str, gap: float | None) -> list[Obstacle]:
     if gap is None:
         return [
-            Cylinder(RADIUS, _HEIGHT, at=(*(s * _WAY + w * _LEFT), _HEIGHT / 2), name=f"obstacle-{k + 1}")
+            Cylinder(
+                OBSTACLE_RADIUS,
+                _OBSTACLE_HEIGHT,
+                at=(*(s * _WAY + w * _LEFT), _OBSTACLE_HEIGHT / 2),
+                name=f"obstacle-{k + 1}",
+            )
             for k, (s, w) in enumerate([(-1.6, 0.9), (0.3, -1.0), (1.9, 1.05), (3.7, -0.95), (5.4, 1.1), (6.3, -1.2)])
         ]
-    apart = gap + 2 * RADIUS
-    side = 0.5 * np.sqrt(apart**2 - _STAGGER**2)
+    apart = gap + 2 * OBSTACLE_RADIUS
+    side = 0.5 * np.sqrt(apart**2 - _STAGGER_OFFSET**2)
     first = _near_obstacle()
     pair = []
-    for label, along, across in (("obstacle-1", first + _STAGGER, side), ("obstacle-2", first, -side)):
+    for label, along, across in (("obstacle-1", first + _STAGGER_OFFSET, side), ("obstacle-2", first, -side)):
         at = along * _WAY + across * _LEFT
-        pair.append(Cylinder(RADIUS, _HEIGHT, at=(at[0], at[1], _HEIGHT / 2), name=label))
+        pair.append(Cylinder(OBSTACLE_RADIUS, _OBSTACLE_HEIGHT, at=(at[0], at[1], _OBSTACLE_HEIGHT / 2), name=label))
     if name == "case-7":
         at = _SHELF_ALONG * _WAY - (_SHELF_EDGE + 0.25) * _LEFT
         turn = (0.0, 0.0, np.sin(np.pi / 8), np.cos(np.pi / 8))
@@ -76,6 +81,6 @@ def _obstacles(name: str, gap: float | None) -> list[Obstacle]:
 
 def _near_obstacle() -> float:
     """Distance of obstacle 2 along the line so that, with the gap of case 1, it is sensed at (−1.5, −1.5)."""
-    side = 0.5 * np.sqrt((2.1 + 2 * RADIUS) ** 2 - _STAGGER**2)
-    reach = TABLE_2["case-1"][1] + RADIUS
-    return float(np.dot(_SENSED, _WAY) + np.sqrt(reach**2 - side**2))
+    side = 0.5 * np.sqrt((2.1 + 2 * OBSTACLE_RADIUS) ** 2 - _STAGGER_OFFSET**2)
+    reach = TABLE_2["case-1"][1] + OBSTACLE_RADIUS
+    return float(np.dot(_SENSED_PLACE, _WAY) + np.sqrt(reach**2 - side**2))

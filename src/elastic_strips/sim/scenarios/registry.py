@@ -13,14 +13,14 @@ from elastic_strips.errors import ScenarioError, nearest_name
 from elastic_strips.io import PoseSpec, read_scenario
 from elastic_strips.validation import shown
 
-from .corridors import COURTEOUS, COURTEOUS_SPEEDS, LENGTH, MOVING, corridor_scene, moving_corridor
+from .corridors import CORRIDOR_LENGTH, COURTEOUS, COURTEOUS_SPEEDS, MOVING, corridor_scene, moving_corridor
 from .halls import BOTTLENECK, CLOSING, CLUTTER, DEAD_END, bottleneck, closing_side, clutter, dead_end
 from .paper_cases import TABLE_2, paper_case
 from .scenario import Scenario
 
 
 def _corridor(seed: int) -> Scenario:
-    start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(LENGTH, 0.0, 0.0)
+    start, goal = PoseSpec(0.0, 0.0, 0.0), PoseSpec(CORRIDOR_LENGTH, 0.0, 0.0)
     return Scenario("corridor", SCENARIOS["corridor"], corridor_scene(seed), start, goal, seed=seed)
 
 
@@ -61,7 +61,7 @@ def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
         return _REGISTRY[text](seed)
     path = Path(text)
     if path.suffix.lower() == ".npz":
-        raise ScenarioError(f"{text}: is no scenario; 'elastic-strips view' replays the record of a drive")
+        raise ScenarioError(f"{text}: is not a scenario; 'elastic-strips view' replays the record of a drive")
     if text and (path.suffix.lower() in (".yaml", ".yml") or "/" in text or os.path.exists(path)):
         return Scenario.from_spec(read_scenario(path))
     raise ScenarioError(f"unknown scenario {text!r}{nearest_name(text, _REGISTRY)} Or give a .yaml file.")

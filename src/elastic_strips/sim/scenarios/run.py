@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -18,6 +18,8 @@ from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
 from elastic_strips.planning.leaving import Departure
+from elastic_strips.planning.ompl_planner import PathResult
+from elastic_strips.planning.problem import SEED_STRIDE
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
@@ -27,24 +29,29 @@ from elastic_strips.validation import check_able, check_choice, check_count, che
 
 from .scenario import Scenario
 
+_MOST_FRAMES = 400  # of a deformation that are kept
+_PAPER_SPACING = 0.216  # [m] of nodes: 59 segments for the 12.7 m of the paper's line
+_OMPL_TRIES, _OMPL_MARGIN = 4, 0.04  # where the paper's line is not free; [m] that its paths keep
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RunResult(Summary):
     """Result of running a scenario.
 
     Attributes:
-        scenario, robot, params: of the run.
+        scenario, robot, params: what was run.
         initial: the strip before its deformation.
         report: last report; its strip is the result.
         method: source of the initial strip: ``"line"``, ``"grid"``, ``"ompl"`` or ``"none"``.
-        reason: of the result, in words.
+        reason: reason of the result, in words.
         passing_side: see :func:`passing_side`.
-        seed: of the planner.
-        ticks: all ticks; tick_seconds: the duration of each.
+        seed: seed of the planner.
+        ticks: number of all ticks.
+        tick_seconds: duration of each tick [s].
         time_to_certified: time until the first certified strip [s], or None.
         frames: strips along the deformation, for animation (first and last included).
-        departure: how a start that touches is left, before the strip; else None. Then the strip and its certificate are
-            from where the robot is free, and the result is not certified as a whole.
+        departure: the way out of a start that touches, before the strip; else None. With it the strip and its
+            certificate are from where the robot is free, and the result is not certified as a whole.
     """
 
     scenario: Scenario
@@ -64,10 +71,16 @@ class RunResult(Summary):
 
     def _summary(self) -> dict[str, object]:
         return {
-            "scenario": self.scenario.name, "robot": self.robot.name, "preset": self.params.preset,
-            "status": self.report.status.value, "certified": self.certified, "reason": self.reason,
-            "nodes": len(self.report.strip), "ticks": self.ticks, "passage": self.passing_side,
-        }  # fmt: skip
+            "scenario": self.scenario.name,
+            "robot": self.robot.name,
+            "preset": self.params.preset,
+            "status": self.report.status.value,
+            "certified": self.certified,
+            "reason": self.reason,
+            "nodes": len(self.report.strip),
+            "ticks": self.ticks,
+            "passage": self.passing_side,
+        }
 
     def _measured(self) -> dict[str, object]:
         return {"clearance": f"{self.clearance:.3f} m", "length": f"{self.report.strip.length:.3f} m"}
@@ -98,13 +111,13 @@ def run_scenario(
 
     Args:
         scenario: the problem.
-        robot: another robot than the scenario's.
+        robot: a robot other than the scenario's.
         preset: ``"default"`` or ``"paper"``; the scenario's where None.
-        seed: of the planner; the scenario's where None.
+        seed: seed of the planner; the scenario's where None.
         overrides: further parameter overrides.
         watch: called with every tick's report.
         timeout: longest planning [s].
-        start_depth: [m] a start that touches by at most so much is left first: see :func:`plan_report`.
+        start_depth: a start that touches by at most this much [m] is left first: see :func:`plan_report`.
 
     Raises:
         InputError: start or goal in collision, unknown parameters, …
@@ -123,16 +136,7 @@ def run_scenario(
     values = {**scenario.params.get(preset, {}), **(overrides or {})}
     params = _parameters(scenario, PaperParams() if preset == "paper" else DeformParams(), values)
     seed = scenario.seed if seed is None else seed
-    ticks: list[float] = []
-    frames: list[Strip] = []
-
-    def note(report: DeformReport) -> None:
-        ticks.append(report.seconds)
-        if len(frames) < 400:
-            frames.append(report.strip)
-        if watch is not None:
-            watch(report)
-
+    note = _Ticks(watch)
     try:
         if isinstance(params, PaperParams):
             if start_depth != 0.0:
@@ -146,11 +150,37 @@ def run_scenario(
         raise ConfigurationError(f"scenario {scenario.name!r}: {error}") from None
     initial, report, method, reason, first = outcome
     return RunResult(
-        scenario=scenario, robot=robot, params=params, initial=initial, report=report, method=method, reason=reason,
-        passing_side=passing_side(report.strip, scenario.scene, scenario.gap), seed=seed, ticks=len(ticks),
-        tick_seconds=np.asarray(ticks), time_to_certified=first, frames=(initial, *frames),
+        scenario=scenario,
+        robot=robot,
+        params=params,
+        initial=initial,
+        report=report,
+        method=method,
+        reason=reason,
+        passing_side=passing_side(report.strip, scenario.scene, scenario.gap),
+        seed=seed,
+        ticks=len(note.seconds),
+        tick_seconds=np.asarray(note.seconds),
+        time_to_certified=first,
+        frames=(initial, *note.strips),
         departure=departure,
-    )  # fmt: skip
+    )
+
+
+class _Ticks:
+    """Takes note of ticks: how long each took [s], and the strips of the first of them."""
+
+    def __init__(self, watch: Callable[[DeformReport], object] | None) -> None:
+        self.seconds: list[float] = []
+        self.strips: list[Strip] = []
+        self._watch = watch
+
+    def __call__(self, report: DeformReport) -> None:
+        self.seconds.append(report.seconds)
+        if len(self.strips) < _MOST_FRAMES:
+            self.strips.append(report.strip)
+        if self._watch is not None:
+            self._watch(report)
 
 
 _P = TypeVar("_P", bound="DeformParams | PaperParams")
@@ -161,7 +191,7 @@ def _parameters(scenario: Scenario, params: _P, values: dict[str, object]) -> _P
     try:
         for name, value in values.items():
             if name == "preset":
-                raise ParameterError(f"preset={value!r} is no parameter; choose the preset by itself")
+                raise ParameterError(f"preset={value!r} is not a parameter; choose the preset separately")
             if name in whole and isinstance(value, float):  # numbers of a file are floats
                 if not value.is_integer():
                     raise ParameterError(f"{name}={value!r} must be a whole number")
@@ -175,15 +205,27 @@ _Outcome = tuple[Strip, DeformReport, str, str, float | None]
 
 
 def _run_default(
-    scenario: Scenario, robot: RobotModel, params: DeformParams, seed: int, note: Callable[[DeformReport], None],
-    timeout: float, start_depth: float,
-) -> tuple[_Outcome, Departure | None]:  # fmt: skip
+    scenario: Scenario,
+    robot: RobotModel,
+    params: DeformParams,
+    seed: int,
+    note: Callable[[DeformReport], None],
+    timeout: float,
+    start_depth: float,
+) -> tuple[_Outcome, Departure | None]:
     start, goal = scenario.ends(robot)
     deformer = Deformer(robot, params)
     planned = plan_report(
-        robot, scenario.scene, start, goal, seed=seed, deformer=deformer, timeout=timeout, watch=note,
+        robot,
+        scenario.scene,
+        start,
+        goal,
+        seed=seed,
+        deformer=deformer,
+        timeout=timeout,
+        watch=note,
         start_depth=start_depth,
-    )  # fmt: skip
+    )
     departure, strip, before = planned.departure, planned.strip, planned.report
     if departure is not None and departure.rest is not None:
         strip = departure.rest
@@ -198,9 +240,13 @@ def _run_default(
 
 
 def _run_paper(
-    scenario: Scenario, robot: RobotModel, params: PaperParams, seed: int, note: Callable[[DeformReport], None],
+    scenario: Scenario,
+    robot: RobotModel,
+    params: PaperParams,
+    seed: int,
+    note: Callable[[DeformReport], None],
     timeout: float,
-) -> _Outcome:  # fmt: skip
+) -> _Outcome:
     """As in the paper, the initial trajectory is planned: the straight line, or OMPL's path where the line is not free
     and does not settle to a certified strip.
     """
@@ -209,8 +255,7 @@ def _run_paper(
     deformer = PaperDeformer(robot, params)
     bounds = DeformParams(influence=params.influence, clearance=params.clearance, self_clearance=params.self_clearance)
     ends = np.stack(check_endpoints(robot, scenario.scene, start, goal, bounds))
-    spacing = 0.216  # [m] 59 segments for the 12.7 m of the paper's line
-    rows = straight_line(robot, start, goal, spacing=spacing)
+    rows = straight_line(robot, start, goal, spacing=_PAPER_SPACING)
     if robot.space.planar:
         rows[:-1, 2] = rows[0, 2]  # Table 1: the direction of the initial robot
     initial, method = Strip.from_coordinates(robot, rows, ends=ends), "line"
@@ -230,17 +275,7 @@ def _run_paper(
     report = relax(initial)
     if not free and not report.usable:
         attempts.append(f"straight line, which is not free: {report.reason}")
-        for k in range(4):
-            found = ompl_path(
-                robot,
-                scenario.scene,
-                start,
-                goal,
-                seed=seed + 7919 * k,
-                margin=0.04,
-                timeout=timeout / 4,
-                spacing=spacing,
-            )
+        for found in _ompl_paths(scenario, robot, seed, timeout):
             if found.rows is None:
                 attempts.append(found.reason)
                 continue
@@ -252,6 +287,21 @@ def _run_paper(
     certified = report.usable
     reason = report.reason if not attempts or certified else "; ".join(attempts)
     return initial, report, method, reason, first[0] if first and certified else None
+
+
+def _ompl_paths(scenario: Scenario, robot: RobotModel, seed: int, timeout: float) -> Iterator[PathResult]:
+    start, goal = scenario.ends(robot)
+    for k in range(_OMPL_TRIES):
+        yield ompl_path(
+            robot,
+            scenario.scene,
+            start,
+            goal,
+            seed=seed + SEED_STRIDE * k,
+            margin=_OMPL_MARGIN,
+            timeout=timeout / _OMPL_TRIES,
+            spacing=_PAPER_SPACING,
+        )
 
 
 def passing_side(strip: Strip, scene: Scene, gap: tuple[str, str] | None) -> str | None:

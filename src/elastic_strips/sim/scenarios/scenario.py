@@ -30,18 +30,18 @@ class Scenario(Summary):
         scene: the obstacles that exist at its time.
         start, goal: base poses and joint values.
         robot: name or URDF path of the robot that it was made for.
-        robot_options: what else ``load_robot`` is told of it.
+        robot_options: further arguments of ``load_robot``.
         base: base kind, or None for the robot's own.
         preset: default preset.
         params: preset → parameter overrides.
         postures: robot name → joint values of both ends, for robots that the joints of ``start`` and ``goal`` do not
             fit.
         gap: names of two obstacles that define the passing side (between, around-left, around-right), or None.
-        seed: of everything random.
+        seed: seed of everything random.
         timeline: all obstacles with the times at which they appear and vanish; None where ``scene`` holds all of them;
             use :attr:`world`.
         speed_class: bound of the speeds of moving obstacles [m/s], or None where none is stated.
-        source: what else the files say that the scene was read from, or None.
+        source: everything in the files that the scene was read from, or None.
     """
 
     name: str
@@ -78,10 +78,20 @@ class Scenario(Summary):
             "paper": {name: value for name, value in spec.params.items() if name not in default - paper},
         }
         return Scenario(
-            name=spec.name, summary=spec.description, scene=spec.scene, start=spec.start, goal=spec.goal,
-            robot=spec.robot, base=spec.base, preset=spec.preset or "default",
-            params=params, seed=spec.seed, timeline=spec.world, robot_options=spec.robot_options, source=spec.source,
-        )  # fmt: skip
+            name=spec.name,
+            summary=spec.description,
+            scene=spec.scene,
+            start=spec.start,
+            goal=spec.goal,
+            robot=spec.robot,
+            base=spec.base,
+            preset=spec.preset or "default",
+            params=params,
+            seed=spec.seed,
+            timeline=spec.world,
+            robot_options=spec.robot_options,
+            source=spec.source,
+        )
 
     def load_robot(
         self,
@@ -92,13 +102,13 @@ class Scenario(Summary):
     ) -> RobotModel:
         """Load the scenario's robot, or another one; with preset ``paper`` a planar base is ``omni`` (Eq. 9).
 
-        ``options`` go before the scenario's own, which are of its robot alone. What the robot holds in a planning scene
-        is part of it.
+        ``options`` take precedence over the scenario's own, which are for its robot alone. What the robot holds in a
+        planning scene is part of the robot.
 
         Raises:
-            RobotError: unknown robot or an error in its files, or no such link that holds something.
-            ScenarioError: it reaches over the walls of a map of which no file says how high they are; or a planning
-                scene is in a frame that moves with it, or that it does not have.
+            RobotError: an unknown robot, an error in its files, or an unknown link that is to hold something.
+            ScenarioError: it reaches over the walls of a map whose height no file gives; or a planning
+                scene is in a frame that moves with the robot, or that it does not have.
         """
         base = base or self.base
         if (preset or self.preset) == "paper" and base != BaseKind.FIXED.value:

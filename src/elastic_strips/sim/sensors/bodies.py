@@ -16,9 +16,9 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import ShapeKind, shape_of, support_points, vertices
 from elastic_strips.errors import ConfigurationError, RobotError, missing_extra, nearest_name
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of, support_points, vertices
 from elastic_strips.robot.geometry import LinkGeometry
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Obstacle, Scene, World
@@ -33,7 +33,7 @@ def sensor_frames(robot: RobotModel) -> dict[str, tuple[str, ...]]:
     """Links that by their names are range sensors, in the order of their numbers.
 
     Args:
-        robot: whose links.
+        robot: the robot of the links.
 
     Returns:
         ``"laser"`` (``laser_frame``, ``laser_0_frame``, …), ``"sonar"`` (``sonar_0_frame``, …) and ``"infrared"``
@@ -96,7 +96,7 @@ class SensorMount:
     """Sensors that are fixed to links of a robot.
 
     Args:
-        posture: of the robot.
+        posture: posture of the robot.
         frames: names of the links.
 
     Attributes:
@@ -104,7 +104,7 @@ class SensorMount:
         T_joint_sensor: (S, 4, 4) their poses in the joints' frames.
 
     Raises:
-        RobotError: the robot has no such link; the message lists those it has.
+        RobotError: the robot has no such link; the message lists its links.
     """
 
     def __init__(self, posture: Posture, frames: Sequence[str]) -> None:
@@ -131,7 +131,7 @@ class SensorMount:
 _Corners = tuple[Array, npt.NDArray[np.int64]]
 """Vertices (V, 3) [m] and triangles (F, 3)."""
 
-_FARTHEST = 1e30  # [m] Embree returns 1e37 without a hit
+_FARTHEST_HIT = 1e30  # [m] Embree returns 1e37 without a hit
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _BOX_FACES = np.array(
     [
@@ -189,7 +189,7 @@ class _TriangleBody:
         origin = np.empty_like(direction)
         origin[:] = local.origin
         met = self._scene.run(origin, direction, output=True)
-        hit = np.flatnonzero(met["tfar"] < _FARTHEST)
+        hit = np.flatnonzero(met["tfar"] < _FARTHEST_HIT)
         if len(hit) == 0:
             return True
         distance = met["tfar"][hit].astype(np.float64)
@@ -220,7 +220,7 @@ def _hull_mesh(geometry: coal.CollisionGeometry, padding: float = 0.0) -> _Corne
 
     Args:
         geometry: the shape; round ones become polyhedra that contain them.
-        padding: by how much it shall be thicker at least [m]; corners grow by √3 times that.
+        padding: by how much it is made thicker at least [m]; corners grow by √3 times that.
     """
     if padding == 0.0 and shape_of(geometry)[0] is ShapeKind.CONVEX:
         points = vertices(geometry)
@@ -248,7 +248,7 @@ class ObstacleRays:
     """Workspace: the obstacles of a world, to cast rays against.
 
     Args:
-        world: of the obstacles.
+        world: the obstacles over time.
 
     Raises:
         MissingExtraError: an obstacle is a hull, a mesh, voxels or points, and Embree is not installed.
@@ -278,8 +278,8 @@ class ObstacleRays:
         """First hits of rays in the world frame, at time ``t`` [s].
 
         Args:
-            t: the time.
-            rays: to cast; one that begins inside an obstacle has the distance 0.
+            t: the time [s].
+            rays: rays to cast; one that begins inside an obstacle has the distance 0.
             reach: their length [m].
             normals: whether the normals of the surfaces are wanted.
 
@@ -308,11 +308,11 @@ class ObstacleRays:
 
 
 def _meshes(obstacle: Obstacle) -> list[_Corners]:
-    """Triangles of an obstacle's parts that are no primitives, in its frame."""
+    """Triangles of an obstacle's parts that are not primitives, in its frame."""
     return [m for part in obstacle.parts if not is_primitive(part.geometry) for m in _part_meshes(part)]
 
 
-_FAR = 1e3  # [m] beyond any robot
+_BEYOND_ROBOT = 1e3  # [m] beyond any robot
 
 
 class SelfFilter:
@@ -322,13 +322,13 @@ class SelfFilter:
     others are thicker by the padding. A body in which a ray begins is the sensor's housing, and ignored.
 
     Args:
-        posture: of the robot.
+        posture: posture of the robot.
         joint: (R,) joints that carry the rays.
         local: the rays in the joints' frames.
-        padding: of the bodies that move before the sensor [m].
+        padding: padding of the bodies that move before the sensor [m].
 
     Raises:
-        MissingExtraError: a body is no primitive, and Embree is not installed.
+        MissingExtraError: a body is not a primitive, and Embree is not installed.
     """
 
     def __init__(self, posture: Posture, joint: npt.NDArray[np.intp], local: Rays, padding: float) -> None:
@@ -340,7 +340,7 @@ class SelfFilter:
         for j in np.unique(joint):
             rays = np.flatnonzero(joint == j)
             nearest = Nearest(len(rays))
-            _Bodies([p for p in pieces if p.joint == j], 0.0).cast(at_rest, local.some(rays), nearest, _FAR)
+            _Bodies([p for p in pieces if p.joint == j], 0.0).cast(at_rest, local.some(rays), nearest, _BEYOND_ROBOT)
             self._fixed[rays] = nearest.distance
             others = [p for p in pieces if p.joint != j]
             paddings = (padding, 0.0) if padding > 0.0 else (0.0,)

@@ -19,7 +19,7 @@ from .bodies import ObstacleRays, Posture, SelfFilter, SensorMount
 from .params import LaserParams, RangeParams, RingParams, SensorConfig
 from .rays import Rays
 
-_CUT = 3.0
+_NOISE_CUT = 3.0
 """Noise is cut off at this many standard deviations."""
 
 
@@ -29,15 +29,15 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
     As many random numbers are drawn whatever the distances are, so that one range does not change the noise of another.
 
     Args:
-        distance: (R,) true ones [m]; infinite without a hit, NaN where unknown.
-        params: of the device.
+        distance: (R,) true ranges [m]; infinite without a hit, NaN where unknown.
+        params: parameters of the device.
         rng: source of noise and dropouts.
 
     Returns:
         ``NOTHING`` beyond the longest range, ``NO_ANSWER`` where the range is lost or unknown; else within
         ``range_min`` and ``range_max``.
     """
-    white = np.clip(rng.standard_normal(distance.shape), -_CUT, _CUT)
+    white = np.clip(rng.standard_normal(distance.shape), -_NOISE_CUT, _NOISE_CUT)
     lost = rng.random(distance.shape) < params.dropout
     there = np.where(np.isfinite(distance), distance, 0.0)
     ranges = np.clip(there + (params.noise + params.noise_ratio * there) * white, params.range_min, params.range_max)
@@ -84,18 +84,18 @@ class LaserRangefinder:
         return LaserScan(p.name, t, T_base_sensor[0], self.angles, ranges, p.range_min, p.range_max)
 
 
-_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))  # [rad] turn from one ray to the next
+_GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # [rad] turn from one ray to the next
 
 
 def cone_rays(half_angle: float, count: int) -> Array:
     """Directions (count, 3) that fill a cone about the x axis evenly; the first is the axis, the last on the rim.
 
     Args:
-        half_angle: of the cone [rad].
-        count: how many.
+        half_angle: half angle of the cone [rad].
+        count: number of directions.
     """
     k = np.arange(count)
-    tilt, turn = half_angle * np.sqrt(k / max(count - 1, 1)), _GOLDEN * k
+    tilt, turn = half_angle * np.sqrt(k / max(count - 1, 1)), _GOLDEN_ANGLE * k
     return np.stack((np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)), axis=1)
 
 
@@ -103,11 +103,11 @@ class SonarArray:
     """Workspace: one ring of sonars or infrared sensors on a robot; one group of them fires at a time.
 
     Args:
-        params: of the devices.
-        posture: of the robot, placed by the caller before a reading.
-        obstacles: of the world.
+        params: parameters of the devices.
+        posture: posture of the robot, placed by the caller before a reading.
+        obstacles: the world's obstacles.
         rng: source of noise, dropouts and crosstalk.
-        self_padding: of the links that move before the sensors [m].
+        self_padding: padding of the links that move before the sensors [m].
 
     Raises:
         RobotError: the robot has no such link.
@@ -182,7 +182,7 @@ class SonarArray:
         return np.where(hears & (neighbour < distance), neighbour, distance)
 
 
-_SLACK = 1e-9  # [s] times that differ by less are the same
+_SAME_TIME = 1e-9  # [s] times that differ by less are the same
 
 
 @dataclass(slots=True)
@@ -198,12 +198,12 @@ class SensorSuite:
     """Workspace: simulated range sensors of a robot in a world.
 
     Args:
-        robot: that carries them.
-        world: of obstacles.
-        config: of the sensors.
-        seed: of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of its
-            own.
-        time: at which the sensors begin [s].
+        robot: the robot that carries them.
+        world: the obstacles over time.
+        config: configuration of the sensors.
+        seed: seed of noise, dropouts and crosstalk, or a source of random numbers; each sensor draws from a stream of
+            its own.
+        time: time at which the sensors begin [s].
 
     Raises:
         RobotError: the robot lacks a link of a sensor.
@@ -255,7 +255,7 @@ class SensorSuite:
         several have passed.
 
         Args:
-            t: the time, not before that of the last call.
+            t: the time [s], not before that of the last call.
             coordinates: (nv,) the robot's true coordinate row then.
 
         Raises:
@@ -263,20 +263,20 @@ class SensorSuite:
             ConfigurationError: the coordinate row has another size, or is not finite.
         """
         now = check_number("t", t, unit="s")
-        if now < self._now - _SLACK:
+        if now < self._now - _SAME_TIME:
             raise ParameterError(f"observe at t={now!r} s after t={self._now!r} s; time must not go back: reset first")
         self._now = now
-        due = [k for k, sensor in enumerate(self._sensors) if now >= sensor.due - _SLACK]
+        due = [k for k, sensor in enumerate(self._sensors) if now >= sensor.due - _SAME_TIME]
         if due:
             self._posture.place(coordinates)
         for k in due:
             sensor = self._sensors[k]
             reading = sensor.device.measure(now)
             self._pending.append((now, k, now + sensor.device.params.latency, reading))
-            passed = math.floor((now - self._start + _SLACK) / sensor.period)
+            passed = math.floor((now - self._start + _SAME_TIME) / sensor.period)
             sensor.due = self._start + (passed + 1) * sensor.period
-        ready = [entry for entry in self._pending if entry[2] <= now + _SLACK]
+        ready = [entry for entry in self._pending if entry[2] <= now + _SAME_TIME]
         if not ready:
             return ()
-        self._pending = [entry for entry in self._pending if entry[2] > now + _SLACK]
+        self._pending = [entry for entry in self._pending if entry[2] > now + _SAME_TIME]
         return tuple(entry[3] for entry in sorted(ready, key=lambda e: e[:2]))

@@ -1,4 +1,4 @@
-"""What range sensors are like: their rays, reach, rate, latency and errors, checked; and their YAML file
+"""Properties of range sensors: their rays, reach, rate, latency and errors, checked; and their YAML file
 (docs/sensors.md)."""
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ def _where(params: RangeParams) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeParams:
-    """What all range sensors have in common.
+    """Common properties of all range sensors.
 
     Attributes:
-        name: of the sensor; its readings carry it.
+        name: name of the sensor; its readings carry it.
         range_min, range_max: shortest and longest range that it can tell [m].
         rate: firings per second [Hz].
-        latency: from a measurement to the time at which it can be read [s].
+        latency: time from a measurement until it can be read [s].
         noise: standard deviation of a range [m]; Gaussian, cut off at three standard deviations.
-        noise_ratio: what the standard deviation grows by per metre of range [-].
+        noise_ratio: growth of the standard deviation per metre of range [-].
         dropout: probability that a range is lost (``NO_ANSWER``), for each ray or sensor alone [-].
-        near_reads_min: whether something nearer than ``range_min`` reads as ``range_min``; else as ``NO_ANSWER``.
+        near_reads_min: whether something nearer than ``range_min`` reads as ``range_min``, not as ``NO_ANSWER``.
     """
 
     name: str
@@ -93,7 +93,7 @@ class RingParams(RangeParams):
     Attributes:
         kind: ``"sonar"`` or ``"infrared"``.
         frames: links of the URDF, one for each sensor, which looks along its x axis; in order around the robot.
-        half_angle: of the cone that a sensor sees [rad].
+        half_angle: half angle of the cone that a sensor sees [rad].
         rays: rays in that cone; the nearest echo counts.
         max_incidence: angle between a ray and the normal of a surface beyond which the surface reflects it away [rad].
         crosstalk: probability that a sensor hears the echo of its neighbour in the group that fires with it [-].
@@ -171,9 +171,9 @@ class SensorConfig:
     """The range sensors of a robot.
 
     Attributes:
-        sensors: what they are like; no two have the same name. The default is the Silvermate's set.
-        self_padding: by how much the links are thought thicker than they are, when the robot decides what a beam met
-            was itself [m].
+        sensors: the sensors' parameters; no two have the same name. The default is the Silvermate's set.
+        self_padding: by how much the links count as thicker than they are, when the robot decides whether a beam met
+            itself [m].
     """
 
     sensors: tuple[_SensorParams, ...] = (LaserParams(), SonarParams(), InfraredParams())
@@ -197,7 +197,7 @@ class SensorConfig:
 
     @property
     def all_round(self) -> bool:
-        """Whether some sensor looks behind the robot: a ring, or a laser that sees nearly all around."""
+        """Whether any sensor looks behind the robot: a ring, or a laser that sees nearly all around."""
         return any(isinstance(s, RingParams) or s.field_of_view > _ALL_ROUND for s in self.sensors)
 
     def only(self, *names: str) -> SensorConfig:
@@ -222,17 +222,17 @@ def sensor_file(robot: str = "silvermate") -> Path:
     """The file of a robot's range sensors that comes with the library: one to copy and to change.
 
     Args:
-        robot: its name; a robot without a file gets the Silvermate's.
+        robot: name of the robot; a robot without a file gets the Silvermate's.
     """
     own = Path(__file__).with_name(f"{Path(robot).stem}_sensors.yaml")
     return own if own.is_file() else own.with_name("silvermate_sensors.yaml")
 
 
 def named_sensors(text: str, robot: str) -> SensorConfig:
-    """The sensors that a text names, of a robot that is named: ``"all"``, some as ``"laser,sonar"``, or a YAML file.
+    """The sensors that a text names, for a robot by name: ``"all"``, some as ``"laser,sonar"``, or a YAML file.
 
     Raises:
-        ParameterError: no such sensor, or a file that is none of sensors.
+        ParameterError: no such sensor, or a file that does not describe sensors.
     """
     if text.endswith((".yaml", ".yml")):
         return read_sensors(text)
@@ -244,11 +244,11 @@ def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:
     """The range sensors that a YAML file describes.
 
     Args:
-        path: of the file; None for the Silvermate's.
+        path: the file; None for the Silvermate's.
 
     Returns:
-        The sensors in the order of the file; what it leaves out is as `LaserParams`, `SonarParams` and
-        `InfraredParams` have it.
+        The sensors in the order of the file; values that it leaves out are those of `LaserParams`, `SonarParams` and
+        `InfraredParams`.
 
     Raises:
         ParameterError: the file cannot be read, a key is unknown, a value is of another kind or out of bounds; the

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.robot.coal_shapes import ShapeKind, shape_of
+from elastic_strips.coal_shapes import ShapeKind, shape_of
 
-_SLACK = 1e-6  # [m] bounding spheres are taken larger by this, so that rounding drops no touching pair
+_SPHERE_SLACK = 1e-6  # [m] bounding spheres are taken larger by this, so that rounding drops no touching pair
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,10 +60,10 @@ class Rays:
         middle = self.origin.mean(axis=0) if len(self.origin) > 1 else self.origin[0]
         c, o = center - middle, self.origin - middle  # coordinates stay small
         spread = math.sqrt(float(np.einsum("ij,ij->i", o, o).max()))
-        close = np.flatnonzero(np.linalg.norm(c, axis=1) <= reach + radius + (spread + _SLACK))
+        close = np.flatnonzero(np.linalg.norm(c, axis=1) <= reach + radius + (spread + _SPHERE_SLACK))
         if len(close) == 0:
             return close, close
-        c, r = c[close], (radius[close] + _SLACK)[:, None]
+        c, r = c[close], (radius[close] + _SPHERE_SLACK)[:, None]
         along = c @ self.direction.T
         square = np.einsum("ij,ij->i", c, c)[:, None]
         if len(o) > 1:
@@ -105,7 +105,7 @@ class Nearest:
         return np.flatnonzero((distance < before) & (distance == self.distance[ray]))
 
 
-_TINY = 1e-14
+_LEAST_DIVISOR = 1e-14
 _BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE = range(5)
 
 
@@ -117,7 +117,7 @@ class Primitives:
         row: (P,) index of each among the given geometries.
         kind: (P,) ascending.
         size: (P, 3) half lengths of a box; else radius, half length along z, 0 [m].
-        radius: (P,) of spheres about the shapes' origins that hold them [m].
+        radius: (P,) radii of spheres about the shapes' origins that hold them [m].
     """
 
     row: Indices
@@ -145,9 +145,9 @@ class Primitives:
         """Intersect rays with these shapes.
 
         Args:
-            rotation: (P, 3, 3) of the shapes' frames in the rays' frame.
+            rotation: (P, 3, 3) rotations of the shapes' frames in the rays' frame.
             translation: (P, 3) their origins [m].
-            rays: to intersect.
+            rays: rays to intersect.
             nearest: takes the hits.
             reach: length of the rays [m]; hits beyond may be left out.
             inside: distance [m] of a ray that begins inside a shape.
@@ -183,7 +183,7 @@ def is_primitive(geometry: coal.CollisionGeometry | None, padding: float = 0.0) 
 
 
 def _measured(geometry: coal.CollisionGeometry | None, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
-    """Kind and size of a Coal geometry; empty if it is no primitive."""
+    """Kind and size of a Coal geometry; empty if it is not a primitive."""
     kind, size = shape_of(geometry)
     if kind is ShapeKind.BOX:
         x, y, z = (h + padding for h in size)
@@ -198,7 +198,7 @@ def _measured(geometry: coal.CollisionGeometry | None, padding: float) -> list[t
 
 def _slab(o: Array, d: Array, half: Array) -> tuple[Array, Array]:
     """Between the planes at ± half; arrays of any shape."""
-    inverse = 1.0 / np.where(np.abs(d) < _TINY, np.copysign(_TINY, d), d)
+    inverse = 1.0 / np.where(np.abs(d) < _LEAST_DIVISOR, np.copysign(_LEAST_DIVISOR, d), d)
     a, b = (-half - o) * inverse, (half - o) * inverse
     return np.minimum(a, b), np.maximum(a, b)
 
@@ -206,7 +206,7 @@ def _slab(o: Array, d: Array, half: Array) -> tuple[Array, Array]:
 def _disc(o: Array, d: Array, radius: Array) -> tuple[Array, Array]:
     """Within a radius of the origin, in two or three dimensions: o, d (K, n)."""
     a, b = np.einsum("ij,ij->i", d, d), np.einsum("ij,ij->i", o, d)
-    along = a > _TINY
+    along = a > _LEAST_DIVISOR
     c = np.einsum("ij,ij->i", o, o) - radius * radius
     a = np.where(along, a, 1.0)
     foot = o - (b / a)[:, None] * d  # where the line is nearest; better than b² − a c, which cancels far away
@@ -259,8 +259,8 @@ def _cone(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
     real = (b * b - a * c >= 0.0) | straight
     big = -(b + np.copysign(root, b))  # the root that does not cancel
     t1 = big / np.where(straight, 1.0, a)
-    t2 = c / np.where(np.abs(big) < _TINY, _TINY, big)
-    t3 = (2.0 * half - w) / np.where(np.abs(dw) < _TINY, np.copysign(_TINY, dw), dw)
+    t2 = c / np.where(np.abs(big) < _LEAST_DIVISOR, _LEAST_DIVISOR, big)
+    t3 = (2.0 * half - w) / np.where(np.abs(dw) < _LEAST_DIVISOR, np.copysign(_LEAST_DIVISOR, dw), dw)
     enter, leave = np.full(len(o), np.inf), np.full(len(o), -np.inf)
     for t, side in ((t1, real & ~straight), (t2, real)):
         at = w + t * dw
@@ -279,7 +279,7 @@ def _both(enter: Array, leave: Array, low: Array, high: Array) -> tuple[Array, A
 
 
 def _unit(v: Array) -> Array:
-    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), _TINY)
+    return v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), _LEAST_DIVISOR)
 
 
 def _box_normal(p: Array, size: Array) -> Array:

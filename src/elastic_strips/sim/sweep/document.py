@@ -1,4 +1,4 @@
-"""The file of a sweep: what is run, with which parameters and seeds; read and checked before anything begins."""
+"""The file of a sweep: what to run, with which parameters and seeds; read and checked before anything begins."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,11 +20,11 @@ from elastic_strips.sim.sensors import named_sensors
 
 from .runs import ENDS, KINDS, MEASURED, Run, Value, check_values, full_name, located
 
-VERSION = 1
+SWEEP_VERSION = 1
 MAX_RUNS = 1_000_000
 MAX_SEED = 2**31 - 1
 _KEYS = ("version", "kind", "scenarios", "robots", "presets", "seeds", "grid", "fixed", "plot")
-_TRIED = 2000
+_COMBINATIONS_TRIED = 2000
 """Combinations that are tried before a value counts as impossible."""
 
 
@@ -34,7 +34,7 @@ class SweepError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """What is drawn; None: chosen by what varies.
+    """The columns that are drawn; None: chosen by what varies.
 
     Attributes:
         x, y, hue: names of columns.
@@ -50,16 +50,16 @@ class Sweep:
     """Everything that a sweep runs.
 
     Attributes:
-        path: of its file.
+        path: its file.
         kind: ``"plan"``, as ``elastic-strips run`` does it, or ``"drive"``, as ``elastic-strips drive`` does.
         scenarios: names, or files relative to the sweep's.
-        robots: names or URDF files; None: that of the scenario.
-        presets: of the parameters, for plans; None: that of the scenario.
-        seeds: of everything random.
+        robots: names or URDF files; None: the scenario's.
+        presets: presets of the parameters, for plans; None: the scenario's.
+        seeds: seeds of everything random.
         grid: parameter → its values; every combination is run.
         fixed: parameter → its value in every run.
-        plot: what is drawn.
-        files: name of each file that the sweep names → SHA-256 of what it holds.
+        plot: the columns that are drawn.
+        files: name of each file that the sweep names → SHA-256 of its content.
     """
 
     path: Path
@@ -88,11 +88,18 @@ class Sweep:
         )
         return tuple(
             Run(
-                k, self.kind, scenario, robot, preset, seed, (*zip(axes, point, strict=True), *fixed), folder,
+                k,
+                self.kind,
+                scenario,
+                robot,
+                preset,
+                seed,
+                (*zip(axes, point, strict=True), *fixed),
+                folder,
                 len(axes),
             )
             for k, (scenario, robot, preset, point, seed) in enumerate(every)
-        )  # fmt: skip
+        )
 
     def columns(self) -> dict[str, type]:
         """Column of the table → type of its values."""
@@ -108,7 +115,7 @@ class Sweep:
         return {**columns, **MEASURED[self.kind], **ENDS}
 
     def document(self) -> Document:
-        """What makes the sweep this one and no other, as plain values: all but path and plot."""
+        """What identifies the sweep, as plain values: everything except path and plot."""
         return {
             "kind": self.kind,
             "scenarios": list(self.scenarios),
@@ -140,33 +147,21 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     root = load_yaml(path, error=SweepError)
     entries = root.mapping(_KEYS, needed=("kind", "scenarios"), what="a sweep")
     if "version" in entries:
-        entries["version"].integer(low=VERSION, high=VERSION)
+        entries["version"].integer(low=SWEEP_VERSION, high=SWEEP_VERSION)
     kind = entries["kind"].text(valid=KINDS)
     folder = str(root.source.path.parent.absolute())
-    scenarios = [node.text() for node in _listed(entries["scenarios"])]
-    for node, name in zip(entries["scenarios"].items(), scenarios, strict=True):
-        node.checked(get_scenario, located(name, folder))
-    robots: list[str | None] = [None]
-    if "robots" in entries:
-        robots = [_robot(node, folder) for node in _listed(entries["robots"])]
-    presets: list[str | None] = [None]
-    if "presets" in entries:
-        if kind != "plan":
-            entries["presets"].fail("a drive has no presets; leave them out, or use kind: plan")
-        presets = [node.text(valid=PRESETS) for node in _listed(entries["presets"])]
+    scenarios = _scenarios(entries["scenarios"], folder)
+    robots = _robots(entries["robots"], folder) if "robots" in entries else [None]
+    presets = _presets(entries["presets"], kind) if "presets" in entries else [None]
     seeds = _seeds(entries["seeds"]) if "seeds" in entries else (0,)
     fixed_nodes = entries["fixed"].mapping(what="fixed parameters") if "fixed" in entries else {}
     grid_nodes = entries["grid"].mapping(what="parameters to lists of values") if "grid" in entries else {}
-    _check_names(kind, [*grid_nodes.values(), *fixed_nodes.values()], [*grid_nodes, *fixed_nodes])
+    _check_names(kind, [*grid_nodes.items(), *fixed_nodes.items()])
     fixed = {name: _value(node) for name, node in fixed_nodes.items()}
     grid = {name: tuple(_value(n) for n in _listed(node)) for name, node in grid_nodes.items()}
     sensor_nodes = _sensor_nodes(grid_nodes, fixed_nodes)
-    if sensor_nodes:
-        owners = [robot or get_scenario(located(name, folder)).robot for name in scenarios for robot in robots]
-        for node in sensor_nodes:
-            _check_sensors(node, owners, folder)
-    named = [*scenarios, *(r for r in robots if r), *(node.text() for node in sensor_nodes)]
-    files = {name: _sha256(Path(located(name, folder))) for name in named if located(name, folder) != name}
+    _check_sensors(sensor_nodes, scenarios, robots, folder)
+    files = _digests([*scenarios, *filter(None, robots), *(node.text() for node in sensor_nodes)], folder)
     plot = _plot(entries["plot"]) if "plot" in entries else Plot()
     sweep = Sweep(
         root.source.path, kind, tuple(scenarios), tuple(robots), tuple(presets), seeds, grid, fixed, plot, files
@@ -174,9 +169,8 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     if len(sweep) > MAX_RUNS:
         root.fail(f"the sweep has {len(sweep)} runs; it may have at most {MAX_RUNS}")
     _check_values(sweep, grid_nodes, fixed_nodes)
-    for key, name in (("x", plot.x), ("y", plot.y), ("hue", plot.hue)):
-        if name is not None:
-            entries["plot"][key].text(valid=sweep.columns())
+    if "plot" in entries:
+        _check_columns(entries["plot"], sweep)
     return sweep
 
 
@@ -201,6 +195,17 @@ def _hashable(value: object) -> object:
     return repr(value) if isinstance(value, dict) else (isinstance(value, bool), value)
 
 
+def _scenarios(node: Node, folder: str) -> list[str]:
+    names = [entry.text() for entry in _listed(node)]
+    for entry, name in zip(node.items(), names, strict=True):
+        entry.checked(get_scenario, located(name, folder))
+    return names
+
+
+def _robots(node: Node, folder: str) -> list[str]:
+    return [_robot(entry, folder) for entry in _listed(node)]
+
+
 def _robot(node: Node, folder: str) -> str:
     name = node.text()
     path = located(name, folder)
@@ -209,6 +214,12 @@ def _robot(node: Node, folder: str) -> str:
     elif not os.path.isfile(path):
         node.fail(f"there is no URDF file {path}")
     return name
+
+
+def _presets(node: Node, kind: str) -> list[str]:
+    if kind != "plan":
+        node.fail("a drive has no presets; leave them out, or use kind: plan")
+    return [entry.text(valid=PRESETS) for entry in _listed(node)]
 
 
 def _seeds(node: Node) -> tuple[int, ...]:
@@ -237,8 +248,15 @@ def _sensor_nodes(grid: Mapping[str, Node], fixed: Mapping[str, Node]) -> list[N
     return [fixed["sensors"]] if "sensors" in fixed else []
 
 
-def _check_sensors(node: Node, robots: list[str], folder: str) -> None:
-    """One of the robots at least has such sensors."""
+def _check_sensors(nodes: Sequence[Node], scenarios: Sequence[str], robots: Sequence[str | None], folder: str) -> None:
+    """Check that of all sensors that are named at least one of the robots has such."""
+    if nodes:
+        owners = [robot or get_scenario(located(name, folder)).robot for name in scenarios for robot in robots]
+        for node in nodes:
+            _check_some_has(node, owners, folder)
+
+
+def _check_some_has(node: Node, robots: list[str], folder: str) -> None:
     first: InputError | None = None
     for robot in dict.fromkeys(robots):
         try:
@@ -249,11 +267,11 @@ def _check_sensors(node: Node, robots: list[str], folder: str) -> None:
     node.fail(str(first))
 
 
-def _check_names(kind: str, nodes: list[Node], names: list[str]) -> None:
-    """Every parameter is known and named once, and none is called as another column is."""
+def _check_names(kind: str, parameters: Sequence[tuple[str, Node]]) -> None:
+    """Check that every parameter is known and named once, and that none has the name of another column."""
     seen: dict[str, str] = {}
     taken = {"run", "scenario", "robot", "preset", "seed", *MEASURED[kind], *ENDS}
-    for name, node in zip(names, nodes, strict=True):
+    for name, node in parameters:
         full = node.checked(full_name, kind, name)
         if full in seen:
             node.fail(f"is the same parameter as {seen[full]!r}, which is given, too")
@@ -263,7 +281,7 @@ def _check_names(kind: str, nodes: list[Node], names: list[str]) -> None:
 
 
 def _check_values(sweep: Sweep, grid: Mapping[str, Node], fixed: Mapping[str, Node]) -> None:
-    """Every value can be had beside some of the others; a combination that cannot is a row with an error."""
+    """Check that every value is possible with some of the others; an impossible combination is a row with an error."""
     for preset in sweep.presets:
         for name, node in grid.items():
             for value, entry in zip(sweep.grid[name], node.items(), strict=True):
@@ -274,9 +292,9 @@ def _check_values(sweep: Sweep, grid: Mapping[str, Node], fixed: Mapping[str, No
 
 
 def _check_some(sweep: Sweep, preset: str | None, axes: list[tuple[Value, ...]], node: Node) -> None:
-    """Some combination is sound; else the first one's error, at the node of a fixed value if that alone is wrong."""
+    """Check that some combination is possible; else the first one's error, at a fixed value if that alone is wrong."""
     first: InputError | None = None
-    for point in itertools.islice(itertools.product(*axes), _TRIED):
+    for point in itertools.islice(itertools.product(*axes), _COMBINATIONS_TRIED):
         try:
             check_values(sweep.kind, preset, {**sweep.fixed, **dict(zip(sweep.grid, point, strict=True))})
             return
@@ -288,6 +306,18 @@ def _check_some(sweep: Sweep, preset: str | None, axes: list[tuple[Value, ...]],
 def _plot(node: Node) -> Plot:
     entries = node.mapping(("x", "y", "hue"), what="a plot")
     return Plot(**{key: entry.text() for key, entry in entries.items()})
+
+
+def _check_columns(node: Node, sweep: Sweep) -> None:
+    """Check that what is drawn are columns of the sweep's table."""
+    for key in ("x", "y", "hue"):
+        if getattr(sweep.plot, key) is not None:
+            node[key].text(valid=sweep.columns())
+
+
+def _digests(named: Sequence[str], folder: str) -> dict[str, str]:
+    """SHA-256 of what those names stand for that are files."""
+    return {name: _sha256(Path(located(name, folder))) for name in named if located(name, folder) != name}
 
 
 def _sha256(path: Path) -> str:

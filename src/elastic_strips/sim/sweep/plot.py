@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,20 +17,23 @@ from elastic_strips.validation import check_choice, shown
 from .document import Plot, Sweep, SweepError
 from .runs import Row
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 _DEFAULT_Y = {"plan": "clearance_m", "drive": "time_s"}
 _MOST_HUES = 10
 
 
 def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], *, plot: Plot | None = None) -> Plot:
-    """Draw rows of a sweep: the median over all seeds and what else varies, and the middle half about it.
+    """Draw rows of a sweep: the median over all seeds and everything else that varies, and the middle half about it.
 
-    Of a column of true and false the part that is true is drawn.
+    For a column of true and false the share of true is drawn.
 
     Args:
-        sweep: that the rows are of.
-        rows: of the runs that are done.
-        path: of the picture: PNG, or what else Matplotlib writes by the ending.
-        plot: columns; what it leaves out comes from the sweep's file, and else from what varies: x is the first
+        sweep: the sweep of the rows.
+        rows: rows of the runs that are done.
+        path: the picture's file: PNG, or whatever else Matplotlib writes by the ending.
+        plot: columns; those it leaves out come from the sweep's file, or else from what varies: x is the first
             parameter (or scenario, robot, preset, seed) with several values, hue the next one, y ``clearance_m`` of
             plans and ``time_s`` of drives.
 
@@ -50,19 +54,29 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     good = [row for row in rows if row[y] is not None and row[x] is not None]
     if not good:
         raise SweepError(f"{target}: nothing to draw: none of {len(rows)} rows has a {y}")
-    hues = _values(good, hue) if hue else [None]
-    found, hues = len(hues), hues[:_MOST_HUES]
-    places = _values(good, x)
-    numeric = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in places)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.add_subplot()
+    _draw(axes, good, Plot(x, y, hue))
+    lost = len(rows) - len(good)
+    title = f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else "")
+    axes.set_title(title, fontsize=10, parse_math=False)
+    stream = BytesIO()
+    figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
+    atomic_write(target, stream.getvalue())
+    return Plot(x, y, hue)
+
+
+def _draw(axes: Axes, rows: Sequence[Row], plot: Plot) -> None:
+    """Rows that have values of x and y."""
+    x, y, hue = plot.x or "", plot.y or "", plot.hue
+    hues = _values(rows, hue) if hue else [None]
+    found, hues = len(hues), hues[:_MOST_HUES]
+    places = _values(rows, x)
+    numeric = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in places)
     for k, value in enumerate(hues):
-        mine = [row for row in good if hue is None or row[hue] == value]
+        mine = [row for row in rows if hue is None or row[hue] == value]
         at, middle, low, high = _summary(mine, x, y, places, numeric)
-        label = None if hue is None else str(value) if isinstance(value, str) else f"{hue} {value}"
-        if label is not None and label.startswith("_"):  # else Matplotlib leaves it out of the legend
-            label = f" {label}"
-        color = f"C{k}"
+        label, color = None if hue is None else _label(hue, value), f"C{k}"
         if numeric:
             axes.fill_between(at, low, high, color=color, alpha=0.2, lw=0)
             axes.plot(at, middle, ".-", color=color, label=label)
@@ -73,24 +87,21 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     if not numeric:
         axes.set_xticks(range(len(places)), [str(v) for v in places], parse_math=False)
     axes.set_xlabel(x)
-    share = isinstance(good[0][y], bool)
-    axes.set_ylabel(f"part of the runs with {y}" if share else y)
-    lost = len(rows) - len(good)
-    axes.set_title(f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else ""), fontsize=10,
-                   parse_math=False)  # fmt: skip
+    axes.set_ylabel(f"part of the runs with {y}" if isinstance(rows[0][y], bool) else y)
     if hue is not None:
         legend = axes.legend(fontsize=8, title=f"the first {len(hues)} of {found}" if found > len(hues) else None)
         for text in legend.get_texts():
             text.set_parse_math(False)
     axes.grid(alpha=0.3)
-    stream = BytesIO()
-    figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)
-    atomic_write(target, stream.getvalue())
-    return Plot(x, y, hue)
+
+
+def _label(hue: str, value: object) -> str:
+    label = value if isinstance(value, str) else f"{hue} {value}"
+    return f" {label}" if label.startswith("_") else label  # else Matplotlib leaves it out of the legend
 
 
 def check_plot(path: str | os.PathLike[str]) -> Path:
-    """The path, if a picture can be written there: before hours are spent on what is to be drawn.
+    """The path, if a picture can be written there; to be called before hours are spent on the runs.
 
     Raises:
         SweepError: Matplotlib does not write files of such an ending.
@@ -112,7 +123,7 @@ def plot_columns(sweep: Sweep, plot: Plot | None = None) -> Plot:
     """The columns that are drawn; see :func:`plot_sweep`.
 
     Raises:
-        ParameterError: there is no such column, or y is none of numbers.
+        ParameterError: there is no such column, or y is not a column of numbers.
     """
     wanted = plot or Plot()
     columns = sweep.columns()

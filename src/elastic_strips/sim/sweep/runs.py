@@ -1,4 +1,4 @@
-"""One run of a sweep: which parameters it may change, what is run, and the row that comes of it."""
+"""One run of a sweep: which parameters it may change, what it runs, and the row that results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.sim.computing import Computing
 from elastic_strips.sim.jobs import cached
 from elastic_strips.sim.scenarios import Scenario, drive_document, drive_scenario, get_scenario, result_document
-from elastic_strips.sim.scenarios.drive import DRIVE_METHODS, PLANTS, STRIP, drive_params
+from elastic_strips.sim.scenarios.drive import PLANTS, drive_params
 from elastic_strips.sim.scenarios.run import run_scenario
 from elastic_strips.sim.sensors import named_sensors
 from elastic_strips.strip import DeformParams
@@ -27,27 +27,47 @@ from elastic_strips.validation import check_choice, check_count, check_number, c
 Value: TypeAlias = "bool | int | float | str | tuple[float, ...]"
 """A value of a parameter."""
 Row: TypeAlias = "dict[str, bool | int | float | str | None]"
-"""A row of the table: column → value; what does not exist is None."""
+"""A row of the table: column → value; values that do not exist are None."""
 
 KINDS = ("plan", "drive")
 MEASURED: Mapping[str, Mapping[str, type]] = {
     "plan": {
-        "status": str, "certified": bool, "reason": str, "clearance_m": float, "length_m": float, "nodes": int,
-        "ticks": int, "initial": str, "time_to_certified_ms": float, "tick_p50_ms": float, "tick_p95_ms": float,
-        "passage": str, "max_lateral_slip_m": float,
+        "status": str,
+        "certified": bool,
+        "reason": str,
+        "clearance_m": float,
+        "length_m": float,
+        "nodes": int,
+        "ticks": int,
+        "initial": str,
+        "time_to_certified_ms": float,
+        "tick_p50_ms": float,
+        "tick_p95_ms": float,
+        "passage": str,
+        "max_lateral_slip_m": float,
     },
     "drive": {
-        "state": str, "reached": bool, "reason": str, "collisions": int, "contacts_at_rest": int,
-        "min_clearance_m": float, "time_s": float, "path_m": float, "stops": int, "replans": int, "ticks": int,
-        "tick_p50_ms": float, "tick_p95_ms": float, "deadline_misses": int, "max_lateral_slip_m": float,
+        "state": str,
+        "reached": bool,
+        "reason": str,
+        "collisions": int,
+        "contacts_at_rest": int,
+        "min_clearance_m": float,
+        "time_s": float,
+        "path_m": float,
+        "stops": int,
+        "replans": int,
+        "ticks": int,
+        "tick_p50_ms": float,
+        "tick_p95_ms": float,
+        "deadline_misses": int,
+        "max_lateral_slip_m": float,
         "max_tracking_error_m": float,
     },
-}  # fmt: skip
-"""Kind → column → type of what is measured; docs/sweeps.md says what they mean."""
+}
+"""Kind → column → type of the measured value; docs/sweeps.md says what they mean."""
 ENDS: Mapping[str, type] = {"error_type": str, "error": str, "wall_s": float}
 """The last columns of every kind."""
-CLOCKED = ("time_to_certified_ms", "tick_p50_ms", "tick_p95_ms", "deadline_misses", "wall_s")
-"""Columns that the clock has a part in: they differ from one run to the next of the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +79,11 @@ class Run:
         kind: one of `KINDS`.
         scenario: name or file of the scenario, as the sweep's file has it.
         robot: name or file of the robot; the scenario's where None.
-        preset: of the parameters, of a plan; the scenario's where None.
-        seed: of everything random.
+        preset: preset of the parameters, for plans; the scenario's where None.
+        seed: seed of everything random.
         values: names of parameters, and their values.
-        folder: that files are relative to.
-        axes: how many of the values, the first ones, the sweep varies; they are columns.
+        folder: the folder to which files are relative.
+        axes: number of the first values that the sweep varies; they are columns.
     """
 
     index: int
@@ -94,7 +114,7 @@ class Run:
 
 
 def execute(run: Run) -> Row:
-    """Run it. What goes wrong is in the row, in ``error_type`` and ``error``: nothing is raised."""
+    """Run it. Errors are in the row, in ``error_type`` and ``error``: nothing is raised."""
     began = perf_counter()
     row = empty(run)
     try:
@@ -111,7 +131,7 @@ def empty(run: Run) -> Row:
 
 
 def failed(error: BaseException) -> Row:
-    """The columns that tell of an error; of one that nobody raised on purpose also the place."""
+    """The columns that report an error; for one that was not raised on purpose also its place."""
     text = " ".join(str(error).split())[:500]
     if not isinstance(error, ElasticStripsError) and error.__traceback__ is not None:
         place = traceback.extract_tb(error.__traceback__)[-1]
@@ -154,26 +174,16 @@ def _drive(run: Run) -> Row:
     scenario, robot = _problem(run, cast("str | None", options.pop("base", None)))
     if isinstance(sensors := options.pop("sensors", None), str):
         options["sensors"] = named_sensors(located(sensors, run.folder), robot.name)
-    if options.get("method", STRIP) == STRIP:
-        options["compute"] = Computing.parse(cast("str | float", options.get("compute", "1"))).label
-        if values:
-            evade = options.pop("evade", True)
-            made = drive_params(scenario, evade=cast("bool", evade), sensors=cast("Any", options.get("sensors")))
-            options["params"] = changed(made, values)
-    else:
-        _check_method(options, values)
+    options["compute"] = Computing.parse(cast("str | float", options.get("compute", "1"))).label
+    if values:
+        evade = options.pop("evade", True)
+        made = drive_params(scenario, evade=cast("bool", evade), sensors=cast("Any", options.get("sensors")))
+        options["params"] = changed(made, values)
     outcome = drive_scenario(scenario, robot=robot, seed=run.seed, **_any(options))
     found = cast("dict[str, Any]", drive_document(outcome))
     found |= {name: len(found[name]) for name in ("stops", "contacts_at_rest")}
     found["max_lateral_slip_m"] = found["max_lateral_slip"]
     return {"robot": run.robot or robot.name, **_picked(found, "drive")}
-
-
-def _check_method(options: Mapping[str, object], values: Mapping[str, object]) -> None:
-    """A method other than the strip has none of its parameters."""
-    wrong = sorted({*values, *(options.keys() & {"evade", "alternatives", "level", "compute"})})
-    if options.get("method", STRIP) != STRIP and wrong:
-        raise ParameterError(f"method {options['method']!r} has no {', '.join(wrong)}: they are of the strip")
 
 
 def _picked(found: dict[str, Any], kind: str) -> Row:
@@ -212,7 +222,6 @@ OPTIONS: Mapping[str, Mapping[str, _Check]] = {
     "drive": {
         "base": lambda v: check_choice("base", v, [k.value for k in BaseKind]),
         "plant": lambda v: check_choice("plant", v, PLANTS),
-        "method": lambda v: check_choice("method", v, DRIVE_METHODS),
         "sensors": lambda v: check_type("sensors", v, str),
         "evade": lambda v: check_type("evade", v, bool),
         "alternatives": lambda v: check_count("alternatives", v, low=1, high=8),
@@ -225,7 +234,7 @@ OPTIONS: Mapping[str, Mapping[str, _Check]] = {
 
 
 def full_name(kind: str, name: str) -> str:
-    """An option's name as it is; a parameter's with the dataclass that it stands in: ``influence`` is
+    """An option's name as it is; a parameter's name with the dataclass that holds it: ``influence`` is
     ``deform.influence``.
 
     Raises:
@@ -261,7 +270,7 @@ def changed(params: DriveParams, values: Mapping[str, object]) -> DriveParams:
     """Parameters of a drive with some replaced, by their dotted names.
 
     Raises:
-        ParameterError: a value is outside its range, or is of evasion where the robot does not evade.
+        ParameterError: a value is outside its range, or is for evasion where the robot does not evade.
     """
     parts: dict[str, dict[str, object]] = {}
     for name, value in values.items():
@@ -277,7 +286,7 @@ def changed(params: DriveParams, values: Mapping[str, object]) -> DriveParams:
 
 
 def check_values(kind: str, preset: str | None, values: Mapping[str, Value]) -> None:
-    """These values can stand beside each other.
+    """Check that these values are possible together.
 
     Raises:
         ParameterError: one is outside its range, or unknown in the preset.
@@ -290,7 +299,6 @@ def check_values(kind: str, preset: str | None, values: Mapping[str, Value]) -> 
         else:
             inner[full_name(kind, name)] = value
     if kind == "drive":
-        _check_method(options, inner)
         changed(DriveParams(evasion=None if options.get("evade") is False else EvasionParams()), inner)
     else:
         made = PaperParams() if preset == "paper" else DeformParams()

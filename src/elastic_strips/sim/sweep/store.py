@@ -33,25 +33,25 @@ SUFFIXES = (".csv", ".parquet", ".jsonl")
 _MOST_BYTES = 4_000_000_000
 _FOLD_EVERY = 10.0  # [s]
 _FOLD_SHARE = 0.05
-"""Part of the time that writing the whole table anew may take up."""
+"""Part of the time that rewriting the whole table may take up."""
 
 
 class SweepStore:
     """Context manager: the rows of a sweep, kept in ``FILE.journal`` as they come, and in ``FILE`` from time to time.
 
-    The journal is the sweep's memory: a line with what is swept, then a line a row, each written by one call. A last
-    line without an end was being written when the process ended; it is cut off, and its run is run again. The table is
-    written whole or not at all: every ten seconds or later, and when the store is closed.
+    The journal is the sweep's memory: a line with the sweep's document, then one line for each row, each written by one
+    call. A last line without an end was being written when the process ended; it is cut off, and its run is run again.
+    The table is written whole or not at all: every ten seconds or later, and when the store is closed.
 
     Args:
-        sweep: what is swept.
-        path: of the table: ``.csv``, ``.parquet`` (extra ``sweep``) or ``.jsonl``.
+        sweep: the sweep.
+        path: the table's file: ``.csv``, ``.parquet`` (extra ``sweep``) or ``.jsonl``.
 
     Attributes:
         rows: run → its last row.
 
     Raises:
-        SweepError: another ending, a table or journal of something else, or one that another process is writing.
+        SweepError: another ending, a table or journal of another sweep, or one that another process is writing.
         InputError: the file cannot be written.
         MissingExtraError: pyarrow is not installed.
     """
@@ -173,7 +173,7 @@ class SweepStore:
             os.close(stream)
 
     def _read(self) -> int:
-        """Take in what the journal holds, and cut off an unfinished last line; how many rows there were."""
+        """Read the journal, and cut off an unfinished last line; returns how many rows there were."""
         data = read_input(self.journal, "journal of a sweep", _MOST_BYTES, SweepError)
         whole = data[: data.rfind(b"\n") + 1]
         try:
@@ -182,9 +182,14 @@ class SweepStore:
         except OSError as error:
             raise SweepError(f"{self.journal}: cannot write: {error.strerror}") from None
         if not whole:
-            head = {"format": FORMAT, "version": FORMAT_VERSION, "elastic_strips": __version__,
-                    "digest": self.sweep.digest, "columns": list(self._columns),
-                    "sweep": self.sweep.document()}  # fmt: skip
+            head = {
+                "format": FORMAT,
+                "version": FORMAT_VERSION,
+                "elastic_strips": __version__,
+                "digest": self.sweep.digest,
+                "columns": list(self._columns),
+                "sweep": self.sweep.document(),
+            }
             self._write(head)
             return 0
         first, *lines = whole.splitlines()
@@ -207,7 +212,7 @@ class SweepStore:
 
     def _check_head(self, head: dict[str, Any]) -> None:
         if head.get("format") != FORMAT or not isinstance(head.get("sweep"), dict):
-            raise SweepError(f"{self.journal}:1: is no journal of a sweep")
+            raise SweepError(f"{self.journal}:1: is not a journal of a sweep")
         if head.get("version") != FORMAT_VERSION:
             raise SweepError(f"{self.journal}:1: has version {shown(head.get('version'))}, not {FORMAT_VERSION}")
         if differences := _differences(head["sweep"], self.sweep.document()):
@@ -245,9 +250,12 @@ class SweepStore:
         kinds = {bool: arrow.bool_(), int: arrow.int64(), float: arrow.float64(), str: arrow.string()}
         schema = arrow.schema(
             [(name, kinds[kind]) for name, kind in self._columns.items()],
-            metadata={"elastic_strips": __version__, "sweep": json.dumps(self.sweep.document()),
-                      "digest": self.sweep.digest},
-        )  # fmt: skip
+            metadata={
+                "elastic_strips": __version__,
+                "sweep": json.dumps(self.sweep.document()),
+                "digest": self.sweep.digest,
+            },
+        )
         made = {
             name: [str(v) if kind is str and v is not None else v for v in (row[name] for row in rows)]
             for name, kind in self._columns.items()
@@ -267,7 +275,7 @@ def _pyarrow() -> tuple[Any, Any]:
 
 
 def _differences(old: Document, new: Document) -> str:
-    """What two documents of sweeps differ in, for a message; empty where they do not."""
+    """The differences of two documents of sweeps, for a message; empty where there are none."""
     found = []
     for key in dict.fromkeys((*old, *new)):
         a, b = old.get(key), new.get(key)
@@ -301,16 +309,16 @@ def run_sweep(
     scheduler: str | None = None,
     retry_failed: bool = False,
 ) -> Generator[Row, None, None]:
-    """Run what a store has no rows of; each row after it has been kept. A run that fails is a row with its error.
+    """Run all runs that have no row in a store; yields each row once kept. A run that fails is a row with its error.
 
     Args:
-        store: of the sweep.
-        processes: how many; one for each core where None.
+        store: store of the sweep.
+        processes: number of processes; one for each core where None.
         scheduler: address of a Dask scheduler; processes of this machine where None.
-        retry_failed: whether to run again what ended in an error.
+        retry_failed: whether to run again runs that ended in an error.
 
     Raises:
-        ParameterError, SchedulerLost, MissingExtraError: as of :func:`~elastic_strips.sim.jobs.run_jobs`.
+        ParameterError, SchedulerLost, MissingExtraError: as for :func:`~elastic_strips.sim.jobs.run_jobs`.
         InputError: a row cannot be written.
     """
     runs = store.todo(retry_failed=retry_failed)

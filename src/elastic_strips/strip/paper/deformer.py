@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision import BodySet, ObstacleProximity, ProtectiveHulls
+from elastic_strips.collision import BodySet, Certificate, ObstacleProximity, ProtectiveHulls
 from elastic_strips.collision.strip_certificate import protective_hulls
 from elastic_strips.errors import ParameterError
+from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip.base_deformer import BaseDeformer, TickResult
 from elastic_strips.strip.forces import repulsive_potential
 from elastic_strips.strip.params import StripParams
 from elastic_strips.strip.report import DeformReport, DeformStatus, StripForces, tick_status
+from elastic_strips.strip.settling import check_ending, run_ticks
+from elastic_strips.strip.strip import Strip
+from elastic_strips.strip.workspace import PhaseClock, TickResult, Workspace
 from elastic_strips.validation import Count, NonNegative, Positive, check_type
 
 from .equations import control_point_repulsion, elastic_force, elastic_torque, explicit_step, map_to_joints
@@ -27,7 +31,7 @@ _SELF_REACH = 0.03  # those to each other
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperParams(StripParams):
-    """What a tick of :class:`PaperDeformer` does; all lengths [m], angles [rad]. The paper's Table 1: k_r, k_c.
+    """Parameters of :class:`PaperDeformer`; all lengths [m], angles [rad]. k_r and k_c are in the paper's Table 1.
 
     See :class:`~elastic_strips.strip.params.StripParams` for the others.
 
@@ -55,7 +59,7 @@ class PaperParams(StripParams):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PaperReport(DeformReport):
-    """Result of one tick, or of :meth:`PaperDeformer.settle`. The protective hulls are always there, and they count.
+    """Result of one tick, or of :meth:`PaperDeformer.settle`. It always has the protective hulls, and they count.
 
     Attributes:
         heading_step: largest turn of the mobile in one update [rad]; after ``settle`` that of all ticks.
@@ -71,17 +75,17 @@ class PaperReport(DeformReport):
 
     @property
     def failure(self) -> DeformStatus:
-        """What a strip counts as that is not usable at the end."""
+        """Status of a strip that is not usable at the end."""
         return DeformStatus.BROKEN if self.connected else DeformStatus.BLOCKED
 
 
-class PaperDeformer(BaseDeformer[PaperReport]):
+class PaperDeformer(OneThread):
     """Deforms strips of one robot as the paper prints it; owns mutable buffers, so one per thread.
 
     The base moves in x and y independently (Eq. 9), and the number of nodes stays.
 
     Args:
-        robot: whose strips.
+        robot: the robot of the strips.
         params: parameters.
 
     Attributes:
@@ -95,14 +99,17 @@ class PaperDeformer(BaseDeformer[PaperReport]):
     def __init__(self, robot: RobotModel, params: PaperParams | None = None) -> None:
         params = PaperParams() if params is None else params
         check_type("params", params, PaperParams, ParameterError)
-        super().__init__(
+        self.workspace: Workspace = Workspace(
             robot,
             params,
             reach=max(_LINK_REACH, 2.0 * params.clearance),
             self_reach=max(_SELF_REACH, params.self_margin, 2.0 * params.self_clearance),
             self_influence=0.0,
         )
-        self.params = params
+        self.share_with(self.workspace)
+        self.robot: RobotModel = robot
+        self.params: PaperParams = params
+        self.clock: PhaseClock = self.workspace.clock
         space = robot.space
         if params.mobile_only and not space.planar:
             raise ParameterError(f"mobile_only=True, but the base of {robot.name!r} is fixed")
@@ -121,10 +128,59 @@ class PaperDeformer(BaseDeformer[PaperReport]):
         self._self_floor = np.minimum(0.8 * self.workspace.self_home, params.self_margin)
         self._heading_step = 0.0
 
-    # the parts of a tick
+    @exclusive
+    def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> PaperReport:
+        """One control tick: deform the strip away from the obstacles and certify it; see :meth:`Deformer.step`."""
+        work = self.workspace
+        already = work.queries
+        work.begin(strip, scene, budget=budget, to_move=True)
+        result = work.iterate(lambda: self._iterate(scene), budget)
+        return self._report(scene, result, work.queries - already, detail)
 
-    def _with_former(self, report: PaperReport, former: PaperReport) -> PaperReport:
-        return replace(report, heading_step=max(report.heading_step, former.heading_step))
+    @exclusive
+    def settle(
+        self,
+        strip: Strip,
+        scene: Scene,
+        *,
+        max_ticks: int | None = None,
+        until: str | Callable[[PaperReport], bool] = "rest",
+        watch: Callable[[PaperReport], object] | None = None,
+        detail: bool = False,
+    ) -> PaperReport:
+        """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over; see :meth:`Deformer.settle`.
+
+        Returns:
+            The last tick's report; ``BLOCKED`` where the protective hulls do not connect.
+        """
+        limit = check_ending(self.params, until, max_ticks, watch)
+        return run_ticks(
+            lambda strip: self.step(strip, scene, detail=detail),
+            strip,
+            limit=limit,
+            until=until,
+            watch=watch,
+            joined=lambda one, former: replace(one, heading_step=max(one.heading_step, former.heading_step)),
+        )
+
+    @exclusive
+    def certify(self, strip: Strip, scene: Scene) -> Certificate:
+        """Certify a strip as it is, without moving it."""
+        self.workspace.begin(strip, scene)
+        return self.workspace.certify(scene)
+
+    @exclusive
+    def assess(self, strip: Strip, scene: Scene, *, detail: bool = False) -> PaperReport:
+        """Report on a strip as it is: certificate, clearance, hulls; nothing moves."""
+        certificate = self.certify(strip, scene)
+        return self._report(scene, TickResult(certificate, 0.0, 0.0, {}, StripForces.none()), 0, detail)
+
+    @exclusive
+    def reset(self) -> None:
+        """Forget all that is kept from tick to tick, as is needed after an exception."""
+        self.workspace.reset()
+
+    # the parts of a tick
 
     def _iterate(self, scene: Scene) -> TickResult:
         """The updates of one tick; the kinematics follow all but the last."""
@@ -210,5 +266,7 @@ class PaperDeformer(BaseDeformer[PaperReport]):
             j = int(np.argmin(hulls.overlap.min(axis=1)))
             gap = -float(hulls.overlap[j].min())
             reason = f"the protective hulls of nodes {j} and {j + 1} do not overlap: {gap:.2f} m are missing"
-        report = self._reported(PaperReport, scene, result, queries, detail, status=status, reason=reason, hulls=hulls)
+        report = self.workspace.report(
+            PaperReport, scene, result, queries, detail, status=status, reason=reason, hulls=hulls
+        )
         return replace(report, heading_step=self._heading_step)

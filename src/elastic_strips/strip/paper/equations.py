@@ -32,7 +32,7 @@ def control_point_repulsion(contacts: Contacts, shape: tuple[int, int], *, k_r: 
 def elastic_force(points: Array, k_c: float) -> Array:
     """The paper's elastic force (Eq. 4) on every control point of every node.
 
-    It has no potential: it pulls a point towards where its neighbours' spacing ratio d⁻/(d⁻+d⁺) puts it on the chord,
+    It has no potential: it pulls a point towards the place on the chord that the spacing ratio d⁻/(d⁻+d⁺) gives it,
     and does not resist stretching along the strip.
 
     Args:
@@ -74,7 +74,7 @@ def elastic_torque(yaw: Array, points: Array, k_c: float) -> Array:
 
 
 def map_to_joints(kin: Kinematics, joint: Indices, points: Array, force: Array) -> Array:
-    """Eqs. 6–7: Γ = Σ_i J_iᵀ F_i of forces (N, C, 3) at control points (N, C, 3): generalised forces (N, nv)."""
+    """Eqs. 6–7: generalised forces (N, nv) Γ = Σ_i J_iᵀ F_i of forces (N, C, 3) at control points (N, C, 3)."""
     n = len(force)
     wrench = np.concatenate((force, np.cross(points, force)), axis=2)  # (N, C, 6) about the world origin
     mask = kin.tree.support[joint]  # (C, M)

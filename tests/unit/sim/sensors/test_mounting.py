@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from brute_force import configuration, random_coordinates
+from cases import refused
 
 from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.sim.sensors import sensor_frames
@@ -24,11 +25,9 @@ def test_another_robot_has_none(gantry):
 
 
 def test_a_missing_link_is_named_with_those_there_are(gantry, silvermate):
-    with pytest.raises(
-        RobotError, match=r"no link 'laser_frame'.* It has: camera, carriage, finger, rail, spindle, tip"
-    ):
+    with refused(RobotError, "'laser_frame'"):
         SensorMount(Posture(gantry), ["laser_frame"])
-    with pytest.raises(RobotError, match="did you mean 'sonar_1_frame'"):
+    with refused(RobotError, "'sonar_1_frame'"):
         SensorMount(Posture(silvermate), ["sonar_1_fram"])
 
 
@@ -53,5 +52,5 @@ def test_poses_are_pinocchios(name, links, request):
 
 @pytest.mark.parametrize("bad", [np.zeros(3), np.full(10, np.nan)])
 def test_a_coordinate_row_that_is_none(silvermate, bad):
-    with pytest.raises(ConfigurationError, match="finite numbers"):
+    with refused(ConfigurationError, "finite"):
         Posture(silvermate).place(bad)

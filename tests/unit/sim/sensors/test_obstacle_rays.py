@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from brute_force import SHAPES, make_obstacle, make_scene
+from cases import each, refused
 from free_way import along, outside_scene
 
 from elastic_strips.errors import MissingExtraError
@@ -55,7 +56,7 @@ def fan(count: int = 61, half: float = math.pi) -> np.ndarray:
     return np.stack((np.cos(a), np.sin(a), 0.0 * a), axis=1)
 
 
-@pytest.mark.parametrize(
+@each(
     "obstacle, distance",
     [
         (Box([1, 2, 1], at=[3, 0, 0]), 2.5),
@@ -103,7 +104,7 @@ def test_a_round_pillar_is_round():
     np.testing.assert_allclose(found, exact, atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@each("shape", SHAPES)
 def test_every_shape_against_its_own_inequalities(shape):
     """Free before the distance found, on the surface there; where nothing is found, free all the way."""
     rng = np.random.default_rng(SHAPES.index(shape))
@@ -152,7 +153,7 @@ def test_nothing_beyond_the_reach():
         assert ObstacleRays(world(wall)).cast(0.0, rays, 2.51).distance[0] == pytest.approx(2.5, abs=1e-6)
 
 
-@pytest.mark.parametrize("wall", [Box([1, 1, 1]), Sphere(0.5), Cone(0.5, 1), ConvexHull(CUBE), Voxels([[0, 0, 0]], 1)])
+@each("wall", [Box([1, 1, 1]), Sphere(0.5), Cone(0.5, 1), ConvexHull(CUBE), Voxels([[0, 0, 0]], 1)])
 def test_inside_an_obstacle_the_distance_is_zero(wall):
     assert ObstacleRays(world(wall)).cast(0.0, beams([0, 0, 0.01], fan()), REACH).distance.max() == 0.0
 
@@ -166,8 +167,8 @@ def test_what_moves_is_seen_where_it_is(make):
         assert moving.cast(t, rays, REACH).distance[0] == pytest.approx(4.0 + 0.5 * t - turned, abs=2e-6)
 
 
-@pytest.mark.parametrize("make", [lambda x: Box([1, 1, 1], at=x, name="a"), lambda x: ConvexHull(CUBE, at=x, name="a")])
-@pytest.mark.parametrize(
+@each("make", [lambda x: Box([1, 1, 1], at=x, name="a"), lambda x: ConvexHull(CUBE, at=x, name="a")])
+@each(
     "times, seen",
     [
         ({"appears": {"a": 1.0}, "vanishes": {"a": 2.0}}, [5.5, 2.5, 2.5, 5.5, 2.5]),
@@ -196,5 +197,5 @@ def test_without_embree_only_meshes_are_refused(monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", without)
     ObstacleRays(world(Box([1, 1, 1]), Sphere(1), Cylinder(1, 1), Capsule(1, 1), Cone(1, 1)))
-    with pytest.raises(MissingExtraError, match=r"elastic-strips\[sensing\]"):
+    with refused(MissingExtraError, "elastic-strips[sensing]"):
         ObstacleRays(world(ConvexHull(CUBE)))

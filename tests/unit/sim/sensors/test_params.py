@@ -7,7 +7,7 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from cases import each, refused
 from refusals import taken
 
 from elastic_strips.errors import ParameterError
@@ -16,7 +16,7 @@ from elastic_strips.sim.sensors import InfraredParams, LaserParams, SensorConfig
 ALL = (LaserParams, SonarParams, InfraredParams)
 
 
-@pytest.mark.parametrize("make", ALL)
+@each("make", ALL)
 def test_values_out_of_bounds(make):
     wrong = [
         ("range_min", -0.1),
@@ -59,20 +59,18 @@ def test_lasers_out_of_bounds():
 
 
 def test_messages_name_value_and_bound():
-    with pytest.raises(
-        ParameterError, match=r"SonarParams\('sonar'\)\.dropout=1\.5 must be a finite number ≥ 0 and ≤ 1"
-    ):
+    with refused(ParameterError, "SonarParams", "('sonar')", "dropout=1.5"):
         SonarParams(dropout=1.5)
-    with pytest.raises(ParameterError, match="did you mean 'sonar'"):
+    with refused(ParameterError, "'sonar'"):
         SonarParams(kind="sonars")  # type: ignore[arg-type]
 
 
 def test_names_are_unique():
-    with pytest.raises(ParameterError, match="two of them are named 'laser'"):
+    with refused(ParameterError, "'laser'"):
         SensorConfig(sensors=(LaserParams(), LaserParams(frame="other")))
-    with pytest.raises(ParameterError, match="neither"):
+    with refused(ParameterError, "neither"):
         SensorConfig(sensors=("laser",))  # type: ignore[arg-type]
-    with pytest.raises(ParameterError, match="self_padding"):
+    with refused(ParameterError, "self_padding"):
         SensorConfig(self_padding=-0.01)
 
 

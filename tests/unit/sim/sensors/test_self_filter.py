@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from brute_force import random_coordinates
+from cases import each
 from free_way import along, outside_robot
 
 from elastic_strips.sim.sensors.bodies import Posture, SelfFilter, SensorMount
@@ -24,7 +24,7 @@ def beams_of(robot, link: str, count: int, padding: float, rng):
     return posture, mount, local, own
 
 
-@pytest.mark.parametrize("name, link", [("silvermate", "ir_2_frame"), ("silvermate", "laser_frame"), ("gantry", "tip")])
+@each("name, link", [("silvermate", "ir_2_frame"), ("silvermate", "laser_frame"), ("gantry", "tip")])
 def test_free_before_the_robot_is_met_and_on_it_there(name, link, request):
     robot = request.getfixturevalue(name)
     rng = np.random.default_rng(3)

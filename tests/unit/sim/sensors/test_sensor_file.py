@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import load_robot
@@ -61,7 +62,7 @@ def test_what_a_file_leaves_out_is_the_default(tmp_path):
     assert config == SensorConfig(sensors=(LaserParams(name="front", rays=7), InfraredParams(name="ir")))
 
 
-@pytest.mark.parametrize(
+@each(
     "text, message",
     [
         (
@@ -89,7 +90,7 @@ def test_wrong_files(tmp_path, text, message):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(ParameterError, match=r"none\.yaml"):
+    with refused(ParameterError, "none.yaml"):
         read_sensors(tmp_path / "none.yaml")
 
 

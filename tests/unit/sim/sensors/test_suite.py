@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.perception import RangeRing
@@ -27,7 +28,7 @@ def home(silvermate):
     return silvermate.space.to_coordinates(silvermate.home_q)
 
 
-@pytest.mark.parametrize("rate, latency", [(20.0, 0.03), (15.0, 0.0), (100.0, 0.25), (7.3, 0.055)])
+@each("rate, latency", [(20.0, 0.03), (15.0, 0.0), (100.0, 0.25), (7.3, 0.055)])
 def test_rate_and_latency(silvermate, home, rate, latency):
     """Measured at the first step at or after each period, read at the first step after the latency."""
     suite = SensorSuite(silvermate, WORLD, SensorConfig(sensors=(replace(LASER, rate=rate, latency=latency),)))
@@ -119,13 +120,13 @@ def test_after_a_gap_a_sensor_fires_once(silvermate, home):
 def test_wrong_calls(silvermate, gantry, home):
     suite = SensorSuite(silvermate, WORLD, SensorConfig(sensors=(LASER,)))
     suite.observe(0.1, home)
-    with pytest.raises(ParameterError, match="must not go back"):
+    with refused(ParameterError, "back"):
         suite.observe(0.05, home)
-    with pytest.raises(ParameterError, match="finite number"):
+    with refused(ParameterError, "finite"):
         suite.observe(math.nan, home)
-    with pytest.raises(ConfigurationError, match="finite numbers"):
+    with refused(ConfigurationError, "finite"):
         suite.observe(1.0, home * math.nan)
-    with pytest.raises(RobotError, match="no link 'laser_frame'"):
+    with refused(RobotError, "'laser_frame'"):
         SensorSuite(gantry, WORLD)
 
 

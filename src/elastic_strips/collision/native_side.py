@@ -1,0 +1,140 @@
+"""The kernel's side of this room: all that it is handed is made here, of what NumPy has.
+
+Coal's classes of Python and those of the kernel do not know each other, so each shape is made once more. Arrays are
+views: the kernel sees where the nodes and the parts go, and writes what it measures. A view is made anew as soon as it
+is of other objects than are there, so that nobody has to say when one was replaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import coal
+import numpy as np
+
+from elastic_strips.arrays import Array, Indices, by_rows
+from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
+from elastic_strips.native import kernel
+from elastic_strips.scene.parts import Part
+
+if TYPE_CHECKING:
+    from elastic_strips.native import _native
+
+    from .bounds import BodySet
+    from .candidates import CandidateParts, MovingParts, NodePrediction
+
+
+def native_bodies(bodies: BodySet, kept: list[_native.Bodies]) -> _native.Bodies | None:
+    """The bodies, made where they are not kept yet, or None where there is no kernel."""
+    module = kernel()
+    if module is None:
+        return None
+    if not kept:
+        solids = [_solid(module, geometry) for geometry in bodies.geometries]
+        joint = np.ascontiguousarray(bodies.joint, dtype=np.intp)
+        rows = by_rows(bodies.rotation, bodies.translation, bodies.ends, bodies.radius)
+        kept.append(module.Bodies(bodies.tree.native(), solids, joint, *rows, bodies.skin))
+    return kept[0]
+
+
+def native_parts(candidates: CandidateParts) -> _native.Parts | None:
+    """Candidates, or None where there is no kernel."""
+    module = kernel()
+    return None if module is None else _parts(module, candidates, [_part(module, p) for p in candidates.parts])
+
+
+class NativeNarrowphase:
+    """Workspace: the kernel's narrow phase, and what it is shown.
+
+    Attributes:
+        calls: the kernel's object.
+    """
+
+    def __init__(self, module: ModuleType, bodies: _native.Bodies) -> None:
+        self.calls: _native.Narrowphase = module.Narrowphase(bodies)
+        self._module = module
+        self._solids: dict[int, tuple[Part, _native.Solid]] = {}  # of the parts that it was shown last, by their id()
+        self._parts: tuple[CandidateParts, _native.Parts] | None = None
+        self._moving: tuple[_native.Parts, NodePrediction, Indices, _native.Moving] | None = None
+
+    @staticmethod
+    def of(bodies: BodySet) -> NativeNarrowphase | None:
+        """That of the bodies, or None where there is no kernel."""
+        module, native = kernel(), bodies.native()
+        return None if module is None or native is None else NativeNarrowphase(module, native)
+
+    def parts(self, candidates: CandidateParts) -> _native.Parts:
+        """Candidates, which move in place; what it knows of parts that are still there is kept."""
+        if self._parts is not None and self._parts[0] is candidates:
+            return self._parts[1]
+        known = self._solids
+        self._solids = {id(p): known.get(id(p)) or (p, _part(self._module, p)) for p in candidates.parts}
+        parts = _parts(self._module, candidates, [self._solids[id(p)][1] for p in candidates.parts])
+        self._parts = candidates, parts
+        return parts
+
+    def scene(self, candidates: CandidateParts, moving: MovingParts) -> tuple[_native.Parts, _native.Moving | None]:
+        """Candidates and how they move: None where nothing does."""
+        parts, prediction, mover, kept = self.parts(candidates), moving.prediction, moving.mover, self._moving
+        if prediction is None:
+            return parts, None
+        if kept is not None and kept[0] is parts and kept[1] is prediction and kept[2] is mover:
+            return parts, kept[3]
+        made = self._module.Moving(parts, *by_rows(prediction.shift, prediction.uncertainty), mover)
+        self._moving = parts, prediction, mover, made
+        return parts, made
+
+    def distances(self, candidates: CandidateParts, known: tuple[Array, ...]) -> _native.Distances:
+        """What is known of candidates: bound, since, exact, direction, witness and limit of an `ObstacleProximity`."""
+        return self._module.Distances(self.parts(candidates), *known)
+
+
+class NativeSelfPairs:
+    """Workspace: the kernel's self pairs, and what it is shown.
+
+    Attributes:
+        calls: the kernel's object.
+    """
+
+    def __init__(self, module: ModuleType, bodies: _native.Bodies, pairs: Indices) -> None:
+        self.calls: _native.SelfPairs = module.SelfPairs(bodies, np.ascontiguousarray(pairs, dtype=np.intp))
+        self._module = module
+
+    @staticmethod
+    def of(bodies: BodySet, pairs: Indices) -> NativeSelfPairs | None:
+        """Those of the bodies, or None where there is no kernel."""
+        module, native = kernel(), bodies.native()
+        return None if module is None or native is None else NativeSelfPairs(module, native, pairs)
+
+    def distances(self, known: tuple[Array, ...], tolerance: float) -> _native.SelfDistances:
+        """What is known of them: bound, since, exact, direction, first and second of a `SelfProximity`."""
+        return self._module.SelfDistances(*known, tolerance)
+
+
+def _parts(module: ModuleType, candidates: CandidateParts, solids: Sequence[_native.Solid]) -> _native.Parts:
+    c = candidates
+    return module.Parts(solids, c.rotation, c.translation, c.box_center, c.box_half)
+
+
+def _part(module: ModuleType, part: Part) -> _native.Solid:
+    if part.geometry is not None:
+        return _solid(module, part.geometry)
+    sides = np.array([2.0 * np.asarray(box.halfSide) for box, _ in part.boxes])
+    return module.block(sides, np.array([at for _, at in part.boxes]))
+
+
+def _solid(module: ModuleType, geometry: coal.CollisionGeometry) -> _native.Solid:
+    """A convex shape."""
+    kind, half = shape_of(geometry)
+    swept = float(geometry.getSweptSphereRadius())
+    if kind is ShapeKind.CONVEX:
+        triangles = [geometry.polygons(i) for i in range(geometry.num_polygons)]
+        corners = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.uint32)
+        return module.convex(vertices(geometry), corners, swept)
+    if kind is ShapeKind.BOX:
+        return module.primitive(kind.value, [2.0 * h for h in half], swept)
+    if kind in LONG_ROUND:
+        return module.primitive(kind.value, [half[0], 2.0 * half[1]], swept)
+    return module.primitive(kind.value, list(half), swept)

@@ -1,0 +1,128 @@
+"""Marks that tests get by what they do: found in what their code refers to, measured, and watched while they run."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import util
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+
+import pytest
+
+TESTS = Path(__file__).parents[1]
+_BY_FIXTURE = {"browser": "browser", "chromium": "browser", "wheel": "wheel", "served": "process", "live": "process"}
+_PROGRAMS = {"subprocess", "multiprocessing", "MachineProcess", "ExecutorProcess", "make_realtime", "run_jobs"}
+"""Who refers to one of these starts processes."""
+_MAY_START = ("process", "browser", "wheel", "notebook")
+_UNITS = ("unit", "property")
+_SLOW = TESTS / "slow.txt"
+_LONG = 0.25  # [s] of a processor, all cases of a test together
+
+
+def slow() -> set[str]:
+    """The tests that were measured to be slow, as ``unit/room/test_file.py::test_name``."""
+    return set(_SLOW.read_text(encoding="utf-8").split())
+
+
+def measured(seconds: dict[str, float]) -> None:
+    """Write down which of these tests are slow; what is known of others stays."""
+    known = {name for name in slow() if name not in seconds}
+    known |= {name for name, took in seconds.items() if took > _LONG}
+    _SLOW.write_text("".join(f"{name}\n" for name in sorted(known)), encoding="utf-8")
+
+
+def name_of(nodeid: str) -> str:
+    """Of a test in the list of slow ones: without its cases."""
+    return nodeid.split("[")[0].removeprefix("tests/")
+
+
+def mark(item: pytest.Item, listed: set[str]) -> None:
+    """Mark a test by its fixtures, by what its code refers to, and as slow where it is listed."""
+    assert isinstance(item, pytest.Function)
+    if name_of(item.nodeid) in listed:
+        item.add_marker("slow")
+    for fixture, name in _BY_FIXTURE.items():
+        if fixture in item.fixturenames:
+            item.add_marker(name)
+    definitions = item._fixtureinfo.name2fixturedefs  # pytest has no public way to a fixture's function
+    functions = [item.function, *(d.func for many in definitions.values() for d in many)]
+    if _PROGRAMS & _referred(functions):
+        item.add_marker("process")
+
+
+def _referred(functions: list[object]) -> set[str]:
+    """Names of modules, classes and functions that these refer to, through functions and classes of the tests."""
+    found: set[str] = set()
+    seen: set[int] = set()
+    todo = list(functions)
+    while todo:
+        one = inspect.unwrap(todo.pop())  # pyright: ignore[reportArgumentType]
+        if id(one) in seen:
+            continue
+        seen.add(id(one))
+        if isinstance(one, type):
+            todo += [member for member in vars(one).values() if isinstance(member, FunctionType)]
+        if not isinstance(one, FunctionType):
+            continue
+        for name in _names(one.__code__):
+            value = one.__globals__.get(name)
+            if isinstance(value, ModuleType):
+                found.add(value.__name__.partition(".")[0])
+            elif isinstance(value, (FunctionType, type)):
+                found.add(value.__name__)
+                file = getattr(sys.modules.get(value.__module__), "__file__", None)
+                if file is not None and TESTS in Path(file).parents:
+                    todo.append(value)
+    return found
+
+
+def _names(code: CodeType) -> set[str]:
+    inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    return set(code.co_names).union(*map(_names, inner))
+
+
+_running: pytest.Item | None = None
+
+
+@contextmanager
+def guarded(item: pytest.Item) -> Iterator[None]:
+    """While a unit runs that is not said to start processes, none can be started."""
+    global _running
+    _running = item if any(TESTS / folder in item.path.parents for folder in _UNITS) else None
+    try:
+        yield
+    finally:
+        _running = None
+
+
+def _watch(event: str, arguments: tuple[object, ...]) -> None:
+    if _running is None or event not in ("subprocess.Popen", "os.fork", "os.posix_spawn"):
+        return
+    program = Path(str(arguments[0])).name if arguments else "python"
+    if program.startswith(("python", "chrom", "google-chrome", "bash")) and not _importing():
+        _refuse(program)
+
+
+def _importing() -> bool:
+    """Whether a module is read just now: what some start then is started by whoever is first."""
+    frame = sys._getframe()
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
+
+
+def _refuse(program: str) -> None:
+    if _running is not None and not any(map(_running.get_closest_marker, _MAY_START)):
+        raise RuntimeError(f"{_running.nodeid} starts {program}: it needs the mark 'process'")
+
+
+def _spawned(path: object, *arguments: object) -> object:
+    _refuse(str(path))
+    return _spawn(path, *arguments)  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+
+_spawn, util.spawnv_passfds = util.spawnv_passfds, _spawned  # multiprocessing does not ask by an event
+sys.addaudithook(_watch)

@@ -1,0 +1,459 @@
+"""``python -m workshop``: drives in the closed loop, many of them, with faults, for long, and against the clock."""
+
+from __future__ import annotations
+
+from math import degrees
+from typing import TYPE_CHECKING
+
+import click
+
+from elastic_strips.catalogue import FAULTS
+from elastic_strips.cli import options, output
+from elastic_strips.cli.output import row
+
+from .bench_options import METHOD, root_option, runs_option, scenario_option, seeds_option, times
+
+if TYPE_CHECKING:
+    from workshop.bench.measure import Figures
+
+
+@click.command(short_help="Drive among moving obstacles, many seeds.")
+@options.robot_option("silvermate")
+@click.option(
+    "--scenario",
+    type=options.SEEDED,
+    default="moving-corridor",
+    show_default=True,
+    metavar="NAME",
+    help="A seeded scenario.",
+)
+@seeds_option(50, "Number of runs.", 1_000_000)
+@click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
+@click.option("--plant", type=options.PLANT, default="kinematic", show_default=True, help="The machine.")
+@options.evade_option
+@click.option(
+    "--alternatives", type=click.IntRange(1, 10), default=1, show_default=True, help="Strips that are kept at hand."
+)
+@options.level_option
+@click.option("--method", type=METHOD, default="strip", show_default=True, help="What steers.")
+@options.sensors_option
+@options.compute_option
+@options.processes_option
+@runs_option
+def drive(
+    robot: str,
+    scenario: str,
+    seeds: int,
+    first: int,
+    plant: str,
+    evade: bool | None,
+    alternatives: int,
+    level: str,
+    method: str,
+    sensors: str | None,
+    compute: str | None,
+    processes: int | None,
+    json_file: str | None,
+) -> None:
+    """Drive a scenario of many seeds in the closed loop; each run is evaluated from its true states."""
+    from workshop.bench.drive import bench_drive
+
+    config = options.sensors_of(sensors, robot)
+    with options.LateProgress("driving", seeds) as bar:
+        figures = bench_drive(
+            robot,
+            range(first, first + seeds),
+            bar.step,
+            scenario=scenario,
+            plant=plant,
+            evade=evade is not False,
+            alternatives=alternatives,
+            level=level,
+            method=method,
+            sensors=config,
+            compute=_compute(compute),
+            processes=processes,
+        )
+    output.say(f"{robot}, {scenario}, {method}, {plant} plant, {seeds} runs, computing: {figures['compute']}")
+    _drive_rows(figures)
+    for group in figures["classes"]:
+        output.say(f"movers up to {group['from']:g} … {group['to']:g} m/s, {group['count']} runs")
+        _drive_rows(group)
+    _failed_rows(figures)
+    output.write_document("figures", json_file, figures)
+
+
+def _disturb(name: str, scenario: str) -> click.Command:
+    @click.command(name, short_help="Put faults into many runs.")
+    @options.robot_option("silvermate")
+    @seeds_option(50, "Runs of each fault.")
+    @scenario_option(scenario, "What is driven.")
+    @click.option(
+        "--kind",
+        "kinds",
+        multiple=True,
+        metavar="KIND",
+        type=options.FAULT_KIND,
+        help="Only this fault; may be given again.",
+    )
+    @options.compute_option
+    @options.processes_option
+    @runs_option
+    def command(
+        robot: str,
+        seeds: int,
+        scenario: str,
+        kinds: tuple[str, ...],
+        compute: str | None,
+        processes: int | None,
+        json_file: str | None,
+    ) -> None:
+        """Every kind of fault at a random time: the robot has to come to rest without a contact at speed, to name what
+        is wrong, and to go on to the goal when it is over."""
+        from elastic_strips.sim import Fault
+        from workshop.bench.drive import bench_disturb
+
+        chosen = tuple(Fault.parse(f"{kind}@0").kind for kind in kinds) or tuple(FAULTS)
+        with options.LateProgress("putting in faults", seeds * len(chosen)) as bar:
+            figures = bench_disturb(
+                robot,
+                range(seeds),
+                bar.step,
+                kinds=chosen,
+                scenario=scenario,
+                compute=_compute(compute),
+                processes=processes,
+            )
+        _disturbed_rows(figures)
+        output.write_document("figures", json_file, figures)
+
+    return command
+
+
+def _disturbed_rows(figures: Figures) -> None:
+    for kind, some in figures["kinds"].items():
+        row(
+            kind,
+            f"{some['count']} runs: {100 * some['reached']:.0f} % reached, {some['collisions']} contacts at speed "
+            f"({some['collisions_standing']} with what stands), {100 * some['at_rest_or_goal']:.0f} % end at rest "
+            f"or at the goal, at most {some['tracking_m'].get('max', 0.0):.3f} m off, "
+            f"{100 * some['named']:.0f} % named in the log",
+        )
+
+
+disturb: click.Command = _disturb("disturb", "corridor")
+faults: click.Command = _disturb("faults", "moving-corridor")
+
+
+def _problem(kind: str, text: str, about: str) -> click.Command:
+    @click.command(kind, short_help=text, help=text)
+    @root_option(f"{kind}/{kind}_worlds.json", about)
+    @options.robot_option("jackal-box")
+    @seeds_option(1, "Runs of each world.", 1000)
+    @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
+    @options.compute_option
+    @options.processes_option
+    @runs_option
+    def command(
+        root: str,
+        robot: str,
+        seeds: int,
+        ids: tuple[int, ...],
+        compute: str | None,
+        processes: int | None,
+        json_file: str | None,
+    ) -> None:
+        from workshop.bench.problems import bench_problems
+
+        with options.LateProgress(kind) as bar:
+            figures = bench_problems(
+                kind,
+                root,
+                bar.step,
+                robot=robot,
+                seeds=seeds,
+                ids=ids or None,
+                compute=_compute(compute),
+                processes=processes,
+            )
+        output.say(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs, computing: {figures['compute']}")
+        _problem_rows(figures)
+        for name, group in figures["by_difficulty"].items():
+            output.say(f"{name}, {group['count']} runs")
+            _problem_rows(group)
+        for run in figures["runs"]:
+            if not run["success"]:
+                row(f"world {run['id']} seed {run['seed']}", run["reason"] or "an obstacle ran into the robot at rest")
+        output.write_document("figures", json_file, figures)
+
+    return command
+
+
+_CHALLENGE = "from the BARN challenge (github.com/Daffan/the-barn-challenge)"
+barn: click.Command = _problem(
+    "barn",
+    "BARN's static worlds, for a base as large as a Jackal.",
+    f"made of the worlds {_CHALLENGE}; workshop.datasets reads it.",
+)
+dynabarn: click.Command = _problem(
+    "dynabarn",
+    "DynaBARN's moving discs, for a base as large as a Jackal.",
+    f"made of the arenas {_CHALLENGE}; workshop.datasets reads it.",
+)
+
+
+@click.command(short_help="The bridge: the arm has to duck.")
+@root_option(
+    "bridge/bridge.json",
+    "the numbers of the first experiment of REMANI-Planner (github.com/SYSU-STAR/REMANI-Planner); "
+    "workshop.datasets reads it.",
+)
+@options.robot_option("bridge-arm")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
+@options.compute_option
+@runs_option
+def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str | None) -> None:
+    """Plan both legs under the bridge, and drive them."""
+    from workshop.bench.problems import bench_bridge
+
+    with options.LateProgress("bridge") as bar:
+        bar.step()
+        figures = bench_bridge(root, robot=robot, seed=seed, compute=_compute(compute))
+    for leg in figures["legs"]:
+        verdict = "certified" if leg["certified"] else "not certified"
+        row(
+            f"leg {leg['leg'] + 1}",
+            f"{verdict} by {leg['method']} in {leg['seconds']:.2f} s, clearance {leg['clearance_m']:.3f} m",
+        )
+    driven = "reached" if figures["reached"] else "not reached"
+    row(
+        "driven",
+        f"{driven} in {figures['time_s']:.1f} s, {figures['collisions']} collisions, "
+        f"least clearance {figures['min_clearance_m']:.3f} m",
+    )
+    output.write_document("figures", json_file, figures)
+
+
+@click.command(short_help="Across a furnished house.")
+@root_option(
+    "house/house.json",
+    "AWS RoboMaker's small house (github.com/aws-robotics/aws-robomaker-small-house-world) as convex pieces; "
+    "workshop.datasets reads it.",
+)
+@options.robot_option("silvermate")
+@seeds_option(30, "Pairs of start and goal.")
+@click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
+@options.evade_option
+@options.sensors_option
+@options.compute_option
+@options.processes_option
+@runs_option
+def house(
+    root: str,
+    robot: str,
+    seeds: int,
+    first: int,
+    evade: bool | None,
+    sensors: str | None,
+    compute: str | None,
+    processes: int | None,
+    json_file: str | None,
+) -> None:
+    """Drive from one free place of the house to another, with walls, furniture and their legs as 571 convex pieces."""
+    from workshop.bench.drive import bench_drive
+
+    config = options.sensors_of(sensors, robot)
+    with options.LateProgress("driving", seeds) as bar:
+        figures = bench_drive(
+            robot,
+            range(first, first + seeds),
+            bar.step,
+            scenario="house",
+            evade=evade is not False,
+            sensors=config,
+            compute=_compute(compute),
+            time_limit=180.0,
+            root=root,
+            processes=processes,
+        )
+    output.say(f"{robot}, house, {seeds} pairs, computing: {figures['compute']}")
+    _drive_rows(figures)
+    _failed_rows(figures)
+    output.write_document("figures", json_file, figures)
+
+
+@click.command(short_help="How soon a new obstacle is answered.")
+@options.robot_option("silvermate")
+@seeds_option(50, "Number of corridors.")
+@click.option(
+    "--depth", type=options.Finite(0.0, 0.4), default=0.1, show_default=True, help="How far into the way [m]."
+)
+@runs_option
+def reaction(robot: str, seeds: int, depth: float, json_file: str | None) -> None:
+    """A post appears on the strip while the robot drives, planned at 100 Hz: ticks until a new certified strip is
+    followed."""
+    from elastic_strips.robot import load_robot
+    from workshop.bench.drive import bench_reaction
+
+    with options.LateProgress("reacting", seeds) as bar:
+        figures = bench_reaction(load_robot(robot), range(seeds), bar.step, depth=depth)
+    ticks, ms = figures["ticks"], figures["ms"]
+    row("reacted", f"{figures['reacted']} of {figures['count']}", figures["reacted"] == figures["count"])
+    row("ticks of 10 ms", f"p50 {ticks['p50']:.0f}, p95 {ticks['p95']:.0f}, max {ticks['max']:.0f}")
+    row("time", f"p50 {ms['p50']:.1f}, p95 {ms['p95']:.1f} ms")
+    row("the tick itself", f"p50 {figures['tick_ms']['p50']:.1f}, p95 {figures['tick_ms']['p95']:.1f} ms")
+    output.write_document("figures", json_file, figures)
+
+
+@click.command(short_help="Drive for a long time; watch memory and ticks.")
+@options.robot_option("silvermate")
+@click.option("--hours", type=options.Finite(0.01, 1000), default=1.0, show_default=True, help="Of simulated time.")
+@runs_option
+def soak(robot: str, hours: float, json_file: str | None) -> None:
+    """Drive to and fro among moving obstacles in one process."""
+    from elastic_strips.robot import load_robot
+    from workshop.bench.drive import bench_soak
+
+    with options.LateProgress("soaking") as bar:
+        figures = bench_soak(load_robot(robot), hours, bar.step)
+    memory = figures["memory_mb"]
+    row("driven", f"{figures['hours']:.2f} h, {figures['legs']} legs, {figures['stops']} stops")
+    if figures["growth"] is not None:
+        row("memory", f"{memory['warm']:.1f} to {memory['end']:.1f} MB, {100 * figures['growth']:+.2f} %")
+        first, second = figures["tick_ms_first_half"], figures["tick_ms_second_half"]
+        if first["p50"] is not None:
+            row("p99 of ticks", f"{first['p50']:.1f} ms in the first half, {second['p50']:.1f} ms in the second")
+    output.write_document("figures", json_file, figures)
+
+
+@click.command(short_help="How evenly commands come against the wall clock.")
+@options.robot_option("silvermate")
+@click.option("--minutes", type=options.Finite(0.1, 1440), default=10.0, show_default=True, help="How long.")
+@click.option("--inline", is_flag=True, help="Control and planning in one thread, for comparison.")
+@runs_option
+def realtime(robot: str, minutes: float, inline: bool, json_file: str | None) -> None:
+    """Drive to and fro among moving obstacles against the wall clock, with machine, control loop and planning in
+    processes of their own; planning never waits."""
+    from elastic_strips.robot import load_robot
+    from workshop.bench.realtime import bench_realtime
+
+    with options.LateProgress("driving") as bar:
+        figures = bench_realtime(load_robot(robot), minutes, bar.step, inline=inline)
+    row(
+        "driven",
+        f"{figures['seconds']:.0f} s in {figures['mode']} ({figures['priority']}), {figures['legs']} legs, "
+        f"{len(figures['stops'])} stops, {figures['contacts_at_speed']} contacts at speed",
+    )
+    for name, key in (
+        ("gaps of commands", "gap_ms"),
+        ("without pauses", "gap_unpaused_ms"),
+        ("control steps", "step_ms"),
+    ):
+        gap = figures[key]
+        if gap["p50"] is not None:
+            row(name, f"p50 {gap['p50']:.2f}, p99 {gap['p99']:.2f}, p99.9 {gap['p99_9']:.2f}, max {gap['max']:.2f} ms")
+    row("in bursts", f"{100 * figures['bursts']:.2f} %")
+    row(
+        "two periods late",
+        f"{figures['late']}, {figures['late_paused']} of them in pauses of the computer "
+        f"({figures['paused_s']:.1f} s in all, the longest {figures['longest_pause_ms']:.0f} ms)",
+    )
+    output.write_document("figures", json_file, figures)
+
+
+@click.command(short_help="Kill and stop processes of drives against the wall clock.")
+@options.robot_option("silvermate")
+@seeds_option(5, "Trials of each kind.")
+@click.option(
+    "--kind",
+    "kinds",
+    multiple=True,
+    type=options.LateChoice("workshop.bench.trials", "KINDS"),
+    help="Only this one; may be given again.",
+)
+@runs_option
+def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None) -> None:
+    """The planner or the executor is killed, stopped or hung at a random time, or the disk is full: the robot has to
+    come to rest without a contact, and to go on where it can."""
+    from workshop.bench.trials import KINDS, bench_trials
+
+    with options.LateProgress("killing", seeds * len(kinds or KINDS)) as bar:
+        figures = bench_trials(robot, range(seeds), bar.step, kinds=kinds or None)
+    for kind, some in figures["kinds"].items():
+        longest = some["longest_to_rest_s"]
+        row(
+            kind,
+            f"{some['count']} trials: {100 * some['at_rest']:.0f} % at rest in the end, "
+            + ("" if longest is None else f"after {longest:.2f} s at most, ")
+            + f"{some['contacts_at_speed']} contacts at speed, {100 * some['reached']:.0f} % reached, "
+            f"{100 * some['named']:.0f} % named",
+        )
+    output.write_document("figures", json_file, figures)
+
+
+def _compute(given: str | None) -> str:
+    """What computing costs: as it was measured, unless something else was asked for."""
+    from elastic_strips.sim.computing import Computing
+
+    return str(Computing.parse(given or "1").label)
+
+
+def _drive_rows(figures: Figures) -> None:
+    row("reached", f"{100 * figures['reached']:.1f} %", figures["reached"] == 1.0)
+    unseen = figures["collisions"] - figures["collisions_seen"]
+    row("contacts at speed", f"{figures['collisions']}" + (f", {unseen} with what no laser saw" if unseen else ""))
+    row("run into at rest", f"{figures['runs_with_contacts_at_rest']} runs")
+    row("stops", f"{figures['stops']}, {figures['stops_without_reason']} without a reason")
+    if figures["time_s"]["p50"] is not None:
+        row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
+        if figures["tracking_m"]["p50"] is not None:
+            row("tracking error", f"p50 {figures['tracking_m']['p50']:.4f}, max {figures['tracking_m']['max']:.4f} m")
+        off = figures["constraint_rad"]
+        if off["p50"] is not None:
+            row(
+                "off level",
+                f"p50 {degrees(off['p50']):.1f}, max {degrees(off['max']):.1f}°, at the worst of each run",
+            )
+        row(
+            "planning tick",
+            f"median of p50 {figures['tick_ms_p50']['p50']:.1f}, of p99 {figures['tick_ms_p99']['p50']:.1f} ms",
+        )
+        ticks = figures["ticks"]
+        if ticks["count"]:
+            moving = ticks["moving_max_ms"]
+            row(
+                "all ticks",
+                times(ticks["ms"])
+                + f", max {ticks['ms']['max']:.1f} ms"
+                + ("" if moving is None else f" ({moving:.1f} while moving)")
+                + f", {100 * ticks['over_20_ms']:.2f} % over 20 ms",
+            )
+        anew = figures["planned_anew_s"]
+        if anew["p50"] is not None:
+            row("waits for plans", f"p50 {anew['p50']:.2f}, p99 {anew['p99']:.2f}, max {anew['max']:.2f} s")
+
+
+def _failed_rows(figures: Figures) -> None:
+    """A line for each run with something wrong."""
+    for run in figures["runs"]:
+        if not run["reached"] or run["collisions"]:
+            last = run.get("error") or (run["stops"][-1][1] if run["stops"] else run["state"])
+            touched = sorted({contact["obstacle"] for contact in run.get("contacts", ())})
+            row(
+                f"seed {run['seed']}",
+                f"{run['collisions']} collisions{': ' if touched else ''}{', '.join(touched)}; {last}",
+            )
+
+
+def _problem_rows(figures: Figures) -> None:
+    row("success", f"{100 * figures['success']:.1f} % without any contact", figures["success"] == 1.0)
+    row("passively safe", f"{100 * figures['success_passive']:.1f} % reached without a contact at speed")
+    row(
+        "collisions",
+        f"{100 * figures['collisions']:.1f} % of the runs at speed, "
+        f"{100 * figures['run_into_at_rest']:.1f} % run into at rest",
+    )
+    if figures["time_s"]["p50"] is not None:
+        row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
+    if "score" in figures:
+        row("score", f"{figures['score']:.4f} (time counts from 4 T* on), {figures['score_2_8']:.4f} (from 2 T* on)")
