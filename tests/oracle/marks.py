@@ -19,7 +19,7 @@ _PROGRAMS = {"subprocess", "multiprocessing", "MachineProcess", "ExecutorProcess
 _MAY_START = ("process", "browser", "wheel", "notebook")
 _UNITS = ("unit", "property")
 _SLOW = TESTS / "slow.txt"
-_LONG = 0.25  # [s] of a processor, all cases of a test together
+_LONG = 0.12  # [s] of a processor, all cases of a test together
 
 
 def slow() -> set[str]:
