@@ -31,6 +31,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel of this checkout."""
     out = tmp_path_factory.mktemp("dist")
     call = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(ROOT)]
+    call.append("--config-setting=build-dir=src/native/cmake")  # the editable install's, whose object files are of use
     ended = subprocess.run(call, capture_output=True, text=True, timeout=240, check=False)
     assert ended.returncode == 0, ended.stdout[-2000:] + ended.stderr[-2000:]
     (built,) = out.glob("*.whl")
