@@ -72,17 +72,17 @@ print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and ru
     [ -n "$extras" ] && target="$ROOT[$extras]"
     setup_compiler
     say "Installing $target (a few minutes the first time)"
-    local apart=()
+    local apart="" needed
     if [[ ",$extras," == *,dev,* ]] && command -v cmake >/dev/null 2>&1 && command -v ninja >/dev/null 2>&1; then
         # Compiled with what is in .venv, not in an environment apart: the wheel of the tests is of the same object files.
-        local needed
-        mapfile -t needed < <("$VENV/bin/python" -c '
+        needed="$("$VENV/bin/python" -c '
 import pathlib, re, sys
 text = pathlib.Path(sys.argv[1], "pyproject.toml").read_text()
-print("\n".join(re.findall("\"([^\"]+)\"", re.search(r"^requires = \[(.*?)\]", text, re.M | re.S)[1])))' "$ROOT")
-        install "${needed[@]}" && apart=(--no-build-isolation)
+print(*re.findall("\"([^\"]+)\"", re.search(r"^requires = \[(.*?)\]", text, re.M | re.S)[1]))' "$ROOT")"
+        # shellcheck disable=SC2086  # several requirements, none with a space
+        install $needed && apart=--no-build-isolation
     fi
-    install "${apart[@]}" --editable "$target" || die "could not install $target"
+    install ${apart:+"$apart"} --editable "$target" || die "could not install $target"
     printf '%s\n' "$digest" >"$stamp"
 }
 

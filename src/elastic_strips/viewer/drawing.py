@@ -40,10 +40,7 @@ _NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a noteb
 _PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
 _PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = 1.9, 0.09, 0.02  # [m] of the pin where a strip is broken
-_SPOT_RADIUS, _BALL_RADIUS = (
-    0.16,
-    0.07,
-)  # [m] of the ball there, and of that by which the hand is dragged
+_SPOT_RADIUS, _BALL_RADIUS = 0.16, 0.07  # [m] of the ball there, and of that by which the hand is dragged
 _LONGEST_CARD_REASON, _LONGEST_PLACE_REASON = 400, 90  # characters of a reason, in the card and at the place
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
 _NONE = np.zeros((0, 16), dtype=np.float32)
