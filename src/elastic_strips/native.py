@@ -42,6 +42,11 @@ def _load() -> tuple[ModuleType | None, str]:
             coal.__version__,
         )
         return None, f"compiled for Coal {native.coal_version}, and this is {coal.__version__}"
+    if not hasattr(native, "constants"):
+        _log.warning(
+            "the native kernel is of older sources: NumPy computes, several times slower; install elastic-strips anew"
+        )
+        return None, "compiled from older sources"
     for name, value in native.constants.items():
         mine = getattr(constants, name, None)
         if value != mine:
