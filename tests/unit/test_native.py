@@ -48,6 +48,18 @@ def test_one_that_was_compiled_for_another_coal_is_not_used(
     assert coal.__version__ in caplog.text
 
 
+def test_one_of_older_sources_is_not_used(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    older = ModuleType("elastic_strips._native")
+    older.coal_version = coal.__version__  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "elastic_strips._native", older)
+    monkeypatch.setattr("elastic_strips._native", older, raising=False)
+    with caplog.at_level(logging.WARNING):
+        module, why = native._load()
+    assert module is None
+    assert why
+    assert len(caplog.records) == 1, "it is said, once"
+
+
 def test_one_that_was_compiled_with_other_constants_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     other = ModuleType("elastic_strips._native")
     other.coal_version = coal.__version__  # type: ignore[attr-defined]
