@@ -214,6 +214,13 @@ def test_one_of_two_pages_holds(opened, live):
     wait(lambda: live.scene.obstacle("<b>").pose[0, 3] == pytest.approx(3.2))
 
 
+def test_two_messages_are_both_read(opened):
+    page = opened()
+    page.evaluate("for (const text of ['the one', 'the other', 'the one']) toast(text)")
+    shown = page.inner_text("#es-toast").split("\n")
+    assert [text for text in shown if text.startswith("the ")] == ["the other", "the one"]
+
+
 def test_what_makes_no_sense_is_passed_over(opened, live):
     page = opened()
     for text in ("", "{", "[]", '{"type": "grab"', '{"type": "open", "name": "shelf"}', "x" * 3000):

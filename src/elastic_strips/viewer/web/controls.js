@@ -267,8 +267,9 @@ viewer.render = () => {
 let toasting = null;
 function toast(text) {
   if (document.body.dataset.ended) return;
-  byId("es-toast").textContent = text;
-  byId("es-toast").style.display = "block";
+  const box = byId("es-toast"), said = box.style.display === "block" ? box.textContent.split("\n") : [];
+  box.textContent = [...said.filter((line) => line !== text), text].join("\n");  // what is still up stays up
+  box.style.display = "block";
   clearTimeout(toasting);
-  toasting = setTimeout(() => { byId("es-toast").style.display = "none"; }, Math.max(2500, 60 * text.length));
+  toasting = setTimeout(() => { box.style.display = "none"; }, Math.max(2500, 60 * box.textContent.length));
 }
