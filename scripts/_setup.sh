@@ -41,7 +41,7 @@ install() {
         "$VENV/bin/python" -m ensurepip >/dev/null 2>&1 || true # an environment that uv made has no pip
         "${pip[@]}" install --quiet --upgrade pip || say "No newer pip could be had; going on with the old one"
     fi
-    "${pip[@]}" install --quiet "$@"
+    "${pip[@]}" install --quiet --no-compile "$@" # Python compiles what is imported, a tenth of it
 }
 
 # setup_venv EXTRAS: afterwards .venv holds the checkout, editable, with these extras ("" for none).
