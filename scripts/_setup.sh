@@ -3,6 +3,7 @@
 
 ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 VENV="$ROOT/.venv"
+unset PYTHONDONTWRITEBYTECODE # each of many processes would compile what it imports, again and again
 
 say() { printf '\n==> %s\n' "$*"; }
 die() {

@@ -383,6 +383,7 @@ SLOW = {
         "talos_reduced_corrected",
         "solo12",
     ),
+    *("hextilt_flying_arm_5", "icub"),
     *("ur10_joint_limited_robot", "ur3_joint_limited_robot", "allegro_right_hand", "icub_reduced", "double_pendulum"),
 }
 """More than a second to load, or the like of another; ``python -m workshop robots`` loads them all."""
