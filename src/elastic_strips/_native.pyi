@@ -20,10 +20,14 @@ Proof = tuple[tuple[float, int, float, bool] | None, int, tuple[int, int]]
 distances were bounded, and how many measured."""
 
 coal_version: str
+interface: str
 """Of the headers that it was compiled with."""
 
-constants: dict[str, float | tuple[float, ...]]
+constants: dict[str, float | tuple[float, ...] | tuple[tuple[int, int], ...]]
 """Of `elastic_strips.constants`, as it was compiled with."""
+
+instructions: str
+"""That spheres are looked at with: "avx512", "avx2" or "baseline"."""
 
 class Solid:
     pass
@@ -31,6 +35,8 @@ class Solid:
 def primitive(kind: str, size: Sequence[float], swept: float) -> Solid: ...
 def convex(points: Array, triangles: npt.NDArray[np.uint32], swept: float) -> Solid: ...
 def block(sides: Array, at: Array) -> Solid: ...
+def spheres(solid: Solid, most: int, fine: float) -> list[tuple[float, float, float, float, float, int]]:
+    """Centres, outer and inner radii [m], and the next sphere that is not below, of the spheres that hold a shape."""
 
 class Tree:
     def __init__(
@@ -63,16 +69,45 @@ class Bodies:
 
 class Parts:
     def __init__(
-        self, solids: Sequence[Solid], rotation: Array, translation: Array, box_center: Array, box_half: Array
+        self,
+        solids: Sequence[Solid | None],
+        rotation: Array,
+        translation: Array,
+        box_center: Array,
+        box_half: Array,
     ) -> None: ...
+    def keep(self, former: Parts, source: Indices) -> None: ...
 
 class Moving:
     def __init__(self, parts: Parts, shift: Array, uncertainty: Array, mover: Indices) -> None: ...
 
 class Distances:
     def __init__(
-        self, parts: Parts, bound: Array, since: Array, exact: Array, direction: Array, witness: Array, limit: Array
+        self,
+        parts: Parts,
+        bound: Array,
+        since: Array,
+        exact: Array,
+        direction: Array,
+        witness: Array,
+        limit: Array,
+        start: Indices,
+        part: Indices,
+        floor: Array,
     ) -> None: ...
+
+def near_parts(
+    center: Array,
+    radius: Array,
+    low: Array,
+    high: Array,
+    always: Mask,
+    fresh: Mask,
+    start: Indices,
+    part: Indices,
+    source: Indices,
+    former: int,
+) -> tuple[Indices, Indices, Indices]: ...
 
 class Narrowphase:
     def __init__(self, bodies: Bodies) -> None: ...
@@ -180,15 +215,57 @@ def integrate(planar: bool, circular: Mask, a: Array, v: Array, out: Array) -> N
 def project_rolling(coordinates: Array, iterations: int) -> tuple[float, int]: ...
 
 class Validity:
-    def __init__(self, bodies: Bodies, parts: Parts, self_pairs: Indices, radius: Array, margin: float) -> None: ...
+    def __init__(
+        self, bodies: Bodies, parts: Parts, self_pairs: Indices, radius: Array, margin: float, self_margin: float
+    ) -> None: ...
     @property
     def checks(self) -> int: ...
     def valid(self, coordinates: Array) -> bool: ...
+    def each(self, rows: Array, base: bool, states: npt.NDArray[np.int8]) -> None: ...
     def motion(self, a: Array, b: Array, step: float) -> bool: ...
     def chart(self, row: Array, unit: Array) -> Chart: ...
+    def search(
+        self,
+        ends: Array,
+        scale: Array,
+        low: Array,
+        high: Array,
+        period: Array,
+        seed: int,
+        step: float,
+        reach: float,
+        checks: int,
+        seconds: float,
+        tries: int,
+    ) -> list[float]: ...
 
 class Chart:
     def motion(self, a: Sequence[float], b: Sequence[float], step: float) -> bool: ...
+
+class SphereFilter:
+    """Verdicts (N,) of rows (N, nv): 0 free, 1 touches for certain, 2 undecided; and how many pairs are undecided."""
+
+    def __init__(
+        self, bodies: Bodies, parts: Parts, self_pairs: Indices, margin: float, self_margin: float
+    ) -> None: ...
+    def look(self, rows: Array, verdict: npt.NDArray[np.int8]) -> int: ...
+
+class PathProof:
+    """States (N-1,) of the segments between rows (N, nv) with tangents v: 0 proven, 1 not; checks and queries."""
+
+    def __init__(
+        self, bodies: Bodies, parts: Parts, self_pairs: Indices, radius: Array, self_radius: Array
+    ) -> None: ...
+    def prove(
+        self,
+        rows: Array,
+        v: Array,
+        clearance: float,
+        self_clearance: float,
+        depth: int,
+        all: bool,
+        states: npt.NDArray[np.int8],
+    ) -> tuple[int, int]: ...
 
 def roll_out(
     start: Array,
@@ -245,3 +322,18 @@ def lead_base(
 ) -> None: ...
 def fastest(grid: Array, y1: Array, y2: Array, bound: Array, acceleration: Array, start: float, x: Array) -> bool: ...
 def braked(grid: Array, y1: Array, y2: Array, acceleration: Array, start: float, part: float, x: Array) -> None: ...
+def fill_outlines(
+    owner: Indices, low: Array, resolution: float, whose: Indices, reach: Array, at: Array, around: Array
+) -> None:
+    """Owners (rows, columns) of the cells within half a cell of outlines (K): `whose` (K), how far each reaches (K, D)
+    along unit vectors (D, 2) from its place (K, 2). D is a multiple of four; the first vector points along x."""
+
+def clearance_map(taken: Mask, resolution: float, clear: Array) -> None:
+    """Distances (rows, columns) to the nearest cell that is taken (rows, columns)."""
+
+def cell_cost(clear: Array, inner: float, comfort: float, narrow: float, cost: Array) -> None:
+    """Costs (rows, columns) of cells by their clearances (rows, columns): `narrow` at `inner`, infinite below."""
+
+def cheapest_route(cost: Array, first: int, last: int) -> list[int]:
+    """Numbers of the cells of the cheapest path, row by row; none where there is none. Costs (rows, columns) are
+    infinite, or within 1e-100 and 1e100 and 10,000 times of each other."""

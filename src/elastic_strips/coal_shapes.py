@@ -6,8 +6,9 @@ the convex hull that contains it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
+from functools import cache
 from math import hypot
 
 import coal
@@ -55,6 +56,11 @@ LONG_ROUND = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.CONE)
 """Kinds of shapes that are round about their z axis and have a length."""
 
 
+@cache
+def _kind_of(form: type) -> ShapeKind:
+    return next((kind for base, kind in _KINDS if issubclass(form, base)), ShapeKind.OTHER)
+
+
 def shape_of(geometry: coal.CollisionGeometry | None) -> tuple[ShapeKind, tuple[float, ...]]:
     """Kind and half sizes [m] of a shape.
 
@@ -63,7 +69,7 @@ def shape_of(geometry: coal.CollisionGeometry | None) -> tuple[ShapeKind, tuple[
     """
     if geometry is None:
         return ShapeKind.OTHER, ()
-    kind = next((kind for form, kind in _KINDS if isinstance(geometry, form)), ShapeKind.OTHER)
+    kind = _kind_of(type(geometry))
     if kind is ShapeKind.BOX:
         return kind, tuple(np.asarray(geometry.halfSide).tolist())
     if kind is ShapeKind.SPHERE:
@@ -113,20 +119,41 @@ def box_about(ellipsoid: coal.Ellipsoid) -> coal.Box:
 
 def support(geometry: coal.CollisionGeometry, directions: Array) -> Array:
     """Support (K,) [m] of a convex shape: how far it extends along each of ``directions`` (K, 3), in its frame."""
-    kind, size = shape_of(geometry)
-    flat, up = np.hypot(directions[:, 0], directions[:, 1]), np.abs(directions[:, 2])
+    return supports((geometry,), directions[None])[0]
+
+
+def supports(geometries: Sequence[coal.CollisionGeometry], directions: Array) -> Array:
+    """Supports (N, K) [m] of N convex shapes: how far each extends along ``directions`` (N, K, 3) in its own frame."""
+    result = np.empty(directions.shape[:2])
+    alike: dict[ShapeKind, tuple[list[int], list[tuple[float, ...]]]] = {}
+    for k, geometry in enumerate(geometries):
+        kind, size = shape_of(geometry)
+        if size:
+            which, sizes = alike.setdefault(kind, ([], []))
+            which.append(k)
+            sizes.append(size)
+        else:
+            result[k] = (directions[k] @ vertices(geometry).T).max(axis=1)
+    for kind, (which, sizes) in alike.items():
+        result[which] = _support(kind, np.array(sizes).T[..., None], directions[which])
+    return result
+
+
+def _support(kind: ShapeKind, size: Array, directions: Array) -> Array:
+    """The same (N, K) of shapes of one kind with sizes (S, N, 1), which :func:`shape_of` gives."""
+    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     if kind is ShapeKind.BOX:
-        return np.abs(directions) @ np.array(size)
+        return size[0] * np.abs(x) + size[1] * np.abs(y) + size[2] * np.abs(z)
     if kind is ShapeKind.SPHERE:
-        return np.full(len(directions), size[0])
+        return np.broadcast_to(size[0], x.shape)
+    if kind is ShapeKind.ELLIPSOID:
+        return np.sqrt(np.square(size[0] * x) + np.square(size[1] * y) + np.square(size[2] * z))
     if kind is ShapeKind.CAPSULE:
-        return size[0] + size[1] * up
+        return size[0] + size[1] * np.abs(z)
+    flat = size[0] * np.hypot(x, y)
     if kind is ShapeKind.CYLINDER:
-        return size[0] * flat + size[1] * up
-    if kind is ShapeKind.CONE:
-        tip = size[1] * directions[:, 2]
-        return np.maximum(size[0] * flat - tip, tip)
-    return (directions @ vertices(geometry).T).max(axis=1)
+        return flat + size[1] * np.abs(z)
+    return np.maximum(flat - size[1] * z, size[1] * z)  # a cone, its tip above
 
 
 def supporter(geometry: coal.CollisionGeometry) -> Callable[[float, float, float], float]:

@@ -39,3 +39,7 @@ ROLLING_YAW_WEIGHT = 0.1
 """Cost of turning against moving, where poses are moved until they can be driven [m²/rad²]."""
 ROLLING_LARGEST_STEP = 0.5
 """Largest change [m, rad] of a pose in one step of that."""
+GRID_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
+"""Moves (rows, columns) from a cell of a grid to the next one of a path; and back."""
+UPRIGHT_NORMAL = 1e-9
+"""A half plane of an outline, seen from above, whose normal has a smaller part along y bounds x alone."""

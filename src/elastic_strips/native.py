@@ -1,7 +1,7 @@
 """The native kernel: the inner loops in compiled form, if installed; the NumPy code beside each is its readable twin.
 
 ``ELASTIC_STRIPS_NATIVE=0`` turns it off, and a file's path takes that one. Without a compiled part, or with one that
-was made for another Coal or with other constants, the twin runs, and a notice is logged once.
+was made for another Coal or of other sources, the twin runs, and a notice is logged once.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -42,23 +44,24 @@ def _load() -> tuple[ModuleType | None, str]:
             coal.__version__,
         )
         return None, f"compiled for Coal {native.coal_version}, and this is {coal.__version__}"
-    if not hasattr(native, "constants"):
-        _log.warning(
-            "the native kernel is of older sources: NumPy computes, several times slower; install elastic-strips anew"
-        )
-        return None, "compiled from older sources"
-    for name, value in native.constants.items():
-        mine = getattr(constants, name, None)
-        if value != mine:
-            _log.warning(
-                "the native kernel was compiled with %s = %s, and here it is %s: NumPy computes, several times slower; "
-                "install elastic-strips anew",
-                name,
-                value,
-                mine,
-            )
-            return None, f"compiled with {name} = {value}, and here it is {mine}"
+    why = _other_sources(native)
+    if why:
+        _log.warning("the native kernel was %s: NumPy computes, several times slower; install elastic-strips anew", why)
+        return None, why
     return native, ""
+
+
+def _other_sources(native: ModuleType) -> str:
+    """In what the module's sources differ from these; empty where they do not."""
+    stubs = Path(__file__).with_name("_native.pyi")
+    interface = sha256(stubs.read_bytes()).hexdigest() if stubs.is_file() else None
+    if interface is not None and getattr(native, "interface", "") != interface:
+        return "compiled from sources that offer other functions"
+    for name in sorted(name for name in vars(constants) if name.isupper()):
+        value, mine = native.constants.get(name), getattr(constants, name)
+        if value != mine:
+            return f"compiled with {name} = {value}, and here it is {mine}"
+    return ""
 
 
 def _imported(name: str, file: str | None) -> ModuleType:

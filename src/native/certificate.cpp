@@ -1,6 +1,7 @@
 #include "certificate.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace strips {
@@ -52,6 +53,13 @@ double SelfPairs::lower_bound(const Frames& frames, std::size_t node, std::int64
   bodies_->ends_at(frames, node, one, a, b);
   bodies_->ends_at(frames, node, two, c, d);
   return segment_distance(a, b, c, d) - bodies_->radius[one] - bodies_->radius[two];
+}
+
+double SelfPairs::lower_bound(const std::vector<Vec3>& ends, std::int64_t pair) {
+  ++counts.pairs;
+  const std::size_t one = pairs_[2 * pair], two = pairs_[2 * pair + 1];
+  return segment_distance(ends[2 * one], ends[2 * one + 1], ends[2 * two], ends[2 * two + 1]) - bodies_->radius[one] -
+         bodies_->radius[two];
 }
 
 double SelfPairs::query(const Frames& frames, std::size_t node, std::int64_t pair) {
@@ -212,42 +220,47 @@ std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, S
   return todo;
 }
 
-void self_drift(const Tree& tree, const double* coordinates, const double* before, const double* radius,
-                SelfDistances& d) {
+PairRadii::PairRadii(const Tree& tree, const double* radius, std::size_t pairs)
+    : first_(static_cast<std::size_t>(tree.base_nv())), moved_(tree.nv - first_), travel_(pairs) {
+  start_.push_back(0);
+  for (std::size_t s = 0; s < pairs; ++s) {
+    for (std::size_t k = 0; k < moved_.size(); ++k) {
+      const double r = radius[(first_ + k) * pairs + s];
+      if (r != 0.0) entries_.push_back({k, r});
+    }
+    start_.push_back(entries_.size());
+  }
+}
+
+const std::vector<double>& PairRadii::travel(const double* from, const double* to) {
+  for (std::size_t k = 0; k < moved_.size(); ++k) {
+    moved_[k] = std::abs(to[first_ + k] - (from == nullptr ? 0.0 : from[first_ + k]));
+  }
+  for (std::size_t s = 0; s < travel_.size(); ++s) {
+    double sum = 0.0;
+    for (std::size_t e = start_[s]; e < start_[s + 1]; ++e) sum += moved_[entries_[e].joint] * entries_[e].radius;
+    travel_[s] = sum;
+  }
+  return travel_;
+}
+
+void self_drift(const double* coordinates, const double* before, std::size_t nv, PairRadii& radii, SelfDistances& d) {
   for (std::size_t n = 0; n < d.nodes; ++n) {
+    if (std::equal(coordinates + n * nv, coordinates + (n + 1) * nv, before + n * nv)) continue;
+    const std::vector<double>& travel = radii.travel(before + n * nv, coordinates + n * nv);
     double *bound = d.bound + n * d.pairs, *since = d.since + n * d.pairs;
-    for (int k = tree.base_nv(); k < tree.nv; ++k) {
-      const double moved = std::abs(coordinates[n * tree.nv + k] - before[n * tree.nv + k]);
-      if (moved == 0.0) continue;
-      const double* r = radius + k * d.pairs;
-      for (std::size_t s = 0; s < d.pairs; ++s) {
-        double shift = moved * r[s];
-        if (std::isnan(shift)) shift = FAR;  // of a new node nothing is known
-        bound[s] -= shift;
-        since[s] += shift;
-      }
+    for (std::size_t s = 0; s < d.pairs; ++s) {
+      const double shift = std::isnan(travel[s]) ? FAR : travel[s];  // of a new node nothing is known
+      bound[s] -= shift;
+      since[s] += shift;
     }
   }
 }
 
-// Of intervals within a segment each, those that bounds (N, pairs) at its two nodes leave open.
-static std::vector<Interval> still_open(std::vector<Interval> todo, const double* bound, std::size_t pairs,
-                                        double clearance) {
-  std::size_t kept = 0;
-  for (Interval x : todo) {
-    const double* at = bound + static_cast<std::size_t>(x.low) * pairs + static_cast<std::size_t>(x.pair);
-    x.d_low = at[0];
-    x.d_high = at[pairs];
-    if (x.open(clearance)) todo[kept++] = x;
-  }
-  todo.resize(kept);
-  return todo;
-}
-
-static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
-                         SelfDistances& d) {
+// `cheap` is the lower bound that the capsules give.
+static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double cheap,
+                         double reach, SelfDistances& d) {
   const std::size_t k = node * d.pairs + pair;
-  const double cheap = pairs.lower_bound(frames, node, static_cast<std::int64_t>(pair));
   if (cheap >= reach) {
     d.bound[k] = cheap;
     d.since[k] = FAR;
@@ -267,30 +280,50 @@ static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t nod
   Eigen::Map<Vec3>(d.second + 3 * k) = R * b;
 }
 
-void self_refine(SelfPairs& pairs, const Frames& frames, double reach, SelfDistances& d) {
+void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinates, PairRadii& radii, double reach,
+                 SelfDistances& d) {
+  const Bodies& bodies = pairs.bodies();
+  const std::size_t nv = static_cast<std::size_t>(bodies.tree.nv);
+  std::vector<Vec3> ends(2 * bodies.size());
   for (std::size_t n = 0; n < d.nodes; ++n) {
-    for (std::size_t s = 0; s < d.pairs; ++s) self_refine_at(pairs, frames, n, s, reach, d);
+    bool placed = false;
+    const double* travel = nullptr;
+    for (std::size_t s = 0; s < d.pairs; ++s) {
+      const std::size_t k = n * d.pairs + s;
+      if (!(d.bound[k] < reach && d.since[k] > d.tolerance)) continue;
+      if (n > 0 && d.bound[k] <= -0.5 * FAR) {
+        if (travel == nullptr) travel = radii.travel(coordinates + (n - 1) * nv, coordinates + n * nv).data();
+        const double known = d.bound[k - d.pairs] - travel[s];
+        if (known >= reach) {
+          d.bound[k] = known;
+          d.since[k] = FAR;
+          d.exact[k] = INFINITY;
+          continue;
+        }
+      }
+      if (!placed) {
+        for (std::size_t g = 0; g < bodies.size(); ++g) bodies.ends_at(frames, n, g, ends[2 * g], ends[2 * g + 1]);
+        placed = true;
+      }
+      self_measure(pairs, frames, n, s, pairs.lower_bound(ends, static_cast<std::int64_t>(s)), reach, d);
+    }
   }
 }
 
 void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
                     SelfDistances& d) {
   const std::size_t k = node * d.pairs + pair;
-  if (d.bound[k] < reach && d.since[k] > d.tolerance) self_measure(pairs, frames, node, pair, reach, d);
+  if (!(d.bound[k] < reach && d.since[k] > d.tolerance)) return;
+  self_measure(pairs, frames, node, pair, pairs.lower_bound(frames, node, static_cast<std::int64_t>(pair)), reach, d);
 }
 
-std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
+std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, std::size_t nv, PairRadii& radii,
                                 const double* v, const Search& search, SelfDistances& d) {
   const double clearance = search.clearance;
   std::vector<Interval> todo;
-  std::vector<double> travel(d.pairs);
   for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
     if (search.states[s] < 0) continue;  // it is known to be certified
-    std::fill(travel.begin(), travel.end(), 0.0);
-    for (int k = tree.base_nv(); k < tree.nv; ++k) {
-      const double speed = std::abs(v[s * tree.nv + k]);
-      for (std::size_t p = 0; p < d.pairs; ++p) travel[p] += speed * radius[k * d.pairs + p];
-    }
+    const std::vector<double>& travel = radii.travel(nullptr, v + s * nv);
     for (std::size_t p = 0; p < d.pairs; ++p) {
       if (d.bound[s * d.pairs + p] + d.bound[(s + 1) * d.pairs + p] > travel[p] + 2.0 * clearance) continue;
       const double low = static_cast<double>(s);
@@ -304,22 +337,28 @@ std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tr
       self_refine_at(pairs, frames, s + end, p, x.travel + 2.0 * clearance - other + EXACT_WITHIN, d);
     }
   }
-  return still_open(std::move(todo), d.bound, d.pairs, clearance);
+  std::vector<Interval> open;
+  for (Interval& x : todo) {
+    const double* at = d.bound + static_cast<std::size_t>(x.low) * d.pairs + static_cast<std::size_t>(x.pair);
+    x.d_low = at[0];
+    x.d_high = at[d.pairs];
+    if (x.open(clearance)) open.push_back(x);
+  }
+  return open;
 }
 
 void colliding_nodes(Queries& ask, Distances& d, Search& search) {
-  const double clearance = search.clearance;
+  const double clearance = search.clearance, *bound = d.bound;
   const std::size_t last = d.nodes - 2;
   for (std::size_t n = 0; n < d.nodes; ++n) {
     for (std::size_t g = 0; g < d.bodies; ++g) {
-      const double* bound = d.bound + d.index(n, g, 0);
-      for (std::size_t p = 0; p < d.parts; ++p) {
-        if (bound[p] > clearance) continue;
-        refine_at(ask, n, g, p, clearance + EXACT_WITHIN, d);
-        if (bound[p] > clearance) continue;
+      for (std::size_t k = d.begin(n, g), end = d.end(n, g); k < end; ++k) {
+        if (bound[k] > clearance) continue;
+        refine_at(ask, n, g, k, clearance + EXACT_WITHIN, d);
+        if (bound[k] > clearance) continue;
         search.states[std::min(n, last)] = search.states[n == 0 ? 0 : n - 1] = 2;
-        search.worst.note(static_cast<double>(std::min(n, last)), static_cast<std::int64_t>(g * d.parts + p), bound[p],
-                          true);
+        search.worst.note(static_cast<double>(std::min(n, last)), static_cast<std::int64_t>(g * d.parts) + d.part[k],
+                          d.bound[k], true);
       }
     }
   }
@@ -332,20 +371,31 @@ std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const d
   const Tree& tree = robot.tree;
   const Bounds bounds{radius, d.bodies};
   std::vector<Interval> todo;
+  std::vector<std::array<std::size_t, 2>> places;  // of their pairs at either end
+  const double* bound = d.bound;
   for (std::size_t s = 0; s + 1 < d.nodes; ++s) {
     if (search.states[s] != 0) continue;
     for (std::size_t g = 0; g < d.bodies; ++g) {
-      const double *here = d.bound + d.index(s, g, 0), *there = d.bound + d.index(s + 1, g, 0);
       const double need = bounds.travel(tree, v + s * tree.nv, g) + 2.0 * clearance;
       double tight = -1.0;  // a second chance: the travel of this very posture
-      for (std::size_t p = 0; p < d.parts; ++p) {
+      const std::size_t begin = d.begin(s, g), end = d.end(s, g), last = d.end(s + 1, g);
+      const bool same = end - begin == d.parts && last - d.begin(s + 1, g) == d.parts;  // all parts are in both rows
+      std::size_t j = d.begin(s + 1, g);
+      for (std::size_t k = begin; k < end; ++k, j += same) {
+        if (!same) {
+          while (j < last && d.part[j] < d.part[k]) ++j;
+          if (j == last) break;
+          if (d.part[j] != d.part[k]) continue;  // far from one end: the caller saw to it that this is enough
+        }
+        const std::size_t p = same ? k - begin : static_cast<std::size_t>(d.part[k]);
         const double nearer = approach == nullptr ? 0.0 : approach[s * d.parts + p];
-        if (here[p] + there[p] - need - nearer > 0.0) continue;
+        if (bound[k] + bound[j] - need - nearer > 0.0) continue;
         if (tight < 0.0) tight = bounds.tight(robot, ask.frames, s, g, v + s * tree.nv);
         const double travel = tight + nearer;
-        if (here[p] + there[p] > travel + 2.0 * clearance) continue;
+        if (bound[k] + bound[j] > travel + 2.0 * clearance) continue;
         const double low = static_cast<double>(s);
         todo.push_back({static_cast<std::int64_t>(g * d.parts + p), low, low + 1.0, 0.0, 0.0, travel, true, true});
+        places.push_back({k, j});
       }
     }
   }
@@ -353,17 +403,21 @@ std::vector<Interval> open_obstacles(Queries& ask, const double* radius, const d
   std::vector<double> reach;
   for (std::size_t end = 0; end < 2; ++end) {
     reach.clear();
-    for (const Interval& x : todo) {
-      const std::size_t other = static_cast<std::size_t>(x.low) + 1 - end, pair = static_cast<std::size_t>(x.pair);
-      reach.push_back(x.travel + 2.0 * clearance - d.bound[other * d.bodies * d.parts + pair] + EXACT_WITHIN);
+    for (std::size_t k = 0; k < todo.size(); ++k) {
+      reach.push_back(todo[k].travel + 2.0 * clearance - d.bound[places[k][1 - end]] + EXACT_WITHIN);
     }
     for (std::size_t k = 0; k < todo.size(); ++k) {
-      const std::size_t node = static_cast<std::size_t>(todo[k].low) + end,
-                        pair = static_cast<std::size_t>(todo[k].pair);
-      refine_at(ask, node, pair / d.parts, pair % d.parts, reach[k], d);
+      const std::size_t node = static_cast<std::size_t>(todo[k].low) + end;
+      refine_at(ask, node, static_cast<std::size_t>(todo[k].pair) / d.parts, places[k][end], reach[k], d);
     }
   }
-  return still_open(std::move(todo), d.bound, d.bodies * d.parts, clearance);
+  std::vector<Interval> open;
+  for (std::size_t k = 0; k < todo.size(); ++k) {
+    todo[k].d_low = d.bound[places[k][0]];
+    todo[k].d_high = d.bound[places[k][1]];
+    if (todo[k].open(clearance)) open.push_back(todo[k]);
+  }
+  return open;
 }
 
 Worst prove_motion(Pairs& pairs, std::size_t count, Bisection& bisection, std::size_t nodes, double clearance,

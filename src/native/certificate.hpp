@@ -42,6 +42,7 @@ class SelfPairs : public Pairs {
 
   // By their capsules; and signed as Coal says it: the solver then has normal and witness points.
   double lower_bound(const Frames& frames, std::size_t node, std::int64_t pair);
+  double lower_bound(const std::vector<Vec3>& ends, std::int64_t pair);  // of the capsules' ends (G, 2) at a node
   double query(const Frames& frames, std::size_t node, std::int64_t pair);
   const PairSolver& solver() const { return solver_; }
   const Bodies& bodies() const { return *bodies_; }
@@ -124,19 +125,39 @@ struct SelfDistances {
   double tolerance = 0.0;
 };
 
-// Lower the bounds by how far the joints have moved from `before` to `coordinates` (N, nv); radius (nv, S).
-void self_drift(const Tree& tree, const double* coordinates, const double* before, const double* radius,
+// Of radii (nv, S), those that are not 0: most joints leave most pairs as they are.
+class PairRadii {
+ public:
+  PairRadii(const Tree& tree, const double* radius, std::size_t pairs);
+  // Bounds (S) on how far the two of each pair come nearer along a tangent or a difference of rows (nv) of one node.
+  const std::vector<double>& travel(const double* from, const double* to);
+
+ private:
+  struct Entry {
+    std::size_t joint;
+    double radius;
+  };
+  std::size_t first_;               // column of the first joint: the base moves all links alike
+  std::vector<std::size_t> start_;  // of each pair's entries
+  std::vector<Entry> entries_;
+  std::vector<double> moved_, travel_;
+};
+
+// Lower the bounds by how far the joints have moved from `before` to `coordinates` (N, nv).
+void self_drift(const double* coordinates, const double* before, std::size_t nv, PairRadii& radii,
                 SelfDistances& distances);
 
-// Make exact what is below `reach` and has moved by more than the tolerance since it was measured.
-void self_refine(SelfPairs& pairs, const Frames& frames, double reach, SelfDistances& distances);
+// Make exact what is below `reach` and has moved by more than the tolerance since it was measured. Of what nothing is
+// known yet, the node before may say enough: less how far the two can have come nearer from there.
+void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinates, PairRadii& radii, double reach,
+                 SelfDistances& distances);
 
 // Make a single pair exact whose bound is below `reach` and may be stale.
 void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,
                     SelfDistances& d);
 
 // Intervals (segment, self pair) that the nodes' distances leave open, once these have been made exact enough.
-std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, const Tree& tree, const double* radius,
+std::vector<Interval> open_self(SelfPairs& pairs, const Frames& frames, std::size_t nv, PairRadii& radii,
                                 const double* v, const Search& search, SelfDistances& distances);
 
 // A node that is itself too close decides both its segments.

@@ -80,9 +80,14 @@ static double support(const coal::ShapeBase& shape, const Vec3& n) {
   if (!is(shape, coal::GEOM_CONVEX)) {
     return coal::details::getSupport<coal::details::WithSweptSphere>(&shape, n, hint).dot(n);
   }
-  double most = -INFINITY;
-  for (const auto& point : *static_cast<const coal::ConvexBase&>(shape).points) most = std::max(most, point.dot(n));
-  return most + shape.getSweptSphereRadius();
+  const auto& points = *static_cast<const coal::ConvexBase&>(shape).points;
+  double most[4] = {-INFINITY, -INFINITY, -INFINITY, -INFINITY};  // side by side: none waits for the other
+  std::size_t k = 0;
+  for (; k + 4 <= points.size(); k += 4) {
+    for (std::size_t i = 0; i < 4; ++i) most[i] = std::max(most[i], points[k + i].dot(n));
+  }
+  for (; k < points.size(); ++k) most[0] = std::max(most[0], points[k].dot(n));
+  return std::max(std::max(most[0], most[1]), std::max(most[2], most[3])) + shape.getSweptSphereRadius();
 }
 
 // How far two shapes are apart along a unit vector from one to the other: no more than their distance, wherever the

@@ -12,7 +12,11 @@
 #include <mutex>
 
 #include "certificate.hpp"
+#include "filter.hpp"
+#include "grid.hpp"
 #include "lookahead.hpp"
+#include "path_proof.hpp"
+#include "search.hpp"
 #include "system.hpp"
 #include "timing.hpp"
 #include "validity.hpp"
@@ -143,6 +147,23 @@ struct Sizes {
   std::size_t size[26];
 };
 
+// Rows (node, body) of a `start` (N * G + 1) that lie one behind the other in what `part` (K) numbers.
+Sizes& rows(Sizes& sizes, const Numbers& start, const Numbers& part) {
+  const std::size_t count = sizes.size['n' - 'a'] * sizes.size['g' - 'a'] + 1;
+  sizes.is('l', count).is('k', part.size())("l", start);
+  require(start.data()[0] == 0 && std::is_sorted(start.data(), start.data() + count),
+          "rows that do not follow each other");
+  require(start.data()[count - 1] == static_cast<std::int64_t>(part.size()), "rows of more or less than there is");
+  return sizes;
+}
+
+// An array of Python's that owns what was in a vector.
+nb::ndarray<nb::numpy, std::int64_t, nb::ndim<1>> given_away(std::vector<std::int64_t>& numbers) {
+  auto* kept = new std::vector<std::int64_t>(std::move(numbers));
+  nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<std::int64_t>*>(p); });
+  return {kept->data(), {kept->size()}, owner};
+}
+
 // A function that runs without the interpreter's lock.
 template <typename Scope, typename F>
 void unlocked(Scope& scope, const char* name, F&& function) {
@@ -211,6 +232,14 @@ void bind_robot(nb::module_& m) {
     require(triangles.size() > 0, "a convex shape without triangles");
     return convex(points.data(), points.shape(0), triangles.data(), triangles.shape(0), swept);
   });
+  m.def("spheres", [](const Solid& solid, std::size_t most, double fine) {
+    require(solid.shape != nullptr && most > 0 && most <= 256 && fine >= 0.0, "spheres for a block, none or too many");
+    std::vector<std::tuple<float, float, float, float, float, std::uint32_t>> all;
+    for (const SphereTree::Sphere& s : sphere_tree(*solid.shape, most, fine).spheres) {
+      all.emplace_back(s.center[0], s.center[1], s.center[2], s.outer, s.inner, s.next);
+    }
+    return all;
+  });
   m.def("block", [](Reals sides, Reals at) {
     Sizes()("n3 n3", sides, at);
     return block(sides.data(), at.data(), sides.shape(0));
@@ -250,10 +279,18 @@ void bind_robot(nb::module_& m) {
 
 void bind_distances(nb::module_& m) {
   nb::class_<Kept<Parts>>(m, "Parts")
-      .def("__init__", [](Kept<Parts>* self, const std::vector<Solid>& solids, Reals rotation, Reals translation,
-                          Reals center, Reals half) {
-        keep(self, Sizes().is('p', solids.size()), "p33 p3 p3 p3", rotation, translation, center, half);
-        self->solids = solids;
+      .def("__init__",
+           [](Kept<Parts>* self, const std::vector<std::optional<Solid>>& solids, Reals rotation, Reals translation,
+              Reals center, Reals half) {
+             keep(self, Sizes().is('p', solids.size()), "p33 p3 p3 p3", rotation, translation, center, half);
+             for (const auto& solid : solids) self->solids.push_back(solid.value_or(Solid()));
+           })
+      .def("keep", [](Kept<Parts>& self, const Kept<Parts>& former, Numbers source) {
+        Sizes().is('p', self.count()).is('q', former.count())("p~q", source);
+        for (std::size_t p = 0; p < self.count(); ++p) {
+          const std::int64_t was = source.data()[p];
+          if (was >= 0 && !self.solids[p].key()) self.solids[p] = former.solids[static_cast<std::size_t>(was)];
+        }
       });
   nb::class_<Kept<Moving>>(m, "Moving")
       .def("__init__", [](Kept<Moving>* self, const Kept<Parts>& parts, Reals shift, Reals uncertainty, Numbers mover) {
@@ -263,11 +300,29 @@ void bind_distances(nb::module_& m) {
       });
   nb::class_<Kept<Distances>>(m, "Distances")
       .def("__init__", [](Kept<Distances>* self, const Kept<Parts>& parts, Same<double> bound, Same<double> since,
-                          Same<double> exact, Same<double> direction, Same<double> witness, Reals limit) {
-        keep<'n', 'g', 'p'>(self, Sizes().has(parts), "ngp ngp ngp ngp3 ngp3 p", bound, since, exact, direction,
-                            witness, limit);
+                          Same<double> exact, Same<double> direction, Same<double> witness, Reals limit, Numbers start,
+                          Numbers part, Same<double> floor) {
+        require(floor.ndim() == 2, "no floor for each body of each node");
+        Sizes sizes = Sizes().has(parts);
+        rows(sizes.is('n', floor.shape(0)).is('g', floor.shape(1)), start, part);
+        keep<'k', 'n', 'g', 'p'>(self, sizes, "k k k k3 k3 p l k<p ng", bound, since, exact, direction, witness, limit,
+                                 start, part, floor);
         self->stamp = parts.stamp;
       });
+  m.def("near_parts", [](Reals center, Reals radius, Reals low, Reals high, Flags always, Flags fresh, Numbers start,
+                         Numbers part, Numbers source, std::size_t former) {
+    Sizes sizes;
+    sizes("?ng3 ?ng p3 p3 p n", center, radius, low, high, always, fresh);
+    rows(sizes.is('q', former), start, part)("l k<q p~q", start, part, source);
+    const Balls balls{center.data(),   radius.data(),   low.data(),  high.data(),
+                      radius.shape(0), radius.shape(1), low.shape(0)};
+    auto near = std::make_unique<Near>();
+    {
+      nb::gil_scoped_release free;
+      *near = near_parts(balls, always.data(), fresh.data(), start.data(), part.data(), source.data());
+    }
+    return nb::make_tuple(given_away(near->start), given_away(near->part), given_away(near->from));
+  });
 
   nb::class_<Narrowphase> narrowphase(m, "Narrowphase");
   narrowphase.def(nb::init<std::shared_ptr<Bodies>>());
@@ -361,8 +416,9 @@ void bind_distances(nb::module_& m) {
              const auto inside = enter(self);
              Sizes(self).has(distances)("?j>n34 nv ?nv vs", T, coordinates, before, radius);
              self.counts = {};
-             self_drift(self.bodies().tree, coordinates.data(), before.data(), radius.data(), distances);
-             self_refine(self, frames_of(T), reach, distances);
+             PairRadii radii(self.bodies().tree, radius.data(), self.size());
+             self_drift(coordinates.data(), before.data(), coordinates.shape(1), radii, distances);
+             self_refine(self, frames_of(T), coordinates.data(), radii, reach, distances);
              return counted(self.counts);
            });
   unlocked(selfPairs, "certify",
@@ -375,8 +431,8 @@ void bind_distances(nb::module_& m) {
              self.counts = {};
              const Tree& tree = self.bodies().tree;
              Bisection bisection(tree, frames, coordinates.data(), v.data(), depth);
-             const std::vector<Interval> todo =
-                 open_self(self, frames, tree, radius.data(), v.data(), search, distances);
+             PairRadii radii(tree, radius.data(), self.size());
+             const std::vector<Interval> todo = open_self(self, frames, v.shape(1), radii, v.data(), search, distances);
              return bisected(bisection, self, todo, search);
            });
   unlocked(selfPairs, "prove",
@@ -395,14 +451,21 @@ void bind_distances(nb::module_& m) {
            });
 }
 
+// Parts with all their solids, for those who take them as they are.
+const Kept<Parts>& made(const Kept<Parts>& parts) {
+  for (std::size_t p = 0; p < parts.count(); ++p) parts.solid(p);
+  return parts;
+}
+
 // A Validity and the arrays that it reads.
 struct Checker {
   const Kept<Parts> parts;
   const Reals radius;
   Validity validity;
 
-  Checker(std::shared_ptr<Bodies> bodies, const Kept<Parts>& among, Numbers self_pairs, Reals radii, double margin)
-      : parts(among), radius(radii), validity(bodies, parts, self_pairs, radius.data(), margin) {}
+  Checker(std::shared_ptr<Bodies> bodies, const Kept<Parts>& among, Numbers self_pairs, Reals radii, double margin,
+          double self_margin)
+      : parts(made(among)), radius(radii), validity(bodies, parts, self_pairs, radius.data(), margin, self_margin) {}
 
   const double* row(const Reals& coordinates) const {
     Sizes{validity.tree()}("v", coordinates);
@@ -427,14 +490,40 @@ struct Chart {
   }
 };
 
+// A PathProof and the arrays that it reads.
+struct Prover {
+  const Kept<Parts> parts;
+  const Reals radius, self_radius;
+  PathProof proof;
+
+  Prover(std::shared_ptr<Bodies> bodies, const Kept<Parts>& among, Numbers self_pairs, Reals radii, Reals self_radii)
+      : parts(made(among)),
+        radius(radii),
+        self_radius(self_radii),
+        proof(bodies, parts, self_pairs, radius.data(), self_radius.data()) {}
+};
+
+struct Filter {
+  std::shared_ptr<Bodies> bodies;
+  SphereFilter filter;
+
+  Filter(std::shared_ptr<Bodies> of, const Kept<Parts>& parts, const std::vector<std::int64_t>& self_pairs,
+         double margin, double self_margin)
+      : bodies(of), filter(*of, made(parts), self_pairs, margin, self_margin) {}
+};
+
 void bind_validity(nb::module_& m) {
   nb::class_<Checker> validity(m, "Validity");
   validity.def("__init__", [](Checker* self, std::shared_ptr<Bodies> bodies, const Kept<Parts>& parts,
-                              Numbers self_pairs, Reals radius, double margin) {
+                              Numbers self_pairs, Reals radius, double margin, double self_margin) {
     Sizes(*bodies).has(parts)("mg s2<g", radius, self_pairs);
-    new (self) Checker(bodies, parts, self_pairs, radius, margin);
+    new (self) Checker(bodies, parts, self_pairs, radius, margin, self_margin);
   });
   validity.def("valid", [](Checker& self, Reals row) { return self.validity.valid(self.row(row)); });
+  validity.def("each", [](Checker& self, Reals rows, bool base, Same<std::int8_t> states) {
+    Sizes(self.validity.tree())("nv n", rows, states);
+    self.validity.each(rows.data(), states.size(), base, states.data());
+  });
   validity.def("motion", [](Checker& self, Reals a, Reals b, double step) {
     return self.validity.motion(self.row(a), self.row(b), step);
   });
@@ -447,7 +536,63 @@ void bind_validity(nb::module_& m) {
         return Chart{&self, row, row, unit};
       },
       nb::keep_alive<0, 1>());
+  nb::class_<Prover> prover(m, "PathProof");
+  prover.def("__init__", [](Prover* self, std::shared_ptr<Bodies> bodies, const Kept<Parts>& parts, Numbers self_pairs,
+                            Reals radius, Reals self_radius) {
+    Sizes(*bodies).has(parts)("mg s2<g vs", radius, self_pairs, self_radius);
+    new (self) Prover(bodies, parts, self_pairs, radius, self_radius);
+  });
+  unlocked(prover, "prove",
+           [](Prover& self, Reals rows, Reals v, double clearance, double self_clearance, int depth, bool all,
+              Same<std::int8_t> states) {
+             Sizes(self.proof.tree())("nv Nv N", rows, v, states);
+             require(rows.shape(0) > 1, "a path without a segment");
+             const std::size_t checks = self.proof.checks, queries = self.proof.queries;
+             require(clearance >= 0.0 && self_clearance >= 0.0, "a clearance below nothing");
+             self.proof.prove(rows.data(), v.data(), rows.shape(0), clearance, self_clearance, std::min(depth, 64), all,
+                              states.data());
+             return std::make_pair(self.proof.checks - checks, self.proof.queries - queries);
+           });
+  m.attr("instructions") = SphereFilter::instructions();
+  nb::class_<Filter> filter(m, "SphereFilter");
+  filter.def("__init__", [](Filter* self, std::shared_ptr<Bodies> bodies, const Kept<Parts>& parts, Numbers self_pairs,
+                            double margin, double self_margin) {
+    Sizes(*bodies).has(parts)("s2<g", self_pairs);
+    new (self) Filter(bodies, parts, self_pairs, margin, self_margin);
+  });
+  unlocked(filter, "look", [](Filter& self, Reals rows, Same<std::int8_t> verdict) {
+    Sizes(self.bodies->tree)("nv n", rows, verdict);
+    const std::size_t nv = rows.shape(1), n = rows.shape(0);
+    std::size_t pairs = 0;
+    for (std::size_t k = 0; k < n; k += kRows) {
+      const std::size_t count = std::min<std::size_t>(kRows, n - k);
+      const unsigned hit = self.filter.look(rows.data() + k * nv, count, false);
+      pairs += self.filter.open().size();
+      for (std::size_t i = 0; i < count; ++i) verdict.data()[k + i] = hit >> i & 1;
+      for (const SphereOpen& o : self.filter.open()) verdict.data()[k + o.row] = 2;
+    }
+    return pairs;
+  });
   nb::class_<Chart>(m, "Chart").def("motion", &Chart::motion);
+  unlocked(validity, "search",
+           [](Checker& self, Reals ends, Reals scale, Reals low, Reals high, Reals period, std::uint64_t seed,
+              double step, double range, std::size_t checks, double seconds, int tries) {
+             Sizes(self.validity.tree())("2v k k k k", ends, scale, low, high, period);
+             const std::size_t nv = ends.shape(1), first = nv - scale.size();
+             require(scale.size() > 0 && scale.size() <= nv, "a search among no coordinates, or more than there are");
+             require(step > 0.0 && range >= 1e-6, "a search without a step or a range");
+             require(seconds == seconds && tries >= 0,
+                     "a search until a time that is no number, or of less than no tries");
+             for (std::size_t k = 0; k < scale.size(); ++k) {
+               const double most = std::max(std::abs(ends.data()[first + k]), std::abs(ends.data()[nv + first + k]));
+               const double far = std::max(std::abs(low.data()[k]), std::abs(high.data()[k]));
+               require(scale.data()[k] > 0.0 && std::max(far, most * scale.data()[k]) <= 1e6 && period.data()[k] >= 0.0,
+                       "a search among coordinates without a scale, or too far away");
+             }
+             const SearchSpace space{nv, first, scale, low, high, period};
+             return found_path(self.validity, space, {step, range, checks, seconds}, seed, ends.data(),
+                               ends.data() + nv, tries);
+           });
   validity.def_prop_ro("checks", [](const Checker& self) { return self.validity.checks; });
 }
 
@@ -588,6 +733,34 @@ void bind_driving(nb::module_& m) {
            });
 }
 
+void bind_grid(nb::module_& m) {
+  unlocked(
+      m, "fill_outlines",
+      [](Same<std::int64_t> owner, Reals low, double resolution, Numbers whose, Reals reach, Reals at, Reals around) {
+        Sizes()("rc 2 k kd k2 d2", owner, low, whose, reach, at, around);
+        const std::size_t directions = around.shape(0);
+        require(resolution > 0.0 && directions > 0 && directions % 4 == 0, "cells or outlines of no size");
+        const Outlines outlines{whose.data(), reach.data(), at.data(), around.data(), whose.size(), directions};
+        fill_outlines(outlines, {owner.shape(0), owner.shape(1), low.data(), resolution}, owner.data());
+      });
+  unlocked(m, "clearance_map", [](Flags taken, double resolution, Same<double> clear) {
+    Sizes()("rc rc", taken, clear);
+    require(resolution > 0.0, "cells of no size");
+    clearance_map(taken.data(), taken.shape(0), taken.shape(1), resolution, clear.data());
+  });
+  unlocked(m, "cell_cost", [](Reals clear, double inner, double comfort, double narrow, Same<double> cost) {
+    Sizes()("?rc rc", clear, cost);
+    require(inner == inner && comfort > 0.0 && narrow >= 1.0, "costs by clearances that are none");
+    cell_cost(clear.data(), clear.size(), inner, comfort, narrow, cost.data());
+  });
+  unlocked(m, "cheapest_route", [](Reals cost, std::size_t first, std::size_t last) {
+    Sizes()("?rc", cost);
+    require(first < cost.size() && last < cost.size(), "a route from or to no cell");
+    require(cost.size() < std::size_t{1} << 31, "too many cells");
+    return cheapest_route(cost.data(), cost.shape(0), cost.shape(1), first, last);
+  });
+}
+
 void translate(const std::exception_ptr& thrown, void* errors) {
   try {
     std::rethrow_exception(thrown);
@@ -603,15 +776,20 @@ NB_MODULE(_native, m) {
   nb::set_leak_warnings(false);  // what Python keeps until it ends is no leak
   m.attr("coal_version") = std::to_string(COAL_MAJOR_VERSION) + "." + std::to_string(COAL_MINOR_VERSION) + "." +
                            std::to_string(COAL_PATCH_VERSION);
+  m.attr("interface") = STRIPS_INTERFACE;
   nb::dict constants;
 #define STRIPS_EXPORT(name, value) constants[#name] = name;
   STRIPS_CONSTANTS(STRIPS_EXPORT)
   constants["COARSE_EPA_TOLERANCES"] = nb::make_tuple(COARSE_EPA_TOLERANCES[0], COARSE_EPA_TOLERANCES[1],
                                                       COARSE_EPA_TOLERANCES[2], COARSE_EPA_TOLERANCES[3]);
+  nb::list moves;
+  for (const auto& move : GRID_MOVES) moves.append(nb::make_tuple(move[0], move[1]));
+  constants["GRID_MOVES"] = nb::tuple(moves);
   m.attr("constants") = constants;
   bind_robot(m);
   bind_distances(m);
   bind_system(m);
   bind_validity(m);
   bind_driving(m);
+  bind_grid(m);
 }

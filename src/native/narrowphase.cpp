@@ -15,6 +15,15 @@ bool Moving::at(double place, std::size_t part, Vec3& s, double& u) const {
   return true;
 }
 
+const Solid& Parts::solid(std::size_t part) const {
+  Solid& solid = solids[part];
+  if (!solid.key()) {
+    const double* half = box_half + 3 * part;
+    solid = primitive("box", {2.0 * half[0], 2.0 * half[1], 2.0 * half[2]}, 0.0);
+  }
+  return solid;
+}
+
 double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std::size_t body, const Parts& parts,
                      std::size_t part, const Vec3* shift, double uncertainty) {
   const double* R = parts.rotation + 9 * part;
@@ -34,33 +43,33 @@ double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std
 void Narrowphase::turn_to(const Parts& parts) {
   if (parts.stamp == stamp_) return;
   stamp_ = 0;
-  const std::size_t count = parts.count();
-  std::map<Key, std::unique_ptr<ShapePair>> kept;
-  table_.assign(bodies->size() * count, nullptr);
-  for (std::size_t g = 0; g < bodies->size(); ++g) {
-    for (std::size_t p = 0; p < count; ++p) {
-      const Key key(g, parts.solids[p].key());
-      auto known = kept.find(key);
-      if (known == kept.end()) {
-        auto former = pairs_.extract(key);
-        if (former.empty()) continue;
-        known = kept.insert(std::move(former)).position;
-      }
-      table_[g * count + p] = known->second.get();
+  std::unordered_map<const void*, PerBody> kept;
+  table_.assign(parts.count(), nullptr);
+  for (std::size_t p = 0; p < parts.count() && !(pairs_.empty() && kept.empty()); ++p) {
+    const void* key = parts.solids[p].key();
+    if (key == nullptr) continue;  // it was never asked for
+    auto known = kept.find(key);
+    if (known == kept.end()) {
+      auto former = pairs_.extract(key);
+      if (former.empty()) continue;
+      known = kept.insert(std::move(former)).position;
     }
+    table_[p] = &known->second;
   }
   pairs_ = std::move(kept);
   stamp_ = parts.stamp;
 }
 
 const ShapePair& Narrowphase::pair(const Parts& parts, std::size_t body, std::size_t part) {
-  const ShapePair*& entry = table_[body * parts.count() + part];
+  const Solid& solid = parts.solid(part);
+  PerBody*& entry = table_[part];
   if (entry == nullptr) {
-    auto& made = pairs_[Key(body, parts.solids[part].key())];
-    if (!made) made = std::make_unique<ShapePair>(bodies->solids[body].shape, parts.solids[part].shape);
-    entry = made.get();
+    entry = &pairs_[solid.key()];
+    entry->resize(bodies->size());
   }
-  return *entry;
+  auto& made = (*entry)[body];
+  if (!made) made = std::make_unique<ShapePair>(bodies->solids[body].shape, solid.shape);
+  return *made;
 }
 
 Found Queries::exact(std::size_t node, std::size_t body, std::size_t part, const Vec3* shift) {

@@ -2,8 +2,8 @@
 #pragma once
 
 #include <atomic>
-#include <map>
 #include <mutex>
+#include <unordered_map>
 
 #include "robot.hpp"
 
@@ -13,10 +13,12 @@ namespace strips {
 // CandidateParts. What knows parts by their numbers carries the stamp of those that it means.
 struct Parts {
   const double *rotation, *translation, *box_center, *box_half;
-  std::vector<Solid> solids = {};
-  std::size_t stamp = ++stamps;  // no two are the same, and none is 0
+  mutable std::vector<Solid> solids = {};  // those of boxes are empty until they are asked for by `solid`
+  std::size_t stamp = ++stamps;            // no two are the same, and none is 0
 
   std::size_t count() const { return solids.size(); }
+  // The solid of a part: where none was given, the box about it. For whoever has the parts for himself.
+  const Solid& solid(std::size_t part) const;
   static inline std::atomic<std::size_t> stamps = 0;
 };
 
@@ -53,15 +55,15 @@ class Narrowphase {
 
  private:
   friend class Queries;
-  using Key = std::pair<std::size_t, const void*>;
+  using PerBody = std::vector<std::unique_ptr<ShapePair>>;  // pairs of each body (G) with a solid, null until asked for
 
   // Pairs with these parts; of those before, what stays is kept, and the others are forgotten.
   void turn_to(const Parts& parts);
   const ShapePair& pair(const Parts& parts, std::size_t body, std::size_t part);
 
-  std::size_t stamp_ = 0;                // of the parts that the table is for
-  std::vector<const ShapePair*> table_;  // (G, P), null until they are asked for
-  std::map<Key, std::unique_ptr<ShapePair>> pairs_;
+  std::size_t stamp_ = 0;                                       // of the parts that the table is for
+  std::vector<PerBody*> table_;                                 // (P), null until they are asked for
+  std::unordered_map<const void*, PerBody> pairs_;              // by the solid's key
   std::vector<std::unique_ptr<coal::CollisionObject>> probes_;  // (G), for blocks
   PairSolver solver_;
 };
@@ -81,6 +83,7 @@ class Queries {
   }
 
   Found exact(std::size_t node, std::size_t body, std::size_t part, const Vec3* shift);
+  void forget() { last_node_ = kNone; }  // the frames are others now
 
   Narrowphase& narrow;
   const Frames frames;

@@ -7,6 +7,8 @@ namespace strips {
 
 namespace {
 
+constexpr std::size_t kMostLeaves = 64;  // spheres of a body
+constexpr double kFineExcess = 1e-3;     // [m] a sphere that sticks out by less is not divided
 constexpr double kPi = 3.14159265358979323846;
 
 double wrap(double angle) {
@@ -95,6 +97,13 @@ void integrate(const Space& space, const double* a, const double* v, double scal
   const double cosine = std::cos(a[2]), sine = std::sin(a[2]);
   out[0] = a[0] + cosine * dx - sine * dy;
   out[1] = a[1] + sine * dx + cosine * dy;
+}
+
+const std::vector<SphereTree>& Bodies::spheres() const {
+  std::call_once(kept->flag, [this] {
+    for (const Solid& solid : solids) kept->value.push_back(sphere_tree(*solid.shape, kMostLeaves, kFineExcess));
+  });
+  return kept->value;
 }
 
 double Bounds::travel(const Tree& tree, const double* v, std::size_t body) const {

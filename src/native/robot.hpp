@@ -4,7 +4,10 @@
 #include <cstdint>
 #include <vector>
 
+#include <mutex>
+
 #include "geometry.hpp"
+#include "spheres.hpp"
 
 namespace strips {
 
@@ -51,6 +54,13 @@ inline Vec3 moved(const double* T, const double* p) {
           T[8] * p[0] + T[9] * p[1] + T[10] * p[2] + T[11]};
 }
 
+// What is made when it is asked for first.
+template <typename T>
+struct Once {
+  std::once_flag flag;
+  T value;
+};
+
 // Convex bodies fixed to joints, and capsules that hold them; see BodySet.
 struct Bodies {
   Tree tree;
@@ -59,8 +69,12 @@ struct Bodies {
   std::vector<double> rotation, translation;  // (G, 3, 3), (G, 3) of the shape in its joint's frame
   std::vector<double> ends, radius;           // (G, 2, 3), (G,)
   double skin = 0.0;
+  std::shared_ptr<Once<std::vector<SphereTree>>> kept = std::make_shared<Once<std::vector<SphereTree>>>();
 
   std::size_t size() const { return joint.size(); }
+
+  // Spheres that hold each body; made once.
+  const std::vector<SphereTree>& spheres() const;
 
   // Ends of a body's capsule at a node.
   void ends_at(const Frames& frames, std::size_t node, std::size_t body, Vec3& one, Vec3& two) const {

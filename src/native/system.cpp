@@ -85,13 +85,14 @@ void add_directional(const Tree& tree, const double* J, std::int64_t joint, cons
 double add_repulsion(System& s, const Bodies& bodies, const double* J, const Distances& d, double influence, double k_r,
                      double near, double k_near) {
   const Tree& tree = bodies.tree;
+  const double* exact = d.exact;
   double energy = 0.0;
   std::vector<double> row(tree.nv);
   for (std::size_t n = 0; n < d.nodes; ++n) {
     for (std::size_t g = 0; g < d.bodies; ++g) {
-      for (std::size_t p = 0, k = d.index(n, g, 0); p < d.parts; ++p, ++k) {
-        if (!(d.exact[k] < influence && d.since[k] <= d.limit[p])) continue;
-        const double gap = influence - d.exact[k], deep = k_near > 0.0 ? std::max(near - d.exact[k], 0.0) : 0.0;
+      for (std::size_t k = d.begin(n, g), end = d.end(n, g); k < end; ++k) {
+        if (!(exact[k] < influence && d.since[k] <= d.limit[d.part[k]])) continue;
+        const double gap = influence - exact[k], deep = k_near > 0.0 ? std::max(near - exact[k], 0.0) : 0.0;
         energy += 0.5 * (k_r * gap * gap + k_near * deep * deep);
         std::fill(row.begin(), row.end(), 0.0);
         add_directional(tree, J + n * tree.motions() * 6, bodies.joint[g], d.witness + 3 * k, d.direction + 3 * k,

@@ -1,7 +1,10 @@
 // Whether configurations and motions keep a margin to all obstacles and do not touch themselves: what a planner asks.
 #pragma once
 
+#include <optional>
+
 #include "certificate.hpp"
+#include "filter.hpp"
 
 namespace strips {
 
@@ -9,17 +12,23 @@ class Validity {
  public:
   // `radius` (M, G) are the static radii of MotionBounds, of motions. It keeps no parts and no radii.
   Validity(std::shared_ptr<const Bodies> bodies, const Parts& parts, std::vector<std::int64_t> self_pairs,
-           const double* radius, double margin);
+           const double* radius, double margin, double self_margin);
   Validity(const Validity&) = delete;
   Validity& operator=(const Validity&) = delete;
 
+  // One of the same, for another thread.
+  std::unique_ptr<Validity> another() const;
+
   bool valid(const double* coordinates);
+
+  // States (n) of rows (n, nv): 0 where one is valid, else 1; with `base` where what no joint moves is.
+  void each(const double* rows, std::size_t n, bool base, std::int8_t* states);
 
   // The straight motion but for its start, looked at wherever some point may have moved by `step`, its middle first.
   bool motion(const double* a, const double* b, double step);
 
   const Tree& tree() const { return bodies_->tree; }
-  std::size_t checks = 0;
+  std::size_t checks = 0;  // configurations looked at, of a motion by eights
 
  private:
   // A direction in which two shapes were apart when they were last measured; no length where they never were.
@@ -28,7 +37,9 @@ class Validity {
     double reach = 0.0;
   };
 
-  bool clear_of_parts(const Frames& frames);
+  unsigned touching(const double* rows, std::size_t count, bool first, bool base = false);
+  bool rest_is_clear(const Frames& frames);
+  bool apart(const Frames& frames, Queries& ask, std::size_t body, std::size_t part);
   bool clear_of_itself(const Frames& frames, std::size_t pair);
   double extent(const Frames& frames, std::size_t body, const Vec3& direction);
 
@@ -37,11 +48,12 @@ class Validity {
   SelfPairs self_;
   const Parts& parts_;
   Bounds bounds_;
-  double margin_;
-  std::vector<double> low_, high_;  // (P, 3) boxes about the parts in the world, grown by the margin
-  std::vector<double> T_;           // placements of one node
-  std::vector<std::size_t> near_, order_, self_order_;  // what hit last comes first
-  std::vector<Axis> axes_, self_axes_;                  // (G, P) in the world, (S) in the frame of the first body
+  const double margin_, self_margin_;
+  SphereFilter filter_;
+  std::vector<std::uint32_t> base_;     // bodies that the base alone moves
+  std::optional<bool> rest_;            // whether what no joint moves is clear: it is, or never is
+  std::vector<double> T_, rows_, v_;    // placements of one node; rows (8, nv); a tangent
+  std::vector<Axis> axes_, self_axes_;  // (G, P) in the world, (S) in the frame of the first body
 };
 
 }  // namespace strips

@@ -23,6 +23,8 @@ from elastic_strips.scene.parts import Part
 from elastic_strips.scene.scene import PartTable
 from elastic_strips.work import count_work
 
+_MANY = 20_000  # pairs of parts and nodes that are not all looked at together
+_ROUNDING = 1e-9  # [m] that a computed box may be too small by
 _LONGEST_MOTION = 1e6  # [s] that an obstacle is followed
 
 
@@ -65,7 +67,7 @@ class CandidateParts:
             rows = _overlapping(table, np.arange(len(table)), low, high)
         if always is not None and len(always):
             rows = np.union1d(rows, np.flatnonzero(np.isin(table.obstacle_index, always)))
-        parts = [table.parts[r] for r in rows]
+        parts = list(map(table.parts.__getitem__, rows.tolist()))
         return CandidateParts(
             scene,
             rows,
@@ -133,6 +135,12 @@ class CandidateParts:
         self.scene = scene
         return columns
 
+    def boxes(self) -> tuple[Array, Array]:
+        """Low and high corners (P, 3) [m] of world boxes that hold the parts' own boxes."""
+        center = self.translation + np.matmul(self.rotation, self.box_center[:, :, None])[:, :, 0]
+        half = np.matmul(np.abs(self.rotation), self.box_half[:, :, None])[:, :, 0] + _ROUNDING
+        return center - half, center + half
+
     def capsule_distance(self, ends: Array, radius: Array, part: Indices, moved: tuple[Array, Array] | None) -> Array:
         """Lower bounds (K,) [m] of the distances of capsules with ends (K, 2, 3) to the boxes of ``part`` (K,).
 
@@ -162,14 +170,17 @@ def _overlapping(table: PartTable, rows: Indices, low: Array, high: Array) -> In
     rows_in = ((part_low <= high.max(axis=0)) & (part_high >= low.min(axis=0))).all(axis=1)
     rows, part_low, part_high = rows[rows_in], part_low[rows_in], part_high[rows_in]
     keep = np.zeros(len(rows), dtype=bool)
-    chunk = max(1, 2_000_000 // max(1, len(low)))
-    for start in range(0, len(rows), chunk):
-        s = slice(start, start + chunk)
-        overlap = np.ones((len(rows[s]), len(low)), dtype=bool)
-        for k in range(3):
-            overlap &= part_low[s, k, None] <= high[:, k]
-            overlap &= part_high[s, k, None] >= low[:, k]
-        keep[s] = overlap.any(axis=1)
+    for nodes in (slice(None, None, 8), slice(None)) if len(rows) * len(low) > _MANY else (slice(None),):
+        # boxes of neighbours have most parts in common: some of them find most of what all find
+        left, some_low, some_high = np.flatnonzero(~keep), low[nodes], high[nodes]
+        chunk = max(1, 2_000_000 // max(1, len(some_low)))
+        for start in range(0, len(left), chunk):
+            s = left[start : start + chunk]
+            overlap = np.ones((len(s), len(some_low)), dtype=bool)
+            for k in range(3):
+                overlap &= part_low[s, k, None] <= some_high[:, k]
+                overlap &= part_high[s, k, None] >= some_low[:, k]
+            keep[s] = overlap.any(axis=1)
     return rows[keep]
 
 

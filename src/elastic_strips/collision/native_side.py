@@ -14,16 +14,23 @@ from typing import TYPE_CHECKING
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices, by_rows
+from elastic_strips.arrays import Array, Indices, Mask, by_rows
 from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
 from elastic_strips.native import kernel
+from elastic_strips.scene import Scene
 from elastic_strips.scene.parts import Part
+from elastic_strips.scene.scene import PartTable
+from elastic_strips.work import count_work
+
+from .candidates import CandidateParts
 
 if TYPE_CHECKING:
     from elastic_strips.native import _native
 
-    from .bounds import BodySet
-    from .candidates import CandidateParts, MovingParts, NodePrediction
+    from .bounds import BodySet, MotionBounds
+    from .candidates import MovingParts, NodePrediction
+
+_MOST_HALVINGS = 10  # of a segment that spheres are to prove
 
 
 def native_bodies(bodies: BodySet, kept: list[_native.Bodies]) -> _native.Bodies | None:
@@ -32,7 +39,7 @@ def native_bodies(bodies: BodySet, kept: list[_native.Bodies]) -> _native.Bodies
     if module is None:
         return None
     if not kept:
-        solids = [_solid(module, geometry) for geometry in bodies.geometries]
+        solids = [native_solid(module, geometry) for geometry in bodies.geometries]
         joint = np.ascontiguousarray(bodies.joint, dtype=np.intp)
         rows = by_rows(bodies.rotation, bodies.translation, bodies.ends, bodies.radius)
         kept.append(module.Bodies(bodies.tree.native(), solids, joint, *rows, bodies.skin))
@@ -42,7 +49,64 @@ def native_bodies(bodies: BodySet, kept: list[_native.Bodies]) -> _native.Bodies
 def native_parts(candidates: CandidateParts) -> _native.Parts | None:
     """Candidates, or None where there is no kernel."""
     module = kernel()
-    return None if module is None else _parts(module, candidates, [_part(module, p) for p in candidates.parts])
+    if module is None:
+        return None
+    solids: list[_native.Solid | None] = [None] * len(candidates)
+    for k in _no_boxes(candidates):
+        solids[k] = _part(module, candidates.parts[k])
+    return _parts(module, candidates, solids)
+
+
+_LAST_PARTS: list[tuple[PartTable, ModuleType, _native.Parts]] = []
+
+
+def scene_parts(scene: Scene) -> _native.Parts | None:
+    """All parts of a scene as it stands, or None where there is no kernel; those of the last scene are kept."""
+    module, table = kernel(), scene.table
+    if module is None:
+        return None
+    for known, by, parts in _LAST_PARTS:
+        if known is table and by is module:
+            return parts
+    everywhere = np.full((1, 3), np.inf)
+    made = native_parts(CandidateParts.build(scene, -everywhere, everywhere, 0.0))
+    assert made is not None
+    _LAST_PARTS[:] = [(table, module, made)]
+    return made
+
+
+def proven_segments(
+    bounds: MotionBounds,
+    scene: Scene,
+    self_pairs: Indices,
+    rows: Array,
+    v: Array,
+    *,
+    clearance: float,
+    self_clearance: float,
+    all: bool = False,
+) -> Mask | None:
+    """Segments (N-1,) between rows (N, nv) with tangents (N-1, nv) that spheres about the links prove; None without a
+    kernel. What is proven is certified; of the others nothing is said.
+
+    Args:
+        bounds: motion radii of the links.
+        scene: the obstacles, as they stand.
+        self_pairs: (S, 2) pairs of links that have to stay apart.
+        rows, v: the path.
+        clearance, self_clearance: distances [m] to prove.
+        all: whether nothing is wanted but a proof of all of them.
+    """
+    module, bodies = kernel(), bounds.bodies.native()
+    if module is None or bodies is None:
+        return None
+    parts = scene_parts(scene)
+    pairs = np.ascontiguousarray(self_pairs, dtype=np.intp)
+    proof = module.PathProof(bodies, parts, pairs, *by_rows(bounds.of_motion, bounds.pair_radius(pairs)))
+    states = np.ones(len(v), dtype=np.int8)
+    checks, queries = proof.prove(*by_rows(rows, v), clearance, self_clearance, _MOST_HALVINGS, all, states)
+    count_work(pairs=checks * len(bounds.bodies), queries=queries)
+    return states == 0
 
 
 class NativeNarrowphase:
@@ -55,7 +119,7 @@ class NativeNarrowphase:
     def __init__(self, module: ModuleType, bodies: _native.Bodies) -> None:
         self.calls: _native.Narrowphase = module.Narrowphase(bodies)
         self._module = module
-        self._solids: dict[int, tuple[Part, _native.Solid]] = {}  # of the parts that it was shown last, by their id()
+        self._solids: dict[int, tuple[Part, _native.Solid]] = {}  # of what is no box, by the id() of the part
         self._parts: tuple[CandidateParts, _native.Parts] | None = None
         self._moving: tuple[_native.Parts, NodePrediction, Indices, _native.Moving] | None = None
 
@@ -69,9 +133,17 @@ class NativeNarrowphase:
         """Candidates, which move in place; what it knows of parts that are still there is kept."""
         if self._parts is not None and self._parts[0] is candidates:
             return self._parts[1]
-        known = self._solids
-        self._solids = {id(p): known.get(id(p)) or (p, _part(self._module, p)) for p in candidates.parts}
-        parts = _parts(self._module, candidates, [self._solids[id(p)][1] for p in candidates.parts])
+        known, former = self._solids, self._parts
+        solids: list[_native.Solid | None] = [None] * len(candidates)
+        self._solids = {}
+        for k in _no_boxes(candidates):
+            part = candidates.parts[k]
+            self._solids[id(part)] = kept = known.get(id(part)) or (part, _part(self._module, part))
+            solids[k] = kept[1]
+        parts = _parts(self._module, candidates, solids)
+        if former is not None:
+            at = {id(p): k for k, p in enumerate(former[0].parts)}
+            parts.keep(former[1], np.array([at.get(id(p), -1) for p in candidates.parts], dtype=np.intp))
         self._parts = candidates, parts
         return parts
 
@@ -86,9 +158,11 @@ class NativeNarrowphase:
         self._moving = parts, prediction, mover, made
         return parts, made
 
-    def distances(self, candidates: CandidateParts, known: tuple[Array, ...]) -> _native.Distances:
+    def distances(
+        self, candidates: CandidateParts, known: tuple[Array, ...], rows: tuple[Indices, Indices], floor: Array
+    ) -> _native.Distances:
         """What is known of candidates: bound, since, exact, direction, witness and limit of an `ObstacleProximity`."""
-        return self._module.Distances(self.parts(candidates), *known)
+        return self._module.Distances(self.parts(candidates), *known, *rows, floor)
 
 
 class NativeSelfPairs:
@@ -113,19 +187,26 @@ class NativeSelfPairs:
         return self._module.SelfDistances(*known, tolerance)
 
 
-def _parts(module: ModuleType, candidates: CandidateParts, solids: Sequence[_native.Solid]) -> _native.Parts:
+def _parts(module: ModuleType, candidates: CandidateParts, solids: Sequence[_native.Solid | None]) -> _native.Parts:
+    """Candidates with these solids; where there is none, the kernel makes the box once it needs it."""
     c = candidates
     return module.Parts(solids, c.rotation, c.translation, c.box_center, c.box_half)
 
 
+def _no_boxes(candidates: CandidateParts) -> list[int]:
+    """Numbers of the parts that are not just the box about them; such boxes the kernel makes itself."""
+    box = coal.Box
+    return [k for k, part in enumerate(candidates.parts) if type(part.geometry) is not box]
+
+
 def _part(module: ModuleType, part: Part) -> _native.Solid:
     if part.geometry is not None:
-        return _solid(module, part.geometry)
+        return native_solid(module, part.geometry)
     sides = np.array([2.0 * np.asarray(box.halfSide) for box, _ in part.boxes])
     return module.block(sides, np.array([at for _, at in part.boxes]))
 
 
-def _solid(module: ModuleType, geometry: coal.CollisionGeometry) -> _native.Solid:
+def native_solid(module: ModuleType, geometry: coal.CollisionGeometry) -> _native.Solid:
     """A convex shape."""
     kind, half = shape_of(geometry)
     swept = float(geometry.getSweptSphereRadius())

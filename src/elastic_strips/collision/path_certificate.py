@@ -14,7 +14,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError, RobotError, SceneError
 from elastic_strips.robot import BaseKind, Kinematics, RobotModel
 from elastic_strips.scene import Obstacle, Scene, UnknownMotion, World
@@ -24,6 +24,7 @@ from elastic_strips.validation import check_array, check_choice, check_number, c
 
 from .bounds import BodySet, MotionBounds
 from .certificate import BrokenSegment, half_turn
+from .native_side import proven_segments
 from .obstacles import ObstacleProximity
 from .path_rows import INTERPOLATIONS, Arcs, PathLike, as_arcs, path_rows
 from .self_distance import SelfProximity
@@ -284,17 +285,41 @@ class _Work:
 
     def standing(self, scene: Scene) -> None:
         """Certify all segments among obstacles that stand still."""
-        tools = self._with(self.needed, itself=True)
+        proven = self._proven(scene)
         for first in range(0, len(self.rows) - 1, _SEGMENTS_AT_ONCE):
             chunk = slice(first, first + _SEGMENTS_AT_ONCE)
+            if proven[chunk].all():
+                continue
+            tools = self._with(self.needed, itself=True)
             part = self.rows[first : first + _SEGMENTS_AT_ONCE + 1]
-            states, broken = self._certified(tools, part, self.arcs.known[chunk], scene, self.needed)
+            states, broken = self._certified(tools, part, self.arcs.known[chunk], scene, self.needed, proven[chunk])
             self.bad.update((first + np.flatnonzero(states)).tolist())
             if broken is not None:
                 self.broken.append(_Broken(first + broken.segment, 0.5, broken, scene))
 
+    def _proven(self, scene: Scene) -> Mask:
+        """Segments that the spheres of the links prove; most of them, and in a fraction of the time."""
+        v = self.robot.space.difference(self.rows[:-1], self.rows[1:])
+        sure = self.arcs.known & ~self.robot.space.half_turn(v)
+        found = proven_segments(
+            self.bounds,
+            scene,
+            self.robot.pairs_within(self.self_clearance),
+            self.rows,
+            v,
+            clearance=self.needed,
+            self_clearance=self.self_clearance,
+        )
+        return sure & found if found is not None else np.zeros(len(v), dtype=bool)
+
     def _certified(
-        self, tools: _Tools, rows: Array, known: npt.NDArray[np.bool_], scene: Scene, clearance: float
+        self,
+        tools: _Tools,
+        rows: Array,
+        known: Mask,
+        scene: Scene,
+        clearance: float,
+        proven: Mask | None = None,
     ) -> tuple[npt.NDArray[np.int8], BrokenSegment | None]:
         """States of the segments between rows, and the worst broken one; without a known way only the ends count."""
         kin, v = tools.kin, self.robot.space.difference(rows[:-1], rows[1:])
@@ -302,7 +327,9 @@ class _Work:
         kin.update(rows)
         tools.obstacles.update(kin, scene)
         tools.itself.update(kin)
-        found = tools.certifier.certify(kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene)
+        found = tools.certifier.certify(
+            kin, v, clearance=clearance, self_clearance=self.self_clearance, scene=scene, known=proven
+        )
         return found.states, found.broken
 
     def changing(self, when: Array, world: World, obstacles: tuple[Obstacle, ...]) -> None:

@@ -172,13 +172,24 @@ class SelfProximity(OneThread):
             shift[np.isnan(shift)] = FAR
             self.bound -= shift
             self._since += shift
-        self.refine(kin, self.influence)
+        done = 0
+        for n in np.flatnonzero((self.bound[1:] <= -0.5 * FAR).any(axis=1)).tolist():
+            self._refine(kin, done, n + 1)  # the node before has to be known
+            self._learn(n + 1)
+            done = n + 1
+        self._refine(kin, done, kin.n)
 
-    @exclusive
-    def refine(self, kin: Kinematics, reach: float) -> None:
-        """Make every pair exact whose bound is below ``reach`` and that moved since it was measured."""
-        node, pair = nonzero((self.bound < reach) & (self._since > self.tolerance))
-        self._ask(kin, node, pair, reach)
+    def _refine(self, kin: Kinematics, begin: int, end: int) -> None:
+        """Make pairs at nodes ``begin`` to ``end`` exact that are below the influence distance and have moved."""
+        nodes = slice(begin, end)
+        node, pair = nonzero((self.bound[nodes] < self.influence) & (self._since[nodes] > self.tolerance))
+        self._ask(kin, node + begin, pair, self.influence)
+
+    def _learn(self, n: int) -> None:
+        """What the bounds at the node before say of pairs of which nothing is known: often that they are far apart."""
+        known = self.bound[n - 1] - self.travel(self._coordinates[n : n + 1] - self._coordinates[n - 1 : n])[0]
+        far = (self.bound[n] <= -0.5 * FAR) & (known >= self.influence)
+        self.bound[n, far], self._since[n, far], self.exact[n, far] = known[far], FAR, np.inf
 
     @exclusive
     def refine_at(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:

@@ -93,6 +93,7 @@ class Certifier(OneThread):
             states[known] = _KNOWN
         travel = self.bounds.travel(v)
         looked = self._look_along(kin, v, travel, clearance, scene)
+        self.obstacles.reach_out(kin, travel + 2.0 * clearance)
         worst: list[BrokenSegment] = []
         for j in np.flatnonzero(self.bodies.tree.space.half_turn(v)).tolist():
             states[j] = SegmentState.UNKNOWN
@@ -157,53 +158,48 @@ class Certifier(OneThread):
 
     def _colliding_nodes(self, kin: Kinematics, search: _StripSearch) -> None:
         """A node that is itself too close decides both its segments."""
-        bound, clearance, states = self.obstacles.bound, search.clearance, search.states
-        if bound.shape[2] == 0:
-            return
-        node, body, part = nonzero(bound <= clearance)
-        self.obstacles.refine_at(kin, node, body, part, np.full(len(node), clearance + EXACT_WITHIN))
-        nearest = bound.reshape(len(bound), -1).min(axis=1)
-        bad = np.flatnonzero(nearest <= clearance)
-        if len(bad) == 0:
+        obstacles, clearance, states = self.obstacles, search.clearance, search.states
+        at = obstacles.within(clearance)
+        obstacles.refine_at(kin, at, np.full(len(at), clearance + EXACT_WITHIN))
+        bound, (node, body, part) = obstacles.known_at(at)
+        bad = bound <= clearance
+        if not bad.any():
             return
         last = len(states) - 1
-        states[np.minimum(bad, last)] = SegmentState.COLLIDING
-        states[np.maximum(bad - 1, 0)] = SegmentState.COLLIDING
-        worst = int(bad[np.argmin(nearest[bad])])
-        pair = int(np.argmin(bound[worst]))
-        search.worst.append(search.pairs.broken(min(worst, last), pair, float(nearest[worst]), True))
+        states[np.minimum(node[bad], last)] = SegmentState.COLLIDING
+        states[np.maximum(node[bad] - 1, 0)] = SegmentState.COLLIDING
+        k = int(np.argmin(bound))
+        assert obstacles.candidates is not None
+        pair = int(body[k]) * len(obstacles.candidates) + int(part[k])
+        search.worst.append(search.pairs.broken(min(int(node[k]), last), pair, float(bound[k]), True))
 
     def _open_obstacles(
         self, kin: Kinematics, v: Array, travel: Array, clearance: float, states: npt.NDArray[np.int8]
     ) -> OpenIntervals | None:
-        bound = self.obstacles.bound
-        slack = bound[:-1] + bound[1:]
-        slack -= (travel + 2.0 * clearance)[:, :, None]
-        approach = self.obstacles.moving.travel()
-        if approach is not None:
-            slack -= approach[:, None, :]
-        slack[states != 0] = np.inf
-        segment, body, part = nonzero(~(slack > 0.0))
-        if len(segment) == 0:
+        obstacles, approach = self.obstacles, self.obstacles.moving.travel()
+        assert obstacles.candidates is not None
+        here, there = obstacles.open_at(states, travel + 2.0 * clearance, approach)
+        if len(here) == 0:
             return None
         # second chance with the tight travel of these bodies, then with refreshed distances at the ends
+        d_low, (segment, body, part) = obstacles.known_at(here)
+        d_high = obstacles.known_at(there)[0]
         key = segment * len(self.bodies) + body
         unique, inverse = np.unique(key, return_inverse=True)
         s, g = unique // len(self.bodies), unique % len(self.bodies)
         tight = self.bounds.tight_travel(kin, s, g, v[s])[inverse]
         if approach is not None:
             tight = tight + approach[segment, part]
-        keep = ~(bound[segment, body, part] + bound[segment + 1, body, part] > tight + 2.0 * clearance)
-        segment, body, part, tight = segment[keep], body[keep], part[keep], tight[keep]
-        if len(segment) == 0:
+        keep = ~(d_low + d_high > tight + 2.0 * clearance)
+        here, there, tight = here[keep], there[keep], tight[keep]
+        if len(here) == 0:
             return None
         # what is far at one end is decided by the other: a bound up to the whole sum is good enough at each
-        for end in (0, 1):
-            other = bound[segment + 1 - end, body, part]
-            reach = tight + 2.0 * clearance - other + EXACT_WITHIN
-            self.obstacles.refine_at(kin, segment + end, body, part, reach)
-        d_low, d_high = bound[segment, body, part], bound[segment + 1, body, part]
-        todo = OpenIntervals.of_segments(body * bound.shape[2] + part, segment, d_low, d_high, tight)
+        for end, other in ((here, there), (there, here)):
+            obstacles.refine_at(kin, end, tight + 2.0 * clearance - obstacles.known_at(other)[0] + EXACT_WITHIN)
+        d_low, (segment, body, part) = obstacles.known_at(here)
+        pair = body * len(obstacles.candidates) + part
+        todo = OpenIntervals.of_segments(pair, segment, d_low, obstacles.known_at(there)[0], tight)
         return todo.take(todo.open(clearance))
 
     def _open_self(

@@ -40,7 +40,7 @@ class PlanarFootprint(OneThread):
     def __init__(self, robot: RobotModel) -> None:
         count_work(batches=1)
         self._robot = robot
-        self._data, self._placed = robot.model.createData(), robot.collision_model.createData()
+        self._buffers: tuple[pin.Data, pin.GeometryData] | None = None  # slow to make, and seldom needed
         points = _POINTS.get(robot)
         if points is None:
             points = _POINTS[robot] = [support_points(piece.geometry) for piece in robot.geometries]
@@ -72,8 +72,11 @@ class PlanarFootprint(OneThread):
 
     def _poses(self) -> list[pin.SE3]:
         robot = self._robot
-        pin.updateGeometryPlacements(robot.model, self._data, robot.collision_model, self._placed, self._q)
-        return list(self._placed.oMg)
+        if self._buffers is None:
+            self._buffers = robot.model.createData(), robot.collision_model.createData()
+        data, placed = self._buffers
+        pin.updateGeometryPlacements(robot.model, data, robot.collision_model, placed, self._q)
+        return list(placed.oMg)
 
     @exclusive
     def boxes(self) -> tuple[Array, Array, Array, Array]:

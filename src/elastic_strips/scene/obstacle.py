@@ -54,7 +54,7 @@ class Obstacle:
         spec: Parameters of the shape, such as {"radius": 0.2}; not to be changed.
     """
 
-    __slots__ = ("anchor", "anchor_time", "motion", "name", "pose", "shape", "solid", "spec", "time")
+    __slots__ = ("_named", "anchor", "anchor_time", "motion", "name", "pose", "shape", "solid", "spec", "time")
 
     name: str | None
     shape: str
@@ -65,6 +65,7 @@ class Obstacle:
     anchor_time: float
     solid: Solid
     spec: Document
+    _named: Obstacle | None  # its last copy with a name: scenes that are made of the same obstacles name them alike
 
     def _fill(
         self,
@@ -81,12 +82,17 @@ class Obstacle:
         pose = _pose_at(motion, anchor, 0.0)
         if motion is not None and not motion.relative:
             _check_agreement(anchor, pose)
-        _put(self, pose=pose, time=0.0, anchor=anchor, anchor_time=0.0)
+        _put(self, pose=pose, time=0.0, anchor=anchor, anchor_time=0.0, _named=None)
 
     def _copy(self: _Self, **changes: object) -> _Self:
         new = object.__new__(type(self))
-        _put(new, **{key: getattr(self, key) for key in Obstacle.__slots__} | changes)
+        _put(new, **self._values() | changes)
         return new
+
+    def _values(self) -> Document:
+        """What a copy has as well."""
+        values: Document = {key: getattr(self, key) for key in Obstacle.__slots__}
+        return values | {"_named": None}
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -138,14 +144,18 @@ class Obstacle:
         return self._copy(pose=pose, time=t)
 
     def named(self: _Self, name: str) -> _Self:
-        """Copy with another name.
+        """Copy with another name; the same copy as the last time where that had this name.
 
         Raises:
             SceneError: None, empty, not printable, or longer than 200 characters.
         """
         if check_name(name) is None:
             raise SceneError("name must be a non-empty printable string, not None")
-        return self._copy(name=name)
+        known = self._named
+        if known is None or known.name != name:
+            known = self._copy(name=name)
+            _put(self, _named=known)
+        return known  # type: ignore[return-value]
 
     def _origin_time(self) -> float:
         """Time [s] at which the motion's own clock is zero."""
@@ -167,7 +177,7 @@ class Obstacle:
         raise AttributeError(f"{type(self).__name__} is immutable; {key!r} cannot be deleted")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restored, (type(self), {key: getattr(self, key) for key in Obstacle.__slots__})
+        return _restored, (type(self), self._values())
 
 
 class Box(Obstacle):

@@ -71,14 +71,18 @@ class Solid:
         center: Bounding box centres (p, 3) [m].
         half_extents: Bounding box half sizes (p, 3) [m].
         radius: Bounding sphere radii (p,) [m].
+        rows: All of these (p, 10), in this order: a scene joins the rows of its solids at once.
     """
 
     def __init__(self, parts: Sequence[Part]) -> None:
         self.parts: tuple[Part, ...] = tuple(parts)
-        self.translation: Array = np.array([p.T_obstacle_part[:3, 3] for p in self.parts])
-        self.center: Array = np.array([p.center for p in self.parts])
-        self.half_extents: Array = np.array([p.half_extents for p in self.parts])
-        self.radius: Array = np.array([p.radius for p in self.parts])
+        self.rows: Array = np.array(
+            [[*p.T_obstacle_part[:3, 3], *p.center, *p.half_extents, p.radius] for p in self.parts]
+        ).reshape(-1, 10)
+        self.translation: Array = self.rows[:, :3]
+        self.center: Array = self.rows[:, 3:6]
+        self.half_extents: Array = self.rows[:, 6:9]
+        self.radius: Array = self.rows[:, 9]
 
     @cached_property
     def reach(self) -> float:

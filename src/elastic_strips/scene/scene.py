@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from itertools import chain
 from types import MappingProxyType
 
@@ -63,15 +63,14 @@ class PartTable:
 def _build_table(obstacles: Sequence[Obstacle]) -> PartTable:
     """Table of ``obstacles`` from scratch."""
     solids = [o.solid for o in obstacles]
-    counts = np.array([len(s.parts) for s in solids], dtype=np.int64)
+    counts = np.fromiter((len(s.parts) for s in solids), dtype=np.int64, count=len(solids))
     offsets = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)])
     index = np.repeat(np.arange(len(solids)), counts)
-    none = np.zeros((0, 3))
-    local_translation = np.concatenate([none, *(s.translation for s in solids)])
-    local_center = np.concatenate([none, *(s.center for s in solids)])
-    local_half = np.concatenate([none, *(s.half_extents for s in solids)])
-    radius = np.concatenate([np.zeros(0), *(s.radius for s in solids)])
-    poses = np.array([o.pose for o in obstacles]).reshape(-1, 4, 4)[index]
+    rows = np.concatenate([np.zeros((0, 10)), *(s.rows for s in solids)])
+    local_translation, local_center, local_half, radius = (
+        np.ascontiguousarray(rows[:, columns]) for columns in (slice(3), slice(3, 6), slice(6, 9), 9)
+    )
+    poses = np.concatenate([np.zeros((0, 4)), *(o.pose for o in obstacles)]).reshape(-1, 4, 4)[index]
     rotation, origin = np.ascontiguousarray(poses[:, :3, :3]), poses[:, :3, 3]
     translation = np.einsum("pij,pj->pi", rotation, local_translation) + origin
     center = np.einsum("pij,pj->pi", rotation, local_center) + origin
@@ -80,6 +79,22 @@ def _build_table(obstacles: Sequence[Obstacle]) -> PartTable:
     for array in arrays:
         array.flags.writeable = False
     return PartTable(tuple(chain.from_iterable(s.parts for s in solids)), *arrays)
+
+
+def _joined_table(pieces: Sequence[tuple[PartTable, int, int]]) -> PartTable:
+    """Table of obstacles ``first`` to ``last`` of each table, one after the other."""
+    rows = [(t, slice(int(t.offsets[first]), int(t.offsets[last]))) for t, first, last in pieces]
+    counts = np.concatenate([np.diff(t.offsets[first : last + 1]) for t, first, last in pieces])
+    joined = {
+        f.name: np.concatenate([getattr(t, f.name)[s] for t, s in rows])
+        for f in fields(PartTable)
+        if f.name not in ("parts", "obstacle_index", "offsets")
+    }
+    joined["obstacle_index"] = np.repeat(np.arange(len(counts)), counts)
+    joined["offsets"] = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)])
+    for array in joined.values():
+        array.flags.writeable = False
+    return PartTable(tuple(chain.from_iterable(t.parts[s] for t, s in rows)), **joined)
 
 
 def _update_table(table: PartTable, obstacles: Sequence[Obstacle], changed: Sequence[int]) -> PartTable:
@@ -132,7 +147,7 @@ class Scene:
     obstacles: tuple[Obstacle, ...]
     names: tuple[str, ...]
     time: float
-    _index: dict[str, int]  # name -> place
+    _index: dict[str, int] | None  # name -> place, made when it is first asked for
     _table: PartTable | None
     _source: PartTable | None  # table of an earlier snapshot ...
     _changed: tuple[int, ...]  # ... that differs in the poses of these obstacles
@@ -145,21 +160,20 @@ class Scene:
             given = list(obstacles)
         except TypeError:
             raise SceneError(f"Scene needs a list of obstacles, not {shown(obstacles)}") from None
-        for k, obstacle in enumerate(given):
-            if not isinstance(obstacle, Obstacle):
-                raise SceneError(f"obstacle {k} is not an obstacle (Box, Sphere, …): {shown(obstacle)}")
-        index: dict[str, int] = {}
-        for k, obstacle in enumerate(given):
-            if obstacle.name is not None and index.setdefault(obstacle.name, k) != k:
-                raise SceneError(
-                    f"obstacles {index[obstacle.name]} and {k} are both named {obstacle.name!r}; names must be unique"
-                )
-        for k, obstacle in enumerate(given):
-            if obstacle.name is None:
-                name = _free_name(obstacle.shape, k, index)
-                given[k] = obstacle.named(name)
-                index[name] = k
-        _filled(self, tuple(o.at(time) for o in given), time)
+        if not all(issubclass(kind, Obstacle) for kind in set(map(type, given))):
+            k = next(k for k, obstacle in enumerate(given) if not isinstance(obstacle, Obstacle))
+            raise SceneError(f"obstacle {k} is not an obstacle (Box, Sphere, …): {shown(given[k])}")
+        names = [o.name for o in given]
+        nameless = [k for k, name in enumerate(names) if name is None]
+        taken = set(names) - {None}
+        if len(taken) + len(nameless) < len(names):
+            raise _named_twice(names)
+        for k in nameless:
+            name = _free_name(given[k].shape, k, taken)
+            given[k], names[k] = given[k].named(name), name
+            taken.add(name)
+        obstacles = tuple(o if o.motion is None else o.at(time) for o in given)
+        _filled(self, obstacles, time, tuple(name or "" for name in names))
 
     @property
     def table(self) -> PartTable:
@@ -218,15 +232,27 @@ class Scene:
         if not isinstance(obstacle, Obstacle):
             raise SceneError(f"this is not an obstacle (Box, Sphere, …): {shown(obstacle)}")
         if obstacle.name is None:
-            obstacle = obstacle.named(_free_name(obstacle.shape, len(self.obstacles), self._index))
-        elif obstacle.name in self._index:
+            obstacle = obstacle.named(_free_name(obstacle.shape, len(self.obstacles), self._places))
+        elif obstacle.name in self._places:
             raise SceneError(f"there already is an obstacle {obstacle.name!r} in the scene; names must be unique")
-        return _made((*self.obstacles, obstacle.at(self.time)), self.time)
+        count, table, obstacle = len(self.obstacles), self._known_table(), obstacle.at(self.time)
+        new = _filled(object.__new__(Scene), (*self.obstacles, obstacle), self.time, (*self.names, obstacle.name or ""))
+        object.__setattr__(new, "_index", {**self._places, new.names[-1]: count})
+        if table is not None:
+            joined = _joined_table(((table, 0, count), (_build_table((obstacle,)), 0, 1)))
+            object.__setattr__(new, "_table", joined)
+        return new
 
     def without(self, name: str) -> Scene:
         """Snapshot without the obstacle of that name; `SceneError` if there is none."""
-        k = self._place(name)
-        return _made((*self.obstacles[:k], *self.obstacles[k + 1 :]), self.time)
+        k, table = self._place(name), self._known_table()
+        obstacles, names = self.obstacles, self.names
+        left = (*obstacles[:k], *obstacles[k + 1 :])
+        new = _filled(object.__new__(Scene), left, self.time, (*names[:k], *names[k + 1 :]))
+        if table is not None:
+            joined = _joined_table(((table, 0, k), (table, k + 1, len(obstacles))))
+            object.__setattr__(new, "_table", joined)
+        return new
 
     def rows_changed_since(self, earlier: Scene) -> Indices | None:
         """Rows of `table` whose pose differs from an ``earlier`` snapshot's; None if the scenes have other obstacles.
@@ -249,9 +275,22 @@ class Scene:
 
     def _place(self, name: str) -> int:
         try:
-            return self._index[name]
+            return self._places[name]
         except (KeyError, TypeError):
             raise SceneError(f"no obstacle {name!r} in the scene{nearest_name(name, self.names)}") from None
+
+    @property
+    def _places(self) -> dict[str, int]:
+        """Name → place."""
+        index = self._index
+        if index is None:
+            index = dict(zip(self.names, range(len(self.names)), strict=True))
+            object.__setattr__(self, "_index", index)
+        return index
+
+    def _known_table(self) -> PartTable | None:
+        """The table, unless it had to be made from scratch."""
+        return None if self._table is None and self._source is None else self.table
 
     def _derived(self, obstacles: tuple[Obstacle, ...], time: float, changed: tuple[int, ...]) -> Scene:
         """Snapshot that differs in the poses of the ``changed`` obstacles."""
@@ -259,7 +298,8 @@ class Scene:
             source = self.table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
-        new = _filled(object.__new__(Scene), obstacles, time, self, source, changed)
+        new = _filled(object.__new__(Scene), obstacles, time, self.names, source, changed)
+        object.__setattr__(new, "_index", self._index)
         if source is not None and not changed:
             object.__setattr__(new, "_table", source)
         return new
@@ -271,7 +311,7 @@ class Scene:
         return iter(self.obstacles)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._index if isinstance(name, str) else any(o is name for o in self.obstacles)
+        return name in self._places if isinstance(name, str) else any(o is name for o in self.obstacles)
 
     def __repr__(self) -> str:
         names = shortened(", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else ""))
@@ -412,31 +452,37 @@ class World(Summary):
 
 def _made(obstacles: tuple[Obstacle, ...], time: float) -> Scene:
     """A scene of named obstacles at their poses."""
-    return _filled(object.__new__(Scene), obstacles, time)
+    return _filled(object.__new__(Scene), obstacles, time, tuple(o.name or "" for o in obstacles))
 
 
 def _filled(
     scene: Scene,
     obstacles: tuple[Obstacle, ...],
     time: float,
-    like: Scene | None = None,
+    names: tuple[str, ...],
     source: PartTable | None = None,
     changed: tuple[int, ...] = (),
 ) -> Scene:
-    """Fill the new scene with its values; the obstacles of ``like`` have the same names."""
-    index = {o.name or "": k for k, o in enumerate(obstacles)} if like is None else like._index
+    """Fill the new scene with its values."""
     put = object.__setattr__
     put(scene, "obstacles", obstacles)
-    put(scene, "names", tuple(index) if like is None else like.names)
+    put(scene, "names", names)
     put(scene, "time", time)
-    put(scene, "_index", index)
+    put(scene, "_index", None)
     put(scene, "_table", None)
     put(scene, "_source", source)
     put(scene, "_changed", changed)
     return scene
 
 
-def _free_name(shape: str, place: int, taken: dict[str, int]) -> str:
+def _named_twice(names: Sequence[str | None]) -> SceneError:
+    """The error about the first name in ``names`` that has been there before."""
+    first: dict[str, int] = {}
+    k, name = next((k, n) for k, n in enumerate(names) if n is not None and first.setdefault(n, k) != k)
+    return SceneError(f"obstacles {first[name]} and {k} are both named {name!r}; names must be unique")
+
+
+def _free_name(shape: str, place: int, taken: Container[str]) -> str:
     while f"{shape}-{place}" in taken:
         place += 1
     return f"{shape}-{place}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from elastic_strips.collision import (
     SelfProximity,
 )
 from elastic_strips.collision.candidates import NodePrediction
+from elastic_strips.collision.native_side import proven_segments
 from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.ownership import OneThread, exclusive
@@ -68,6 +70,23 @@ class TickResult:
     iterations: int = 0
 
 
+_HOME: WeakKeyDictionary[RobotModel, dict[tuple[int, float], tuple[Array, Array]]] = WeakKeyDictionary()
+
+
+def _at_home(robot: RobotModel, pairs: Indices, bounds: MotionBounds, reach: float) -> tuple[Array, Array]:
+    """Lower bounds (S,) of the self pairs' distances [m] at home, and these where they are exact; made once a robot."""
+    known = _HOME.setdefault(robot, {})
+    key = len(pairs), reach  # pairs are those below a distance: as many are the same
+    if key not in known:
+        home, kin = SelfProximity(bounds.bodies, pairs, bounds, influence=reach), Kinematics(robot.tree, 1)
+        kin.update(robot.space.to_coordinates(robot.home_q)[None])
+        home.update(kin)
+        known[key] = home.bound[0].copy(), home.exact[0].copy()
+        for values in known[key]:
+            values.setflags(write=False)
+    return known[key]
+
+
 class Workspace(OneThread):
     """Mutable state of a deformer: the current nodes and everything that is known about them.
 
@@ -108,12 +127,9 @@ class Workspace(OneThread):
         self.obstacles: ObstacleProximity = ObstacleProximity(self.bodies, influence=reach)
         self.most_self_clearance: float = params.self_clearance
         pairs = robot.pairs_within(self.most_self_clearance)  # the others keep more of themselves
-        home = SelfProximity(self.bodies, pairs, self.bounds, influence=self_reach)
-        kin = Kinematics(robot.tree, 1)
-        kin.update(robot.space.to_coordinates(robot.home_q)[None])
-        home.update(kin)
-        self.self_home: Array = home.bound[0].copy()
-        repulsion = np.clip(0.8 * np.minimum(home.exact[0], self_reach), 0.0, self_influence)
+        at_home, exact = _at_home(robot, pairs, self.bounds, self_reach)
+        self.self_home: Array = at_home
+        repulsion = np.clip(0.8 * np.minimum(exact, self_reach), 0.0, self_influence)
         self.self_pairs: SelfProximity = SelfProximity(
             self.bodies, pairs, self.bounds, influence=self_reach, repulsion=repulsion
         )
@@ -227,6 +243,23 @@ class Workspace(OneThread):
         )
         self.clock.mark("certificate")
         return certificate
+
+    def proves(self, strip: Strip, scene: Scene) -> bool:
+        """Whether spheres about the links prove all of a strip, which does not become current. False says nothing."""
+        v = self.robot.space.difference(strip.coordinates[:-1], strip.coordinates[1:])
+        if self.robot.space.half_turn(v).any():
+            return False
+        proven = proven_segments(
+            self.bounds,
+            scene,
+            self.self_pairs.pairs,
+            strip.coordinates,
+            v,
+            clearance=self.params.clearance,
+            self_clearance=self.params.self_clearance,
+            all=True,
+        )
+        return proven is not None and bool(proven.all())
 
     @exclusive
     def strip(self) -> Strip:
