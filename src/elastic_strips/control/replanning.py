@@ -335,7 +335,7 @@ class SwitchingPlanner(StripPlanner):
             certified=True,
             method=best.method,
             reason=reason,
-            report=best.report,
+            relaxed=best.report,
         )
 
     def another(self, asked: PlanRequest) -> Replanned:

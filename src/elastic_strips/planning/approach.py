@@ -140,4 +140,4 @@ def _of_one_frame(places: HandPose | Sequence[HandPose]) -> tuple[list[HandPose]
 def _reversed(away: PlanReport) -> PlanReport:
     """The plan of the motion to the place, from that of the motion away from it."""
     there = away.strip.reversed()
-    return replace(away, strip=there, initial=there, report=replace(away.report, strip=there))
+    return replace(away, strip=there, initial=there, relaxed=replace(away.report, strip=there))

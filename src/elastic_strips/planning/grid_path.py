@@ -6,17 +6,20 @@ turn there, the relaxation and the certificate decide. So a path is an initial g
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from math import ceil, floor
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.coal_shapes import support
+from elastic_strips.coal_shapes import supports
+from elastic_strips.constants import GRID_MOVES, UPRIGHT_NORMAL
 from elastic_strips.errors import ParameterError
+from elastic_strips.native import kernel
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.footprint import DIRECTIONS, outline_directions
 from elastic_strips.scene import Scene
@@ -29,17 +32,14 @@ if TYPE_CHECKING:
 DRIVEN_OVER_HEIGHT = 0.02  # [m] obstacles that lie lower are driven over
 _NARROW_COST = 12.0  # cost of a cell at the narrowest clearance against one in the open
 _SMOOTHING_WIDTH = 0.25  # standard deviation [m] of the filter that rounds the corners of the grid's path
+_SMOOTHING_REACH = 4.0  # standard deviations up to which it takes in
 MOST_CELLS = 400_000
-"""Largest grid; searching it takes about a second."""
+"""Largest grid; with the kernel a path on it takes some 5 ms, without it 0.2 s."""
 COMFORTABLE_CLEARANCE = 0.35
 """Clearance [m] beyond the inner disc above which more of it is worth nothing."""
 _CELL_EDGE = 0.05  # [m] edge of a cell, where the grid is not too large
 GRID_MARGIN = 3.0  # [m] a grid reaches so far beyond what it is about
 _LARGEST_CELL = 0.5  # [m] a larger cell says nothing about where a robot passes
-_MOST_FINE_CELLS = 5_000  # cells; where there are more, a coarse grid says where to search
-_COARSE_CELLS = 3  # cells along the edge of a coarse one
-_COARSE_CELLS_ASIDE = 2  # coarse cells aside of the coarse path that are searched
-_GRID_MOVES = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # and back
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -66,7 +66,7 @@ def grid_path(
     most_cells: int = MOST_CELLS,
     over: Callable[[], bool] = lambda: False,
 ) -> GridPath:
-    """A path of the base from start to goal, found on a grid by Dijkstra's algorithm, its corners rounded.
+    """The cheapest path of the base from start to goal on a grid, its corners rounded.
 
     A cell costs more the nearer an obstacle is; it is closed where the disc `PlanarFootprint.inner` does not
     fit. All obstacles that are not above the robot in its start posture, or on the floor below 2 cm, count.
@@ -78,7 +78,7 @@ def grid_path(
         box: low and high corner (2,) of the grid [m]; 3 m beyond start and goal where None.
         inner: radius [m] of the disc that has to fit, instead of the robot's.
         most_cells: largest size of the grid; where there would be more cells of 5 cm, they are larger.
-        over: a function that says whether the time is over; then no path is found.
+        over: a function that says whether the time is over, asked until the search begins; then no path is found.
 
     Raises:
         ParameterError: the base is fixed.
@@ -146,11 +146,7 @@ def cheapest_path(
         comfort: clearance beyond ``inner`` above which more of it is worth nothing [m].
     """
     cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
-    cost = cell_cost(clear, inner, comfort, cells, resolution)
-    about = _about_coarse_path(cost, cells) if cost.size > _MOST_FINE_CELLS else None
-    route = None if about is None else _cheapest_route(np.where(about, cost, np.inf), cells)
-    if route is None:
-        route = _cheapest_route(cost, cells)
+    route = cheapest_route(cell_cost(clear, inner, comfort, cells, resolution), cells)
     if route is None:
         return None
     path = low + resolution * route
@@ -158,49 +154,54 @@ def cheapest_path(
     return path
 
 
-def _cheapest_route(cost: Array, ends: Indices) -> Indices | None:
-    """Cells (K, 2) from the first of two ends (2, 2) to the second, or None."""
+def cheapest_route(cost: Array, ends: Indices) -> Indices | None:
+    """Cells (K, 2) of the cheapest path from the first of two cells (2, 2) to the second; None where there is none.
+
+    Args:
+        cost: (rows, columns) cost of each cell per edge of a cell: positive, the largest at most 10,000 times the
+            least; infinite where it is closed.
+        ends: (2, 2) first and last cell.
+    """
+    count_work(batches=1, cells=int(np.count_nonzero(np.isfinite(cost))))
+    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in ends)
+    native = kernel()
+    if native is None:
+        route = _twin_route(cost, first, last)
+    else:
+        route = native.cheapest_route(np.ascontiguousarray(cost), first, last)
+    return np.column_stack(np.unravel_index(route, cost.shape)) if route else None
+
+
+def _twin_route(cost: Array, first: int, last: int) -> list[int]:
+    """Numbers of the cells from the first to the last; empty where there is no path."""
     from scipy.sparse.csgraph import dijkstra  # late: slow to import
 
-    first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in ends)
-    _, before = dijkstra(cell_graph(cost), indices=first, return_predecessors=True)
-    if first != last and before[last] < 0:
-        return None
+    if first == last:
+        return [first]
+    graph = cell_graph(cost)
+    come = dijkstra(graph, indices=first)
+    if not np.isfinite(come[last]):
+        return []
     route = [last]
-    while route[-1] != first:
-        route.append(int(before[route[-1]]))
-    return np.column_stack(np.unravel_index(route[::-1], cost.shape))
-
-
-def _about_coarse_path(cost: Array, ends: Indices) -> Mask | None:
-    """Cells (rows, columns) about the cheapest path on a coarse grid, each cell of which costs what its best one does.
-
-    So no gap is missed. Where the coarse path passes a gap that does not exist, there may be no path on its cells.
-    """
-    from scipy.ndimage import binary_dilation  # late: slow to import
-
-    blocks = -(-np.array(cost.shape) // _COARSE_CELLS)
-    padded = np.full(tuple(_COARSE_CELLS * blocks), np.inf)
-    padded[: cost.shape[0], : cost.shape[1]] = cost
-    route = _cheapest_route(
-        padded.reshape(blocks[0], _COARSE_CELLS, blocks[1], _COARSE_CELLS).min(axis=(1, 3)), ends // _COARSE_CELLS
-    )
-    if route is None:
-        return None
-    about = np.zeros(tuple(blocks), dtype=np.bool_)
-    about[route[:, 0], route[:, 1]] = True
-    about = binary_dilation(about, np.ones((3, 3), dtype=np.bool_), iterations=_COARSE_CELLS_ASIDE)
-    cells = np.asarray(about.repeat(_COARSE_CELLS, axis=0).repeat(_COARSE_CELLS, axis=1), dtype=np.bool_)
-    return cells[: cost.shape[0], : cost.shape[1]]
+    while route[-1] != first:  # by the first of the moves that explain a cell's cost: the kernel goes the same way
+        moves = slice(*graph.indptr[route[-1] : route[-1] + 2])
+        before = graph.indices[moves]
+        route.append(int(before[np.argmax(come[before] + graph.data[moves] == come[route[-1]])]))
+    return route[::-1]
 
 
 def clearance_map(taken: Mask, resolution: float) -> Array:
     """Distance (rows, columns) [m] of each cell's middle to the nearest cell that is taken."""
+    native = kernel()
+    if native is not None:
+        clear = np.empty(taken.shape)
+        native.clearance_map(np.ascontiguousarray(taken), resolution, clear)
+        return clear
     from scipy.ndimage import distance_transform_edt  # late: slow to import
 
     if not taken.any():
         return np.full(taken.shape, np.inf)
-    return np.asarray(distance_transform_edt(~taken, sampling=resolution))
+    return resolution * np.asarray(distance_transform_edt(~taken))
 
 
 def owner_map(
@@ -222,28 +223,49 @@ def owner_map(
         height: obstacles above this height [m] are left out.
         over: a function that says whether the time is over; then the other obstacles are left out.
     """
-    table = scene.table
-    owner = np.full(tuple(shape), -1, dtype=np.intp)
-    around = outline_directions()
-    center, half = table.center, table.half_extents
-    high = low + resolution * (shape - 1)
-    near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
-    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > DRIVEN_OVER_HEIGHT)
-    for row in np.flatnonzero(near).tolist():
-        if over():
-            break
-        part, rotation, at = table.parts[row], table.rotation[row], table.translation[row]
-        whose = int(table.obstacle_index[row])
-        local = around @ rotation
-        if part.geometry is None:
-            for box, shift in part.boxes:
-                _fill(owner, whose, support(box, local), at + rotation @ np.asarray(shift), low, resolution)
-        else:
-            _fill(owner, whose, support(part.geometry, local), at, low, resolution)
+    owner = np.full(tuple(shape), -1, dtype=np.int64)
+    native, around = kernel(), np.ascontiguousarray(outline_directions()[:, :2])
+    low = np.asarray(low, dtype=float)
+    for whose, reach, at in _outlines(scene, low, low + resolution * (shape - 1), height, over):
+        if native is not None:
+            native.fill_outlines(owner, low, resolution, whose, reach, at, around)
+            continue
+        for obstacle, outline, place in zip(whose.tolist(), reach, at, strict=True):
+            _fill(owner, obstacle, outline, place, low, resolution)
     return owner
 
 
-_UPRIGHT_NORMAL = 1e-9  # a half plane whose normal has a smaller part along y bounds x alone
+def _outlines(
+    scene: Scene, low: Array, high: Array, height: float, over: Callable[[], bool]
+) -> Iterator[tuple[Indices, Array, Array]]:
+    """Convex outlines of the obstacles over a box that are no higher than ``height`` [m], some at a time.
+
+    Yields:
+        the obstacles' indices (K,), how far [m] each outline reaches all around (K, DIRECTIONS), and from where (K, 2)
+        [m]; obstacle by obstacle.
+    """
+    table, around = scene.table, outline_directions()
+    center, half = table.center, table.half_extents
+    near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
+    near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > DRIVEN_OVER_HEIGHT)
+    pieces = (
+        (row, shape, shift)
+        for row in np.flatnonzero(near).tolist()
+        for part in (table.parts[row],)
+        for shape, shift in (part.boxes if part.geometry is None else ((part.geometry, _NO_SHIFT),))
+    )
+    while some := list(islice(pieces, _OUTLINES_AT_ONCE)):
+        if over():
+            return
+        found, shapes, shifts = zip(*some, strict=True)
+        rows = np.array(found)
+        rotation = table.rotation[rows]
+        at = table.translation[rows] + (rotation @ np.array(shifts)[..., None])[..., 0]
+        yield table.obstacle_index[rows].astype(np.int64), supports(shapes, around @ rotation), at[:, :2].copy()
+
+
+_OUTLINES_AT_ONCE = 1_000  # that their directions take little memory
+_NO_SHIFT = np.zeros(3)
 
 
 @cache
@@ -251,7 +273,7 @@ def _half_planes() -> tuple[Indices, tuple[tuple[Mask, Array, Array], ...]]:
     """Directions towards x, y, -x, -y; and those that bound y from above, from below and not at all: their indices,
     the factor of their supports and the slope along x."""
     around, quarter = outline_directions(), DIRECTIONS // 4
-    up, down = around[:, 1] > _UPRIGHT_NORMAL, around[:, 1] < -_UPRIGHT_NORMAL
+    up, down = around[:, 1] > UPRIGHT_NORMAL, around[:, 1] < -UPRIGHT_NORMAL
     sides = []
     for which, scale in ((up, around[:, 1]), (down, around[:, 1]), (~(up | down), np.ones(DIRECTIONS))):
         sides.append((which, 1.0 / scale[which, None], around[which, :1] / scale[which, None]))
@@ -278,9 +300,14 @@ def _fill(owner: Indices, whose: int, reach: Array, at: Array, low: Array, resol
 
 def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, resolution: float) -> Array:
     """Cost of each cell per metre: 1 in the open, more near obstacles, infinite where the robot does not fit."""
-    spare = np.clip((clear - inner) / comfort, 0.0, 1.0)
-    cost = 1.0 + (_NARROW_COST - 1.0) * (1.0 - spare) ** 2
-    cost[clear < inner] = np.inf
+    native = kernel()
+    if native is not None:
+        cost = np.empty(clear.shape)
+        native.cell_cost(np.ascontiguousarray(clear, dtype=float), inner, comfort, _NARROW_COST, cost)
+    else:
+        spare = np.clip((clear - inner) / comfort, 0.0, 1.0)
+        cost = 1.0 + (_NARROW_COST - 1.0) * (1.0 - spare) ** 2
+        cost[clear < inner] = np.inf
     reach = int(np.ceil(inner / resolution))
     for i, j in endpoints:  # start and goal are known to be free; the map is coarse
         window = (slice(max(i - reach, 0), i + reach + 1), slice(max(j - reach, 0), j + reach + 1))
@@ -297,13 +324,12 @@ def cell_graph(cost: Array) -> csr_array:
     padded = np.full((rows + 4, columns + 4), np.inf)
     padded[2:-2, 2:-2] = cost
     open_ = np.flatnonzero(np.isfinite(cost))
-    count_work(batches=1, cells=len(open_))
-    steps = np.array(_GRID_MOVES + tuple((-i, -j) for i, j in _GRID_MOVES))
+    steps = np.array([(sign * i, sign * j) for i, j in GRID_MOVES for sign in (1, -1)])
     at = (open_ // columns + 2) * (columns + 4) + open_ % columns + 2
     flat = padded.ravel()
     weight = flat[at[:, None] + steps @ (columns + 4, 1)]
     weight += flat[at, None]
-    weight *= 0.5 * np.hypot(*steps.T)
+    weight *= 0.5 * np.sqrt(np.square(steps).sum(axis=1))
     linked = np.isfinite(weight)
     pointers = np.zeros(cost.size + 1, dtype=np.int32)
     pointers[open_ + 1] = linked.sum(axis=1)
@@ -313,19 +339,21 @@ def cell_graph(cost: Array) -> csr_array:
 
 def smooth_path(path: Array, resolution: float) -> Array:
     """The path with even steps and rounded corners; its ends stay."""
-    from scipy.ndimage import gaussian_filter1d  # late: slow to import
-
     step = 0.5 * resolution
     even = resample(path, step)
     if len(even) < 4:
         return even
-    aside = even - np.linspace(even[0], even[-1], len(even))  # zero at both ends: an odd continuation keeps them
-    rounded = gaussian_filter1d(
-        np.vstack((-aside[:0:-1], aside, -aside[-2::-1])), _SMOOTHING_WIDTH / step, axis=0, mode="nearest"
-    )
-    result = rounded[len(even) - 1 : 2 * len(even) - 1] + np.linspace(even[0], even[-1], len(even))
-    result[0], result[-1] = path[0], path[-1]
-    return resample(result, resolution)
+    line = np.linspace(even[0], even[-1], len(even))
+    aside = even - line  # zero at both ends: an odd continuation keeps them
+    width = _SMOOTHING_WIDTH / step
+    reach = round(_SMOOTHING_REACH * width)
+    weights = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / width))
+    weights /= weights.sum()
+    aside = np.vstack((-aside[:0:-1], aside, -aside[-2::-1]))
+    middle = slice(len(even) - 1 + reach, 2 * len(even) - 1 + reach)
+    rounded = line + np.column_stack([np.convolve(aside[:, k], weights)[middle] for k in range(2)])
+    rounded[0], rounded[-1] = path[0], path[-1]
+    return resample(rounded, resolution)
 
 
 def resample(path: Array, step: float) -> Array:

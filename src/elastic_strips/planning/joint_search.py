@@ -16,14 +16,15 @@ from elastic_strips.robot import Kinematics
 
 from .ompl_planner import OMPL_LOCK, ended, real_bounds, seed_ompl, solved, waiting
 from .problem import Deadline
-from .validity import Checker
+from .tree_search import TreeSpace, search_by_trees
+from .validity import Checker, ValidityChecker
 
 PLANNERS = ("LBKPIECE1", "LBKPIECE1", "LBKPIECE1", "RRTConnect")
 """The planners that search, in turns: the first is better in tight places, the last where there is room."""
 _LONGEST_TREE_MOTION = 0.6  # of a tree, in scaled units: the square root of a motion radius [m] times an angle
 _LEAST_SCALED_RADIUS = 0.01  # [m] how far a joint counts as moving a point of the robot, at least
 _TREE_CELLS = 10.0  # of the trees' grid, from one end of the hand's reach to the other
-_MOST_SHORTCUTS = 60  # most tries to shorten a path
+_TREE_SHORTCUTS, _OMPL_SHORTCUTS = 60, 150  # most tries to shorten a path
 
 
 def search_joints(
@@ -50,6 +51,10 @@ def search_joints(
         timeout: longest search [s]; in seconds of work if the deadline bounds work.
         deadline: when everything must end.
     """
+    if isinstance(valid, ValidityChecker):
+        space = _tree_space(valid, endpoints, step)
+        search = deadline.within(timeout)
+        return search_by_trees(valid, endpoints, space, seed=seed, deadline=search, tries=_TREE_SHORTCUTS)
     if not OMPL_LOCK.acquire(timeout=waiting(deadline.within(timeout))):
         return None
     try:
@@ -57,6 +62,25 @@ def search_joints(
     finally:
         OMPL_LOCK.release()
         valid.count()
+
+
+def _tree_space(valid: ValidityChecker, endpoints: Array, step: float) -> TreeSpace:
+    scale, (low, high), space = _scale(valid), _limits(valid, endpoints), valid.robot.space
+    period = np.where(space.circular, 2.0 * np.pi, 0.0)
+    return TreeSpace(scale, low * scale, high * scale, period * scale, _LONGEST_TREE_MOTION, step)
+
+
+def _scale(valid: Checker) -> Array:
+    """(J,) what a radian or metre of each joint counts."""
+    b = valid.robot.space.base_nv
+    return np.sqrt(np.maximum(valid.bounds.radius[b:].max(axis=1, initial=0.0), _LEAST_SCALED_RADIUS))
+
+
+def _limits(valid: Checker, endpoints: Array) -> tuple[Array, Array]:
+    """(J,) limits of the joints within a turn, and both ends within them."""
+    robot, b = valid.robot, valid.robot.space.base_nv
+    low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
+    return np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
 
 
 def _search(
@@ -76,7 +100,7 @@ def _search(
     seed_ompl(seed)
     b = valid.robot.space.base_nv
     count = valid.robot.space.nv - b
-    scale = np.sqrt(np.maximum(valid.bounds.radius[b:].max(axis=1, initial=0.0), _LEAST_SCALED_RADIUS))
+    scale = _scale(valid)
     space = _scaled_space(valid, endpoints, scale)
     motion = valid.in_chart(endpoints[0], 1.0 / scale)
 
@@ -113,9 +137,8 @@ def _scaled_space(valid: Checker, endpoints: Array, scale: Array) -> Any:
     """OMPL's space of the joints, scaled, within a turn and their limits; its trees' cells are by where the hand is."""
     from ompl import base as ob
 
-    robot, b = valid.robot, valid.robot.space.base_nv
-    low, high = (np.clip(limit[b:], -np.pi, np.pi) for limit in (robot.space.lower, robot.space.upper))
-    low, high = np.minimum(low, endpoints[:, b:].min(axis=0)), np.maximum(high, endpoints[:, b:].max(axis=0))
+    b = valid.robot.space.base_nv
+    low, high = _limits(valid, endpoints)
     space = ob.RealVectorStateSpace(len(scale))
     space.setBounds(real_bounds(low * scale, high * scale))
     projection = _hand_motion(valid, endpoints[1])[:, b:] / scale
@@ -149,7 +172,7 @@ def shortened(
     b = corners.shape[1] - len(scale)
     corners = corners[np.r_[True, (np.diff(corners, axis=0) != 0.0).any(axis=1)]]
     along = _along(corners[:, b:] * scale)
-    tries = [(0.0, 1.0), *np.sort(np.random.default_rng(seed).random((_MOST_SHORTCUTS - 1, 2)), axis=1).tolist()]
+    tries = [(0.0, 1.0), *np.sort(np.random.default_rng(seed).random((_OMPL_SHORTCUTS - 1, 2)), axis=1).tolist()]
     for first, last in tries:
         if len(corners) < 3 or over():
             break

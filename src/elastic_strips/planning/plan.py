@@ -176,12 +176,16 @@ def _one(
     """One strip: by the given path, the line, the grid or joint space, then OMPL; the first of them that is usable."""
     search = PlanSearch(problem, watch)
     report = search.relaxed(rows_along(problem, path), "path", "given path") if path is not None else None
-    report = report or search.straight(line)
-    if report is None and problem.region is None:
-        report = search.of_the_joints()
-    elif report is None and problem.region is not None and grid:
-        direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
-        report = search.over_the_grid(_DETOUR_RATIO * direct + _DETOUR_LENGTH)
+    if problem.region is None:
+        if problem.constraint is not None or problem.robot.nv == 0:
+            report = report or search.straight(line)
+        report = report or search.of_the_joints()  # whose first look is at the straight line
+        return report or search.failed()
+    direct = float(np.hypot(*np.diff(problem.region.endpoints, axis=0)[0]))
+    longest = _DETOUR_RATIO * direct + _DETOUR_LENGTH
+    report = report or search.at_once(longest, line=line, grid=grid) or search.straight(line)
+    if report is None and grid:
+        report = search.over_the_grid(longest)
         if report is None and search.put_off:  # is there no shorter one that the base alone does not find?
             seconds = min(_SHORTENING_SHARE * problem.deadline.left, _LONGEST_SHORTENING)
             report = search.with_ompl(seconds) or search.over_the_grid(np.inf)
@@ -192,7 +196,7 @@ def _after(report: PlanReport, departure: Departure, deformer: Deformer) -> Plan
     """A plan from where the robot is free, with the way there before it: as a whole it is not certified."""
     first = len(departure.strip) - 1
     whole, initial = joined(departure, report.strip), joined(departure, report.initial)
-    assessed = replace(deformer.assess(whole, report.report.scene), status=DeformStatus.BROKEN)
+    assessed = replace(deformer.assess(whole, report.scene), status=DeformStatus.BROKEN)
     left = replace(departure, rest=report.strip if report.certified else None)
     said = "certified" if report.certified else "not certified"
     reason = f"{left}; {said} from node {first} on: {report.reason}"
@@ -203,7 +207,7 @@ def _after(report: PlanReport, departure: Departure, deformer: Deformer) -> Plan
         certified=False,
         reason=reason,
         departure=left,
-        report=replace(assessed, reason=reason),
+        relaxed=replace(assessed, reason=reason),
     )
 
 
@@ -246,7 +250,9 @@ def _several(
         certified=bool(found),
         method=found[0].method if found else "none",
         reason=search.reason,
-        report=report,
+        scene=problem.scene,
+        params=problem.params,
+        relaxed=report,
         attempts=search.attempts,
         ticks=search.ticks,
         seconds=problem.deadline.spent,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,7 +24,7 @@ from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.workspace import Workspace
 from elastic_strips.validation import check_count
-from elastic_strips.work import seconds_counted
+from elastic_strips.work import SECONDS_PER, seconds_counted
 
 from .grid_path import DRIVEN_OVER_HEIGHT
 from .leaving import MOST_DEPTH
@@ -42,7 +43,9 @@ ARM = DeformParams(influence=0.1, near=0.04)
 """Default parameters of an arm's relaxation: in a shelf everything is within 0.3 m and need not all be measured."""
 _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself
 _LEAST_TURN_TIME = 0.1  # [s] of an attempt that takes turns with others
+_ROUNDED_LOOKS = 1e-2  # that sums of work may be rounded by
 _SHARING_TURNS = 3  # most attempts among which what is left is divided
+_BOUNDS = ("clearance", "self_clearance")  # of `Near`
 _FIRST_NODE_SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
 _Box = tuple[Array, Array]
@@ -84,6 +87,14 @@ class Deadline:
     def left(self) -> float:
         """Time [s] that is left, or modelled time of the work that is left, if that is less; negative if it is over."""
         return self.time_left if self._most is None else min(self.time_left, self._most - seconds_counted())
+
+    @property
+    def looks_left(self) -> float:
+        """Configurations that the work that is left lets a tree search look at; infinite where only time is bounded."""
+        if self._most is None:
+            return math.inf
+        paid = (self._most - seconds_counted()) / SECONDS_PER["looks"]
+        return max(math.floor(paid + _ROUNDED_LOOKS), 0.0)
 
     def over(self) -> bool:
         """Whether nothing is left."""
@@ -128,7 +139,8 @@ class PlanningProblem:
         region: region in which the base is looked for; None for a fixed base.
         deadline: end of time or work.
         spacing: distance between the nodes of a first strip [m].
-        room: distance [m] of the robot from obstacles at the start or the goal; a lower bound where it is large.
+        room, self_room: distances [m] of the robot from obstacles, and of its own links from each other, at the start
+            or the goal; lower bounds where they are large.
         eased: a phrase that says how much less than the default clearance is asked for, and why; else empty.
 
     Raises:
@@ -180,7 +192,9 @@ class PlanningProblem:
             self.params = self.deformer.params
         for near in nearest:
             near.check(self.params)
-        self.room: float = min((near.distance for near in nearest if near.bound == "clearance"), default=np.inf)
+        rooms = {bound: [near.distance for near in nearest if near.bound == bound] for bound in _BOUNDS}
+        self.room: float = min(rooms["clearance"], default=np.inf)
+        self.self_room: float = min(rooms["self_clearance"], default=np.inf)
         self.endpoints: Array = np.stack((self.start, self.goal))
         self.region: Region | None = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
         if self.constraint is not None:
@@ -201,6 +215,10 @@ class PlanningProblem:
         """A phrase that says where a strip misses the constraint, and by how much; empty where it does not."""
         return "" if self.constraint is None else self.constraint.missed(report.strip)
 
+    def aside(self, strip: Strip) -> float:
+        """How far [m] the base leaves the caller's bounds on a strip; 0 without bounds."""
+        return 0.0 if self.region is None else self.region.left_by(strip)
+
     def failure(self, report: DeformReport) -> str:
         """Why a relaxed strip is unusable; empty where it is certified, its base keeps to the bounds, and it satisfies
         the constraint if there is one."""
@@ -209,7 +227,7 @@ class PlanningProblem:
         missed = self.missed(report)
         if missed:
             return missed
-        aside = 0.0 if self.region is None else self.region.left_by(report.strip)
+        aside = self.aside(report.strip)
         return f"the base leaves the bounds by {aside:.3f} m" if aside > 0.0 else ""
 
 
@@ -325,13 +343,12 @@ def nearest_things(work: Workspace, robot: RobotModel, scene: Scene, ends: tuple
     work.prediction = None
     work.replace(robot.space.to_coordinates(np.stack(ends)), scene)
     obstacles, own, found = work.obstacles, work.self_pairs, []
-    bodies = work.bodies
+    bodies, bound = work.bodies, obstacles.bound
     for node, what in enumerate(("start", "goal")):
-        if obstacles.bound[node].size:
-            body, part = np.unravel_index(int(np.argmin(obstacles.bound[node])), obstacles.bound.shape[1:])
-            other = obstacles.obstacle_name(int(part))
-            distance = float(obstacles.bound[node, body, part])
-            found.append(Near(what, "clearance", distance, bodies.labels[body], other))
+        if bound[node].size:
+            body, part = divmod(int(np.argmin(bound[node])), bound.shape[2])
+            other = obstacles.obstacle_name(part)
+            found.append(Near(what, "clearance", float(bound[node, body, part]), bodies.labels[body], other))
         if own.bound[node].size:
             pair = int(np.argmin(own.bound[node]))
             one, two = (bodies.labels[k] for k in own.pairs[pair])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from elastic_strips.strip import DeformReport, Strip
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.summary import Summary
 
 from .homotopy.alternatives import Alternative
@@ -21,10 +22,12 @@ class PlanReport(Summary):
         initial: the strip that it was relaxed from.
             ``strip`` is certified if ``certified``; otherwise it is the best that was reached, as it is.
         certified: whether every segment is certified, and the base keeps to the bounds where there are any.
-        method: ``"path"``, ``"line"``, ``"grid"``, ``"ompl"``, ``"straight"`` (of the hand), or ``"none"`` where
-            nothing was certified.
+        method: ``"path"``, ``"line"``, ``"grid"``, ``"trees"`` (of the joints), ``"ompl"``, ``"straight"`` (of the
+            hand), or ``"none"`` where nothing was certified.
         reason: what happened, in words; where nothing was certified, what was in the way last, and what to try.
-        report: the last deformation report.
+        scene: the obstacles that were planned among.
+        params: the parameters of the relaxation, with the clearances that were to be proven.
+        relaxed: the last deformation report; None for a path that was certified as it was found. See :attr:`report`.
         attempts: number of planner calls; where several strips were wanted, number of paths that were relaxed.
         ticks: number of deformation ticks.
         seconds: from nothing to the first certified strip (or to giving up); all of it where several were asked for.
@@ -42,7 +45,9 @@ class PlanReport(Summary):
     certified: bool
     method: str
     reason: str
-    report: DeformReport
+    scene: Scene
+    params: DeformParams
+    relaxed: DeformReport | None
     attempts: int
     ticks: int
     seconds: float
@@ -50,6 +55,17 @@ class PlanReport(Summary):
     alternatives: tuple[Alternative, ...] = ()
     clusters: tuple[ObstacleCluster, ...] = ()
     departure: Departure | None = None
+    _assessed: list[DeformReport] = field(default_factory=list, init=False, repr=False)
+
+    @property
+    def report(self) -> DeformReport:
+        """The last deformation report. Of a path that was certified as it was found, one is made at the first use: the
+        forces of a strip, and its nodes' distances to the obstacles, are not needed for its proof."""
+        if self.relaxed is not None:
+            return self.relaxed
+        if not self._assessed:
+            self._assessed.append(Deformer(self.strip.robot, self.params).assess(self.strip, self.scene))
+        return self._assessed[0]
 
     def _summary(self) -> dict[str, object]:
         several = {"costs": [round(a.cost, 3) for a in self.alternatives]} if self.alternatives else {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import product
+from functools import cached_property
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from elastic_strips.arrays import Array
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
+from elastic_strips.strip.report import SLIP_LIMIT
 
 from .grid_path import MOST_CELLS, grid_path
-from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, staged_rows
+from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, path_strip, staged_rows
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
 from .problem import SEED_STRIDE, Deadline, PlanningProblem, Region
@@ -28,11 +29,15 @@ _SEARCH_MARGINS = (0.04, 0.04, 0.02, 0.02, 0.01, 0.005)
 _GRID_SHARE = 0.5  # of the time that is left goes to the grid, at most; the rest is OMPL's
 _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
-_EDGE_STEP = 0.1  # [m] that a point moves at most between looks at an edge, to begin with
+_EDGE_STEP = 0.08  # [m] that a point moves at most between looks at a motion of the joints, to begin with
 _JOINT_NODE_SPACING = 0.4  # [m or rad] of the nodes along a path of the joints
 _JOINT_PATH_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
+_JOINT_PATH_SELF_MARGIN = 0.005  # [m] the same between the robot's own links
+_MOST_TOUCHING = (
+    0.2  # of the nodes along a path that touch something; where there are more, relaxing is not tried first
+)
 _STAGING_TRIES = 2  # tries of each posture
-_LONGEST_STAGE_SEARCH = 0.6  # [s] longest search for a path of the joints at either end of a drive
+_LONGEST_STAGE_SEARCH = 0.3  # [s] longest search for a path of the joints at either end of a drive
 _FIRST_SEARCH, _SEARCH_GROWTH = 0.3, 1.5  # [s], and each search that finds nothing is followed by a longer one
 _FIRST_GRID_REACH = 3.0  # [m] the first grid reaches so far beyond start and goal
 
@@ -52,20 +57,46 @@ class PlanSearch(PathSearch):
         self.best: DeformReport | None = None
         self.hit: str = ""  # what was last in the way
         self.initial: Strip | None = None
+        self.line_touching: float = 0.0  # share of the straight line's nodes that touch something
+        self.line_tried: bool = False
         self.box: tuple[Array, Array] | None = None  # where the base was last looked for
         self.paths: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
         self.relaxed_paths: set[float | None] = set()
-        self.staged: bool = False  # whether a path was tried on which joints and base move one after the other
         self.put_off: bool = False  # whether a path is longer than others should be looked for first
         self.calls: int = 0  # of OMPL
         self.searches: int = 0  # of OMPL
         self.fineness: float = 1.0
 
+    def at_once(self, longest: float, *, line: bool, grid: bool) -> PlanReport | None:
+        """What needs little: the straight line as it is, or relaxed where the base is clear all along it and only the
+        joints' links are in the way; or else the path over a grid as it is.
+
+        A path longer than ``longest`` [m] is put off.
+        """
+        initial = self.initial = line_strip(self.problem)  # shown where nothing is certified
+        if self.problem.constraint is not None:
+            return None
+        rows, report, checker = initial.coordinates, None, self._valid[0]
+        touching = ~checker.each(rows)
+        self.line_touching = float(touching.mean())
+        if not touching.any():
+            report = self.as_found(rows, "line", "straight line")
+        elif line and checker.each(rows[touching], base=True).all():
+            report = self.straight(line)
+        if grid and report is None:
+            path = self._path(None, longest, self._grid_over())
+            report = None if path is None else self._clear(path)
+        return report
+
     def straight(self, relax: bool) -> PlanReport | None:
-        """The straight line, which gets a few ticks, or is looked at as it is."""
-        initial = line_strip(self.problem)
-        self.initial = initial  # shown where nothing is certified
+        """The straight line, which gets a few ticks, or is looked at as it is; once."""
+        if self.line_tried:
+            return None
+        self.line_tried = True
+        initial = self.initial = line_strip(self.problem)
         hopeless = self.hopeless(initial)
+        if not hopeless and self._joints_move and self.line_touching > _MOST_TOUCHING:
+            hopeless = f"the robot touches something for {100 * self.line_touching:.0f} % of the way"
         if hopeless:
             self.reasons.append(f"straight line: {hopeless}")
             return None
@@ -74,32 +105,59 @@ class PlanSearch(PathSearch):
         return self._judged(initial, report, "line", "straight line")
 
     def over_the_grid(self, longest: float) -> PlanReport | None:
-        """The path over a grid: first as narrow as the base, then, where that did not relax, as wide as the robot.
+        """The path over a grid: first as narrow as the base, then, where that did not do, as wide as the robot.
 
         A path longer than ``longest`` [m] is put off.
         """
-        problem = self.problem
-        over = self.deadline.within(_GRID_SHARE * self.deadline.left).over
-        assert problem.region is not None
-        for inner in (None, problem.region.folded + self.params.clearance):
-            if inner not in self.paths:
-                self.paths[inner] = self._grid_path(inner, over)
-            path = self.paths[inner]
+        over = self._grid_over()
+        assert self.problem.region is not None
+        for inner in (None, self.problem.region.folded + self.params.clearance):
+            path = self._path(inner, longest, over)
             if path is None:
                 return None  # nor is there a wider one
-            self.put_off = float(np.hypot(*np.diff(path, axis=0).T).sum()) > longest
-            if self.put_off:
-                return None
             if inner in self.relaxed_paths:
                 continue
             self.relaxed_paths.add(inner)
-            for rows, what in path_rows(problem, path):
-                report = self.relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
-                if report is None and not over():
-                    report = self.in_stages(path)
-                if report is not None or over():
-                    return report
+            report = (None if inner is None else self._clear(path)) or self._along(path, over)
+            if report is not None or over():
+                return report
         return None
+
+    def _grid_over(self) -> Callable[[], bool]:
+        return self.deadline.within(_GRID_SHARE * self.deadline.left).over
+
+    def _path(self, inner: float | None, longest: float, over: Callable[[], bool]) -> Array | None:
+        """The grid's path (K, 2) where a disc of this radius fits; None where there is none, or it is put off."""
+        if inner not in self.paths:
+            self.paths[inner] = self._grid_path(inner, over)
+        path = self.paths[inner]
+        self.put_off = path is not None and float(np.hypot(*np.diff(path, axis=0).T).sum()) > longest
+        return None if self.put_off else path
+
+    def _clear(self, path: Array) -> PlanReport | None:
+        """A strip along a path (K, 2) of the base whose nodes are clear and that is certified as it is."""
+        for rows, what in path_rows(self.problem, path) if self.problem.constraint is None else ():
+            report = self.as_found(rows, "grid", f"grid's path{what}") if self._touching(rows) == 0.0 else None
+            if report is not None:
+                return report
+        return None
+
+    def _along(self, path: Array, over: Callable[[], bool]) -> PlanReport | None:
+        """A strip along a path (K, 2) of the base: relaxed where few of its nodes touch, else with the
+        joints' own paths where the base stands; after that the others are relaxed as well."""
+        late = []
+        for rows, what in path_rows(self.problem, path):
+            if what or self._touching(rows) > _MOST_TOUCHING:
+                late.append((rows, what))
+                continue
+            report = self.relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
+            if report is not None or over():
+                return report
+        report = self.in_stages(path)
+        for rows, what in late:
+            if report is None and not over():
+                report = self.relaxed(rows, "grid", f"grid's path{what}", STUCK_TICKS, over)
+        return report
 
     def _grid_path(self, inner: float | None, over: Callable[[], bool]) -> Array | None:
         """A path (K, 2) on the smallest grid that has one."""
@@ -128,51 +186,79 @@ class PlanSearch(PathSearch):
         self.reasons.append(none)
         return None
 
-    def _validity(self) -> tuple[ValidityChecker, SatisfyingChecker | None]:
+    @cached_property
+    def _joints_move(self) -> bool:
+        """Whether start and goal differ in more than the place of the base."""
+        joints = self.robot.space.to_coordinates(self.problem.endpoints)[:, self.robot.space.base_nv :]
+        return not np.array_equal(joints[0], joints[1])
+
+    def _touching(self, rows: Array) -> float:
+        """Share of rows (N, nv) that are not valid; not looked at, and 0, where there is a constraint."""
+        valid, satisfying = self._valid
+        return 0.0 if satisfying is not None else 1.0 - float(valid.each(rows).mean())
+
+    @cached_property
+    def _valid(self) -> tuple[ValidityChecker, SatisfyingChecker | None]:
         """The checker of the joints' paths, with the constraint where there is one."""
-        margin = max(min(_JOINT_PATH_MARGIN, 0.5 * self.problem.room), self.params.clearance)
-        valid = ValidityChecker(self.robot, self.scene, margin=margin, bounds=self.deformer.workspace.bounds)
+        problem, params = self.problem, self.params
+        valid = ValidityChecker(
+            self.robot,
+            self.scene,
+            margin=max(min(_JOINT_PATH_MARGIN, 0.5 * problem.room), params.clearance),
+            self_margin=max(min(_JOINT_PATH_SELF_MARGIN, 0.5 * problem.self_room), params.self_clearance),
+            bounds=self.deformer.workspace.bounds,
+        )
         constraint = self.problem.constraint
         return valid, None if constraint is None else SatisfyingChecker(valid, constraint)
 
     def in_stages(self, path: Array) -> PlanReport | None:
         """A path (K, 2) of the base in one posture; before and after it, where the base stands, the joints find theirs.
 
-        It is tried once, if start and goal differ in more than the place of the base.
+        There is none where start and goal differ in no more than the place of the base.
         """
         problem, space = self.problem, self.robot.space
         b, ends = space.base_nv, space.to_coordinates(problem.endpoints)
         home = space.to_coordinates(self.robot.home_q)
-        if self.staged or np.array_equal(ends[0, b:], ends[1, b:]):
+        if not self._joints_move:
             return None
-        self.staged = True
-        valid, satisfying = self._validity()
+        valid, _satisfying = self._valid
         postures = ("as at the start", ends[0, b:]), ("at home", home[b:]), ("as at the goal", ends[1, b:])
-        for attempt, (what, joints) in product(range(_STAGING_TRIES), postures):
+        for what, joints in postures:
             drive = ends.copy()
             drive[:, b:] = joints
             constraint = problem.constraint
             missed = constraint is not None and constraint.errors_at(drive).max() > constraint.constraint.tolerance
             if missed or not (valid.at(drive[0]) and valid.at(drive[1])):
                 continue
+            if self._touching(staged_rows(problem, path, drive, drive[:1], drive[1:])) > 0.0:
+                self.reasons.append(f"grid's path: the robot touches something with the joints {what}")
+                continue
+            report = self._staged(path, np.stack((ends[0], drive[0])), np.stack((drive[1], ends[1])), what)
+            if report is not None or self.deadline.over():
+                return report
+        return None
+
+    def _staged(self, path: Array, before: Array, after: Array, joints: str) -> PlanReport | None:
+        """A path of the base, and the joints' paths between configurations (2, nv) before and after it."""
+        valid, satisfying = self._valid
+        what, rows = f"grid's path, the joints {joints}, and their own before and after,", None
+        for attempt in range(_STAGING_TRIES):
             stages: list[Array] = []
-            for pair in ((ends[0], drive[0]), (drive[1], ends[1])):
+            for ends in (before, after):
                 self.attempts += 1
                 with self.timed("planner"):
-                    stage = self._stand(satisfying or valid, np.stack(pair), attempt)
+                    stage = self._stand(satisfying or valid, ends, attempt)
                 if stage is None:
                     break
                 stages.append(stage)
-            if self.deadline.over():
-                break
             if len(stages) < 2:
-                self.reasons.append(f"OMPL found no path of the joints from or to where they are {what}")
-                continue
-            rows = staged_rows(problem, path, drive, stages[0], stages[1])
-            report = self.relaxed(rows, "grid", f"grid's path, the joints {what}, and their own before and after,")
-            if report is not None:
+                self.reasons.append(f"no path of the joints was found from or to where they are {joints}")
+                break
+            rows = staged_rows(self.problem, path, np.stack((before[1], after[0])), stages[0], stages[1])
+            report = self.as_found(rows, "grid", what)
+            if report is not None or self.deadline.over():
                 return report
-        return None
+        return None if rows is None else self.relaxed(rows, "grid", what)
 
     def _stand(self, valid: Checker, ends: Array, attempt: int) -> Array | None:
         """Rows (N, nv) between two configurations (2, nv) with the same base, by the joints alone."""
@@ -192,15 +278,16 @@ class PlanSearch(PathSearch):
     def of_the_joints(self) -> PlanReport | None:
         """Paths of the joints alone, the base as it stands; ever longer searches, and looked at ever more closely."""
         problem = self.problem
-        futile, step, seconds = 0, _EDGE_STEP, _FIRST_SEARCH
-        valid, satisfying = self._validity()
+        futile, found, step, seconds = 0, 0, _EDGE_STEP, _FIRST_SEARCH
+        valid, satisfying = self._valid
         ends = self.robot.space.to_coordinates(problem.endpoints)
         while not self.deadline.over():
             attempt = self.attempts
             self.attempts += 1
+            asked = satisfying if satisfying is not None and attempt % 2 else valid
             with self.timed("planner"):
                 corners = search_joints(
-                    satisfying if satisfying is not None and attempt % 2 else valid,
+                    asked,
                     ends,
                     seed=problem.seed + SEED_STRIDE * attempt,
                     planner=PLANNERS[attempt % len(PLANNERS)],
@@ -212,14 +299,16 @@ class PlanSearch(PathSearch):
                 futile += 1
                 seconds *= _SEARCH_GROWTH
                 continue
-            report = self.relaxed(
-                divided(corners, _JOINT_NODE_SPACING), "ompl", f"path {self.attempts} of the joints", 3
-            )
+            rows, what = divided(corners, _JOINT_NODE_SPACING), f"path {self.attempts} of the joints"
+            method = "line" if len(corners) == 2 else "trees" if asked is valid else "ompl"
+            report, found = self.as_found(rows, method, what), found + 1
+            if report is None and (found > 1 or problem.constraint is not None):  # else looking again is cheaper
+                report = self.relaxed(rows, method, what, 3)
             if report is not None:
                 return report
             step *= 0.5
         if futile:
-            self.reasons.append(f"OMPL found no path of the joints in {futile} searches")
+            self.reasons.append(f"no path of the joints was found in {futile} searches")
         return None
 
     def with_ompl(self, seconds: float = np.inf) -> PlanReport | None:
@@ -265,7 +354,7 @@ class PlanSearch(PathSearch):
     def failed(self) -> PlanReport:
         """The report if nothing was certified: what is in the way, what was tried, and what to try."""
         if self.best is None:
-            assert self.initial is not None
+            self.initial = self.initial or line_strip(self.problem)
             self._judged(self.initial, self.relax_line(self.initial, False), "line", "straight line")
         assert self.best is not None
         where = ""
@@ -285,7 +374,21 @@ class PlanSearch(PathSearch):
             f"{self.params.clearance:g} m"
         )
         _log.warning("%s", reason)
-        return self._done(self.best, "none", reason)
+        return self._done(self.best.strip, self.best, "none", reason)
+
+    def as_found(self, rows: Array, method: str, what: str) -> PlanReport | None:
+        """The report of rows (N, nv) along a path if they are certified as they are; None with a constraint."""
+        if self.problem.constraint is not None:
+            return None
+        with self.timed("relaxation"):
+            strip = path_strip(self.problem, rows)
+            drivable = float(strip.lateral_slip.max(initial=0.0)) <= SLIP_LIMIT and not self.problem.aside(strip)
+            proven = drivable and self.deformer.workspace.proves(strip, self.scene)
+            relaxed = None if proven else self.deformer.assess(strip, self.scene)
+        if relaxed is not None and self.problem.failure(relaxed):
+            return None
+        self.initial = strip
+        return self._done(strip, relaxed, method, f"the {what} is certified as it was found{self._eased}")
 
     def relaxed(
         self, rows: Array, method: str, what: str, stuck: int | None = None, over: Callable[[], bool] | None = None
@@ -300,8 +403,8 @@ class PlanSearch(PathSearch):
         failure = self.problem.failure(report)
         if not failure:
             self.initial = initial
-            eased = f"; {self.problem.eased}" if self.problem.eased else ""
-            return self._done(report, method, f"the {what} relaxed to a certified strip in {report.ticks} ticks{eased}")
+            reason = f"the {what} relaxed to a certified strip in {report.ticks} ticks{self._eased}"
+            return self._done(report.strip, report, method, reason)
         if report.usable:
             report = replace(report, reason=failure)
         broken = report.certificate.broken
@@ -312,15 +415,21 @@ class PlanSearch(PathSearch):
         self.initial = self.initial or initial
         return None
 
-    def _done(self, report: DeformReport, method: str, reason: str) -> PlanReport:
+    @property
+    def _eased(self) -> str:
+        return f"; {self.problem.eased}" if self.problem.eased else ""
+
+    def _done(self, strip: Strip, relaxed: DeformReport | None, method: str, reason: str) -> PlanReport:
         assert self.initial is not None
         return PlanReport(
-            strip=report.strip,
+            strip=strip,
             initial=self.initial,
             certified=method != "none",
             method=method,
             reason=reason,
-            report=report,
+            scene=self.scene,
+            params=self.params,
+            relaxed=relaxed,
             attempts=self.attempts,
             ticks=self.ticks,
             seconds=self.deadline.spent,

@@ -91,6 +91,8 @@ def plan_straight(
         done,
         "straight" if done else "none",
         reason,
+        scene,
+        deformer.params,
         report,
         attempts=0,
         ticks=0,

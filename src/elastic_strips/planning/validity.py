@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -10,10 +11,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, by_rows
+from elastic_strips.arrays import Array, Mask, by_rows
 from elastic_strips.collision import BodySet, MotionBounds
 from elastic_strips.collision.candidates import CandidateParts
-from elastic_strips.collision.native_side import native_parts
+from elastic_strips.collision.native_side import native_parts, scene_parts
 from elastic_strips.native import kernel
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
@@ -27,11 +28,12 @@ if TYPE_CHECKING:
 
 _MAX_PAIRED_SHAPES = 400  # of obstacles that are paired with links; more become one tree
 _LONGEST_REACH = 2.0  # [m] that a robot extends from its base, at most
+_CHECKED_TOGETHER = 8  # configurations of a motion
 _LARGEST_PROJECTED_MOTION = 3.0  # times as far as a straight motion's points, those of what it is projected to may move
 
 
 class ValidityChecker(OneThread):
-    """Workspace: checks whether a configuration keeps ``margin`` to every obstacle and does not touch itself.
+    """Workspace: checks whether a configuration keeps its distance to every obstacle and from itself.
 
     If there are few parts, they are paired with the links in one Pinocchio geometry model, whose tree broadphase
     answers in C++; many parts (voxels) form one Coal tree that each link asks.
@@ -40,6 +42,7 @@ class ValidityChecker(OneThread):
         robot: the robot.
         scene: the obstacles.
         margin: distance to keep to obstacles [m].
+        self_margin: distance to keep between the robot's own links [m]; 0 where they may not touch.
         low, high: (2,) region of the base that will be queried [m]; parts that the robot cannot reach from there
             are left out. None takes all.
         bounds: bounds of the robot's links, if the caller has some already.
@@ -51,6 +54,7 @@ class ValidityChecker(OneThread):
         scene: Scene,
         *,
         margin: float,
+        self_margin: float = 0.0,
         low: Array | None = None,
         high: Array | None = None,
         bounds: MotionBounds | None = None,
@@ -61,12 +65,14 @@ class ValidityChecker(OneThread):
         self.native: _native.Validity | None = None
         module, bodies = kernel(), self.bounds.bodies.native()
         if module is not None and bodies is not None:
-            least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
-            if low is not None and high is not None:
+            pairs = robot.pairs_within(self_margin)
+            if low is None or high is None:
+                parts = scene_parts(scene)
+            else:
+                least, most = np.full((1, 3), -np.inf), np.full((1, 3), np.inf)
                 least[0, :2], most[0, :2] = low - _LONGEST_REACH, high + _LONGEST_REACH
-            candidates = CandidateParts.build(scene, least, most, 0.0)
-            parts = native_parts(candidates)
-            self.native = module.Validity(bodies, parts, robot.pairs_within(0.0), self.bounds.of_motion, margin)
+                parts = native_parts(CandidateParts.build(scene, least, most, 0.0))
+            self.native = module.Validity(bodies, parts, pairs, self.bounds.of_motion, margin, self_margin)
             return
         shapes = _shapes_within(scene, low, high)
         self._data = robot.model.createData()
@@ -89,6 +95,8 @@ class ValidityChecker(OneThread):
             self._manager.setup()
             self._queries = [coal.CollisionObject(_grown(piece.geometry, margin)) for piece in robot.geometries]
         self._geometry = collision_data(self._model)
+        for request in itertools.islice(self._geometry.collisionRequests, len(robot.self_pairs)):
+            request.security_margin = self_margin
         self._broadphase = pin.TreeBroadPhaseManager_DynamicAABBTreeCollisionManager(
             robot.model, self._model, self._geometry
         )
@@ -99,23 +107,28 @@ class ValidityChecker(OneThread):
         return self._checks if self.native is None else self.native.checks
 
     @exclusive
-    def count(self) -> None:
-        """Count the checks since the last time as work of the calling thread."""
-        checks = self.checks
-        count_work(checks=checks - self._counted)
-        self._counted = checks
+    def count(self, *, by_trees: bool = False) -> None:
+        """Count the checks since the last time as work of the calling thread: of a tree search, or of another one."""
+        checks = self.checks - self._counted
+        count_work(looks=checks) if by_trees else count_work(checks=checks)
+        self._counted += checks
+
+    @exclusive
+    def account(self, checks: int) -> None:
+        """Say how many checks were made so far, where some of them count once; without the kernel."""
+        self._checks = checks
 
     @exclusive
     def __call__(self, q: Array) -> bool:
         """Whether the configuration (nq,) is valid."""
         if self.native is not None:
             return self.at(self.robot.space.to_coordinates(q))
+        self._checks += 1
         return self._valid(q)
 
     @exclusive
     def _valid(self, q: Array) -> bool:
-        """The same without the kernel, which has a lock of its own."""
-        self._checks += 1
+        """The same without the kernel, which has a lock of its own, and not counted."""
         if pin.computeCollisions(self.robot.model, self._data, self._broadphase, q, True):
             return False
         return self._manager is None or not self._hits_tree()
@@ -126,6 +139,32 @@ class ValidityChecker(OneThread):
         if self.native is None:
             return self(self.robot.space.from_coordinates(coordinates))
         return self.native.valid(*by_rows(coordinates))
+
+    @exclusive
+    def each(self, rows: Array, *, base: bool = False) -> Mask:
+        """Which of the configurations with coordinates (N, nv) are valid; with ``base``, at which the links that no
+        joint moves keep clear of all obstacles."""
+        if self.native is None:
+            valid = self._base_is_clear if base else self.at
+            return np.array([valid(row) for row in rows], dtype=bool)
+        states = np.empty(len(rows), dtype=np.int8)
+        (rows,) = by_rows(rows)
+        self.native.each(rows, base, states)
+        return states == 0
+
+    @exclusive
+    def _base_is_clear(self, row: Array) -> bool:
+        """:meth:`each` of one row and the base without the kernel."""
+        self._checks += 1
+        tree, q = self.robot.tree, self.robot.space.from_coordinates(row)
+        joints = np.flatnonzero(tree.coordinate >= self.robot.space.base_nv)
+        base = [k for k, piece in enumerate(self.robot.geometries) if not tree.support[piece.joint, joints].any()]
+        pin.computeCollisions(self.robot.model, self._data, self._model, self._geometry, q, False)
+        results = self._geometry.collisionResults
+        pairs = enumerate(self._model.collisionPairs)
+        if any(p.first in base and p.second >= self._links and results[k].isCollision() for k, p in pairs):
+            return False
+        return self._manager is None or not self._hits_tree(base)
 
     @exclusive
     def motion(self, a: Array, b: Array, step: float) -> bool:
@@ -140,14 +179,16 @@ class ValidityChecker(OneThread):
         space = self.robot.space
         v = space.difference(a, b)
         count = max(1, math.ceil(float(self.bounds.travel(v[None]).max(initial=0.0)) / step))
-        if not self.at(b):
-            return False
-        stride = 1 << (count - 1).bit_length()
+        rows, stride = [b], 1 << (count - 1).bit_length()
         while stride > 1:
-            for k in range(stride // 2, count, stride):
-                if not self.at(space.integrate(a, k / count * v)):
-                    return False
+            rows += [space.integrate(a, k / count * v) for k in range(stride // 2, count, stride)]
             stride //= 2
+        for k in range(0, len(rows), _CHECKED_TOGETHER):  # as many are counted as the kernel looks at together
+            some = rows[k : k + _CHECKED_TOGETHER]
+            valid = all(self._valid(space.from_coordinates(row)) for row in some)
+            self._checks += len(some)
+            if not valid:
+                return False
         return True
 
     def in_chart(self, row: Array, unit: Array) -> Callable[[Sequence[float], Sequence[float], float], bool]:
@@ -161,10 +202,11 @@ class ValidityChecker(OneThread):
             return self.native.chart(*by_rows(row, unit)).motion
         return _in_chart(self.motion, row, unit)
 
-    def _hits_tree(self) -> bool:
+    def _hits_tree(self, links: Sequence[int] | None = None) -> bool:
+        """Whether links, all where None, touch the many parts."""
         assert self._manager is not None
-        for link, query in enumerate(self._queries):
-            pose = self._geometry.oMg[link]
+        for link in range(self._links) if links is None else links:
+            query, pose = self._queries[link], self._geometry.oMg[link]
             query.setTransform(coal.Transform3s(pose.rotation, pose.translation))
             query.computeAABB()
             callback = coal.CollisionCallBackDefault()
@@ -199,6 +241,16 @@ class SatisfyingChecker(OneThread):
     def at(self, coordinates: Array) -> bool:
         """Whether the configuration that these coordinates (nv,) are projected to is valid."""
         return self._all(coordinates[None], np.inf)
+
+    @exclusive
+    def each(self, rows: Array) -> Mask:
+        """Which of the configurations with coordinates (N, nv) are valid."""
+        if self.native is None:
+            return np.array([self.at(row) for row in rows], dtype=bool)
+        states = np.empty(len(rows), dtype=np.int8)
+        (rows,) = by_rows(rows)
+        self.native.each(rows, states)
+        return states == 0
 
     @exclusive
     def motion(self, a: Array, b: Array, step: float) -> bool:

@@ -30,6 +30,7 @@ from elastic_strips.planning.grid_path import (
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
+from elastic_strips.work import count_work
 
 HomotopyClass = tuple[tuple[str, int], ...]
 """The crossings of a path: which cluster's ray, and +1 towards −x (the cluster on the left), −1 towards +x."""
@@ -244,6 +245,7 @@ def homotopy_paths(
     cells = np.clip(np.rint((endpoints - clusters.low) / resolution).astype(int), 0, shape - 1)
     cost = cell_cost(clusters.clear, clusters.inner, COMFORTABLE_CLEARANCE, cells, resolution)
     graph = cell_graph(cost)
+    count_work(batches=1, moves=graph.nnz)
     first, last = (int(np.ravel_multi_index(tuple(end), cost.shape)) for end in cells)
     come, before = dijkstra(graph, indices=[first, last], return_predecessors=True)
     if not np.isfinite(come[0, last]):
