@@ -33,6 +33,8 @@ from brute_force import configuration, make_obstacle, random_pose, scene_pieces
 from random_robots import random_robot
 
 from elastic_strips.collision import BodySet, Forecast, MotionBounds, MotionCertifier
+from elastic_strips.collision.native_side import proven_segments
+from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
 from elastic_strips.strip import Deformer, DeformParams, Strip
@@ -48,6 +50,8 @@ _BASES = ("fixed", "omni", "diff_drive")
 _SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "plate", "pole", "mesh", "voxels")
 _OFTEN = np.array([4, 4, 4, 4, 2, 4, 3, 3, 0.5, 0.2])
 KINDS = ("chain", "again", "others", "edge", "self", "self edge", "timed", "timed edge")
+BY_SPHERES = ("spheres", "spheres edge", "single")
+"""Where spheres about the links take a part: segments that they prove, and single configurations of a planner."""
 _SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
 
 
@@ -100,7 +104,7 @@ class Figures:
             if n[0] + n[1]:
                 rows.append((name, str(n[0] + n[1]), *map(str, n)))
 
-        for kind in KINDS:
+        for kind in (*KINDS, *BY_SPHERES):
             row(kind, kind=kind)
         for base in _BASES:
             row(base, base=base)
@@ -418,6 +422,48 @@ class Attack:
                 end = np.clip(space.integrate(row, low * v), space.lower, space.upper)
                 self.note("self edge", True, *(configuration(self.robot, r) for r in (row, end)))
 
+    def proven(self, strip: Strip, scene: Scene) -> npt.NDArray[np.bool_]:
+        """Segments that spheres about the links prove; none without the native kernel."""
+        rows, space = strip.coordinates, self.robot.space
+        v = space.difference(rows[:-1], rows[1:])
+        found = proven_segments(
+            self.deformer.workspace.bounds,
+            scene,
+            self.robot.pairs_within(self.params.self_clearance),
+            rows,
+            v,
+            clearance=self.params.clearance,
+            self_clearance=self.params.self_clearance,
+        )
+        return np.zeros(len(v), dtype=bool) if found is None else found & ~space.half_turn(v)
+
+    def spheres(self, count: int) -> None:
+        """What spheres prove alone, an obstacle that is moved until they just do, and configurations that are looked at
+        by them first: of these a wrong refusal is false, too."""
+        scene, strip = self.scene(4), self.chain(count)
+        self.checker.take(scene, self.params.clearance, self.params.self_clearance)
+        for j in np.flatnonzero(self.proven(strip, scene)).tolist():
+            self.note("spheres", True, strip.q[j], strip.q[j + 1])
+        valid = ValidityChecker(self.robot, scene, margin=self.params.clearance, self_margin=self.params.self_clearance)
+        rows = np.array([self.row() for _ in range(count)])
+        for row, clear in zip(rows, valid.each(rows).tolist(), strict=True):
+            q = configuration(self.robot, row)
+            self.note("single", clear, q, q)
+            # what is fixed to one joint is no pair of Pinocchio's tree: a robot may touch itself in every posture
+            if not clear and self.robot.self_collision(q) is None and not self.checker.overlaps(q, q, free=True):
+                self.figures.false.append(f"single, free and refused: {self.where}")
+        strip, scene = self.chain(1), self.scene(2)
+        if not self.proven(strip, scene).all():
+            return
+        name, target = scene.names[0], self._point_of(strip)
+        pose = scene.obstacle(name).pose.copy()
+        put = self._bisect(
+            lambda f: scene.moved(name, _towards(pose, target, f)), lambda moved: bool(self.proven(strip, moved).all())
+        )
+        nearest, holds = next(put)
+        self.checker.take(nearest, self.params.clearance, self.params.self_clearance)
+        self.note("spheres edge", holds, *strip.q)
+
     def timed(self, count: int, kind: str) -> None:
         """A motion among movers, each of which does the worst that is assumed of it."""
         rng, space = self.rng, self.robot.space
@@ -553,6 +599,7 @@ def run(segments: int, seed: int) -> Figures:
         attack.selves(16)
         attack.timed(8, "timed")
         attack.timed(8, "timed edge")
+        attack.spheres(16)
     figures.seconds = process_time() - began
     return figures
 

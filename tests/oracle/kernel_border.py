@@ -89,21 +89,45 @@ def calls(native) -> Iterator[Call]:
     solids = [sphere, box, hull, block]
     placed = (np.tile(np.eye(3), (P, 1, 1)), np.full((P, 3), 3.0), zeros(P, 3), np.full((P, 3), 0.1))
     yield Call("Parts", native.Parts, (solids, *placed))
-    for given in (solids[1:], [sphere, None, box, box], [sphere, 3.0, box, box]):
+    yield Call("Parts that are boxes", native.Parts, ([sphere, None, hull, None], *placed))
+    for given in (solids[1:], [sphere, 3.0, box, box]):
         yield Call("Parts of other solids", native.Parts, (given, *placed), free=((-1, -1),))
-    parts, others = native.Parts(solids, *placed), native.Parts(solids, *placed)
+    parts, others = native.Parts([sphere, None, hull, block], *placed), native.Parts(solids, *placed)
     few = native.Parts(solids[1:], *(a[1:] for a in placed))
+    yield Call("keep", parts.keep, (few, ints(-1, 0, 2, 1)), numbers=(1,))
+    yield Call("keep of more", parts.keep, (few, ints(-1, 0, 3, 1)), free=((-1, -1),))
     moving_args = (zeros(N, M, 3), zeros(N, M), ints(0, -1, 1, 0))
     yield Call("Moving", native.Moving, (parts, *moving_args), numbers=(3,))
     moving = native.Moving(parts, *moving_args)
-    unknown = np.full((N, G, P), -1e9)
+    unknown = np.full(N * G * P, -1e9)
+
+    def rows(n: int = N, g: int = G, p: int = P) -> tuple[np.ndarray, np.ndarray]:
+        return np.arange(n * g + 1) * p, np.tile(np.arange(p), n * g)
 
     def known(n: int = N, g: int = G, p: int = P, of=parts):
-        arrays = (np.full((n, g, p), -1e9), np.full((n, g, p), 1e9), np.full((n, g, p), np.inf))
-        return native.Distances(of, *arrays, zeros(n, g, p, 3), zeros(n, g, p, 3), np.full(p, 1e-3))
+        k = n * g * p
+        arrays = (np.full(k, -1e9), np.full(k, 1e9), np.full(k, np.inf))
+        return native.Distances(
+            of, *arrays, zeros(k, 3), zeros(k, 3), np.full(p, 1e-3), *rows(n, g, p), np.full((n, g), np.inf)
+        )
 
-    distance_args = (parts, unknown, -unknown, unknown.copy(), zeros(N, G, P, 3), zeros(N, G, P, 3), zeros(P))
-    yield Call("Distances", native.Distances, distance_args)
+    pairs_kept = N * G * P
+    distance_args = (
+        parts, unknown, -unknown, unknown.copy(), zeros(pairs_kept, 3), zeros(pairs_kept, 3), zeros(P), *rows(),
+        zeros(N, G),
+    )  # fmt: skip
+    yield Call("Distances", native.Distances, distance_args, numbers=(7, 8))
+    balls = (zeros(N, G, 3), np.ones((N, G)), zeros(P, 3), np.ones((P, 3)))
+    near = (*balls, np.zeros(P, dtype=bool), np.arange(N) < 3, *rows(p=P - 1), ints(0, -1, 1, 2), P - 1)
+    yield Call("near_parts", native.near_parts, near, numbers=(6, 7, 8), any=(0, 1))
+    start, _ = rows(p=P - 1)
+    for name, args in (
+        ("rows that go back", (*near[:6], start[::-1].copy(), *near[7:])),
+        ("rows that begin later", (*near[:6], np.maximum(start, 1), *near[7:])),
+        ("rows of more", (*near[:6], start + np.arange(len(start)), *near[7:])),
+        ("fewer former parts", (*near[:9], P - 2)),
+    ):
+        yield Call(f"near_parts of {name}", native.near_parts, args, free=((-1, -1),))
     narrow = native.Narrowphase(bodies)
     few_moving = native.Moving(parts, moving_args[0][1:], moving_args[1][1:], moving_args[2])
     index = (ints(0, 1, 2, 3, 4, 6), ints(0, 1, 2, 0, 1, 2), ints(0, 1, 2, 3, 0, 1))
@@ -181,11 +205,12 @@ def calls(native) -> Iterator[Call]:
     yield Call("project_rolling", native.project_rolling, (zeros(N, nv), 3), free=((0, 0), (0, 1)))
     for shape in ((0, nv), (N, 2)):
         yield Call("project_rolling", native.project_rolling, (zeros(*shape), 3), free=((-1, -1),))
-    validity_args = (bodies, parts, np.array([[0, 1]]), radius, 0.05)
+    validity_args = (bodies, parts, np.array([[0, 1]]), radius, 0.05, 0.01)
     yield Call("Validity", native.Validity, validity_args, free=((2, 0),), numbers=(2,))
     checker = native.Validity(*validity_args)
     charted = native.Validity(*validity_args).chart(zeros(nv), np.ones(2))
     yield Call("valid", checker.valid, (zeros(nv),))
+    yield Call("each", checker.each, (zeros(N, nv), False, np.zeros(N, dtype=np.int8)))
     yield Call("motion", checker.motion, (zeros(nv), np.full(nv, 0.1), 0.05))
     yield Call("chart", checker.chart, (zeros(nv), np.ones(2)), free=((1, 0),))
     yield Call("motion of a chart", charted.motion, ([0.0, 0.0], [0.1, 0.1], 0.05))
@@ -201,6 +226,32 @@ def calls(native) -> Iterator[Call]:
         ("a long way", checker.motion, (zeros(nv), np.full(nv, 1e300), 0.05)),
     ):
         yield Call(f"validity of {name}", function, args, free=((-1, -1),))
+    among = (np.stack((zeros(nv), np.full(nv, 0.1))), np.ones(2), np.full(2, -3.0), np.full(2, 3.0), zeros(2))
+    search = (*among, 5, 0.05, 0.6, 500, 1.0, 20)
+    yield Call("search", checker.search, search)
+    for name, args in (
+        ("no scale", (among[0], zeros(2), *search[2:])),
+        ("more coordinates", (among[0], *(np.ones(nv + 1) for _ in range(4)), *search[5:])),
+        ("no coordinate", (among[0], *(zeros(0) for _ in range(4)), *search[5:])),
+        ("no step", (*search[:6], 0.0, *search[7:])),
+        ("no range", (*search[:7], 0.0, *search[8:])),
+        ("no end", (*search[:9], np.nan, 20)),
+        ("far away", (1e9 * among[0], *search[1:])),
+    ):
+        yield Call(f"search with {name}", checker.search, args, free=((-1, -1),))
+    yield Call("SphereFilter", native.SphereFilter, (*validity_args[:3], 0.05, 0.01), free=((2, 0),), numbers=(2,))
+    spheres = native.SphereFilter(*validity_args[:3], 0.05, 0.01)
+    yield Call("look", spheres.look, (zeros(11, nv), np.zeros(11, dtype=np.int8)))
+    prover_args = (bodies, parts, np.array([[0, 1]]), radius, zeros(nv, 1))
+    yield Call("PathProof", native.PathProof, prover_args, numbers=(2,))
+    prover = native.PathProof(*prover_args)
+    rows = (zeros(N, nv), zeros(N - 1, nv), 0.01, 0.01, 8, False, np.zeros(N - 1, dtype=np.int8))
+    yield Call("prove by spheres", prover.prove, rows, depth=4)
+    single = (rows[0][:1], rows[1][:0], *rows[2:6], rows[6][:0])
+    yield Call("prove by spheres of one row", prover.prove, single, free=((-1, -1),))
+    yield Call("spheres", native.spheres, (box, 64, 1e-3))
+    for given in ((block, 64, 1e-3), (box, 0, 1e-3), (box, 2**40, 1e-3), (box, 64, np.nan)):
+        yield Call("spheres of others", native.spheres, given, free=((-1, -1),))
     B, D, H, Q = 2, 3, 4, 5
     roll = (zeros(3), zeros(2), zeros(N, 2), zeros(N, 2), zeros(2), zeros(N, 2), zeros(2, 3), ints(*range(N)),
             zeros(N, H, 3))  # fmt: skip
@@ -232,6 +283,32 @@ def calls(native) -> Iterator[Call]:
     yield Call("fastest of nothing", native.fastest, (*nothing, zeros(0), np.ones(m), 0.0, zeros(0)), free=((-1, -1),))
     yield Call("braked of nothing", native.braked, (zeros(N), zeros(N, 0), zeros(N, 0), zeros(0), 0.5, 0.9, zeros(N)),
                free=((-1, -1),))  # fmt: skip
+    rows, columns, directions = 4, 6, 8
+    angle = 2.0 * np.pi * np.arange(directions) / directions
+    outlines = (ints(*range(K)), np.ones((K, directions)), zeros(K, 2), np.column_stack((np.cos(angle), np.sin(angle))))
+    fill = (np.full((rows, columns), -1), zeros(2), 0.5, *outlines)
+    yield Call("fill_outlines", native.fill_outlines, fill, free=((0, 0), (0, 1)))
+    for name, args in (
+        ("no size", (*fill[:2], 0.0, *fill[3:])),
+        ("a size that is no number", (*fill[:2], np.nan, *fill[3:])),
+        ("six directions", (*fill[:4], outlines[1][:, :6].copy(), outlines[2], outlines[3][:6])),
+        ("no direction", (*fill[:4], outlines[1][:, :0].copy(), outlines[2], outlines[3][:0])),
+    ):
+        yield Call(f"fill_outlines of {name}", native.fill_outlines, args, free=((-1, -1),))
+    taken, cells = np.eye(rows, columns) > 0.0, zeros(rows, columns)
+    yield Call("clearance_map", native.clearance_map, (taken, 0.5, cells))
+    yield Call("clearance_map of no size", native.clearance_map, (taken, 0.0, cells), free=((-1, -1),))
+    yield Call("cell_cost", native.cell_cost, (cells, 0.1, 0.3, 12.0, cells.copy()), any=(0,))
+    for inner, comfort, narrow in ((np.nan, 0.3, 12.0), (0.1, 0.0, 12.0), (0.1, np.nan, 12.0), (0.1, 0.3, 0.0)):
+        yield Call("cell_cost of none", native.cell_cost, (cells, inner, comfort, narrow, cells.copy()),
+                   free=((-1, -1),))  # fmt: skip
+    costs = np.ones((rows, columns))
+    yield Call("cheapest_route", native.cheapest_route, (costs, 0, rows * columns - 1), free=((0, 0), (0, 1)), any=(0,))
+    for given in (
+        (costs, 0, costs.size), (costs, costs.size, 0), (costs, -1, 3), (costs[:0], 0, 0), (0.0 * costs, 0, 3),
+        (-costs, 0, 3), (costs * np.linspace(1.0, 1e9, columns), 0, 3), (1e300 * costs, 0, 3), (1e-300 * costs, 0, 3),
+    ):  # fmt: skip
+        yield Call("cheapest_route over no cells or such costs", native.cheapest_route, given, free=((-1, -1),))
 
 
 def spoilt(call: Call) -> Iterator[tuple[str, tuple[object, ...]]]:

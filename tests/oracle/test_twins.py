@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -10,14 +11,19 @@ import twins
 from cases import each_robot, refused
 from numpy.testing import assert_allclose
 
+from elastic_strips.arrays import Array
 from elastic_strips.collision import BodySet, MotionBounds, SelfProximity
 from elastic_strips.native import kernel, twin
+from elastic_strips.planning.goals import HandPose, find_goals
+from elastic_strips.planning.problem import Deadline
+from elastic_strips.planning.tree_search import TreeSpace, search_by_trees
 from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import Kinematics, RobotModel, load_robot
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
 from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.strip.forces import add_elastic, add_posture, add_self_repulsion
 from elastic_strips.strip.solver import BandedSolver, System, project_rolling
+from elastic_strips.work import SECONDS_PER
 
 pytestmark = pytest.mark.skipif(kernel() is None, reason="the native kernel is not compiled here")
 
@@ -153,6 +159,77 @@ def test_the_planner_accepts_the_same_motions() -> None:
         with refused(ValueError, "size"):
             charts[0]([0.0], [0.0], 0.1)
     assert 20 < accepted < 460
+
+
+@pytest.mark.parametrize("name", ["silvermate", "tiago"])
+def test_both_say_which_rows_are_valid_and_where_the_base_is_clear(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(4)
+    space = robot.space
+    for _ in range(3):
+        boxes = [Box(rng.uniform(0.1, 0.5, 3), at=rng.uniform((-1, -1, 0.1), (1, 1, 1.4))) for _ in range(6)]
+        scene = Scene([*boxes, Voxels(rng.uniform(-1.0, 1.0, (9, 3)), 0.1)])
+        rows = space.to_coordinates(robot.home_q) + rng.normal(scale=0.4, size=(40, space.nv))
+        rows[:, 3:] = np.clip(rows[:, 3:], space.lower[3:], space.upper[3:])
+        native = ValidityChecker(robot, scene, margin=0.02, self_margin=0.004)
+        with twin():
+            plain = ValidityChecker(robot, scene, margin=0.02, self_margin=0.004)
+        for base in (False, True):
+            valid = native.each(rows, base=base)
+            np.testing.assert_array_equal(valid, plain.each(rows, base=base))
+            assert valid.any()
+            assert not valid.all()
+        np.testing.assert_array_equal(native.each(rows), [native.at(row) for row in rows])
+        assert (native.each(rows, base=True) >= native.each(rows)).all()
+
+
+def _both_paths(robot: RobotModel, scene: Scene, ends: Array, space: TreeSpace, seed: int) -> tuple[int, int]:
+    """Corners and checks of the path by trees, the same with the kernel and without; no corners where there is none."""
+    native = ValidityChecker(robot, scene, margin=0.01)
+    with twin():
+        plain = ValidityChecker(robot, scene, margin=0.01)
+    if not (native.at(ends[0]) and native.at(ends[1])):
+        return 0, 0
+    paths = []
+    for valid in (native, plain):
+        before, deadline = valid.checks, Deadline(math.inf, 6000 * SECONDS_PER["looks"])
+        path = search_by_trees(valid, ends, space, seed=seed, deadline=deadline, tries=20)
+        paths.append((path, valid.checks - before))
+    (one, checks), (two, others) = paths
+    assert checks == others
+    assert (one is None) == (two is None)
+    if one is None or two is None:
+        return 0, checks
+    np.testing.assert_array_equal(one, two)
+    return len(one), checks
+
+
+def test_trees_find_the_same_path() -> None:
+    robot = load_robot("panda")
+    rng = np.random.default_rng(11)
+    space, corners = robot.space, []
+    home = space.to_coordinates(robot.home_q)
+    for seed in range(20):
+        boxes = [Box(rng.uniform(0.1, 0.3, 3), at=rng.uniform((0.2, -0.6, 0.1), (0.7, 0.6, 0.8))) for _ in range(5)]
+        ends = np.clip(home + rng.normal(size=(2, robot.nv)), space.lower, space.upper)
+        scale = rng.uniform(0.3, 0.6, robot.nv)
+        period = np.where(rng.random(robot.nv) < 0.3, 2.0 * np.pi, 0.0)  # as joints that turn without an end
+        trees = TreeSpace(scale, space.lower * scale, space.upper * scale, period * scale, 0.6, 0.1)
+        corners.append(_both_paths(robot, Scene(boxes), ends, trees, seed)[0])
+    assert sum(count > 2 for count in corners) > 1
+
+
+def test_two_searches_that_race_give_the_same_path_as_one_after_the_other() -> None:
+    robot, boxes = load_robot("panda"), []
+    for y in (-0.3, 0.3):  # two boxes that are open towards the arm and away from it
+        boxes += [Box((0.3, 0.02, 0.4), at=(0.6, y + side, 0.45)) for side in (-0.17, 0.17)]
+        boxes += [Box((0.3, 0.36, 0.02), at=(0.6, y, height)) for height in (0.25, 0.67)]
+    scene, home, space = Scene(boxes), robot.home_q, robot.space
+    goals = [HandPose("panda_hand_tcp", (0.55, y, 0.45)) for y in (-0.3, 0.3)]
+    ends = space.to_coordinates(np.stack([find_goals(robot, scene, home, goal).configurations[0] for goal in goals]))
+    scale = np.full(robot.nv, 0.5)
+    trees = TreeSpace(scale, space.lower * scale, space.upper * scale, np.zeros(robot.nv), 0.6, 0.1)
+    found = [_both_paths(robot, scene, ends, trees, seed) for seed in range(6)]
+    assert sum(count > 2 and checks > 2500 for count, checks in found) > 1
 
 
 def test_arrays_that_could_not_be_written_to_are_refused() -> None:

@@ -70,7 +70,7 @@ def run() -> Run:
 
     def result(name: str, preset: str) -> RunResult:
         if (name, preset) not in done:
-            fewer = {"max_ticks": 60} if name in ROOMS else None
+            fewer = {"max_ticks": 100} if name in ROOMS else None
             done[name, preset] = run_scenario(get_scenario(name), preset=preset, overrides=fewer)
         return done[name, preset]
 

@@ -60,17 +60,27 @@ def test_one_of_older_sources_is_not_used(monkeypatch: pytest.MonkeyPatch, caplo
     assert len(caplog.records) == 1, "it is said, once"
 
 
-def test_one_that_was_compiled_with_other_constants_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("change", ["another value", "one is missing", "other functions"])
+def test_one_of_other_sources_is_not_used(monkeypatch: pytest.MonkeyPatch, change: str) -> None:
+    if native.kernel() is None:
+        pytest.skip("there is no kernel")
+    from elastic_strips import _native
+
     other = ModuleType("elastic_strips._native")
-    other.coal_version = coal.__version__  # type: ignore[attr-defined]
-    other.constants = {"GJK_EXCESS": 2.0 * constants.GJK_EXCESS}  # type: ignore[attr-defined]
+    other.coal_version, other.interface = coal.__version__, _native.interface  # type: ignore[attr-defined]
+    other.constants = dict(_native.constants)  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "elastic_strips._native", other)
     monkeypatch.setattr("elastic_strips._native", other, raising=False)
+    assert native._load()[0] is other
+    if change == "another value":
+        other.constants["GJK_EXCESS"] *= 2.0
+    elif change == "one is missing":
+        del other.constants["GJK_EXCESS"]
+    else:
+        other.interface = "of other stubs"  # type: ignore[attr-defined]
     module, why = native._load()
     assert module is None
-    assert "GJK_EXCESS" in why
-    other.constants = {"GJK_EXCESS": constants.GJK_EXCESS}  # type: ignore[attr-defined]
-    assert native._load()[0] is other
+    assert ("GJK_EXCESS" in why) == (change != "other functions")
 
 
 def test_both_have_the_same_constants() -> None:

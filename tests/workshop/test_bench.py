@@ -66,6 +66,7 @@ def test_a_document_on_standard_output_is_all_there_is(capsys: pytest.CaptureFix
         (("house",), ("house/house.json", "github.com/aws-robotics")),
         (("bridge",), ("bridge/bridge.json", "github.com/SYSU-STAR")),
         (("mbm",), ("mbm", "github.com/KavrakiLab")),
+        (("looks",), ("mbm", "github.com/KavrakiLab")),
     ],
 )
 def test_data_that_is_not_there_is_said_with_where_it_comes_from(

@@ -12,7 +12,9 @@ from cases import each, refused
 from shared_data import shared_data
 
 from elastic_strips.errors import ScenarioError
+from elastic_strips.native import kernel
 from elastic_strips.scene import Box, Cylinder
+from workshop.bench.looks import bench_looks
 from workshop.bench.reach import bench_mbm
 from workshop.reach_problems import load_mbm
 
@@ -66,6 +68,18 @@ def test_the_benchmark_counts(gantry_urdf, tmp_path):
     assert "in collision" in figures["invalid"][0]["reason"]
     assert len(notes) == 5
     assert bench_mbm(tmp_path, "panda", stride=2)["total"] == 3
+
+
+@pytest.mark.skipif(kernel() is None, reason="the native kernel is not compiled here")
+def test_looks_are_right_and_counted(gantry_urdf, tmp_path):
+    problems = [_problem(k, [1.0, 0.1], [CAN]) for k in range(2)]
+    figures = bench_looks(_write(tmp_path, gantry_urdf, problems), "panda", stride=1, each=40)
+    assert figures["wrong"] == 0
+    assert sum(figures["configurations"].values()) == 2 * 2 * 40
+    assert {"bench", "anywhere"} == set(figures["shares"])
+    for shares in figures["shares"].values():
+        assert sum(shares.values()) == pytest.approx(1.0)
+    assert figures["leaves"]["of all"] >= figures["leaves"]["links"]
 
 
 WRONG = {

@@ -406,14 +406,18 @@ def export_robot(folder: Path, robot: RobotModel, problems: Sequence[Problem]) -
         _joint(root, names[column], kind, parent, child, "0 0 1", offset, low[column], high[column])
         frames.append(child)
     (folder / "meshes").mkdir()
-    links = {link.get("name"): link for link in root.iter("link")}
-    owner = []
-    for k, body in enumerate(stated["bodies"]):
-        owner.append("ground" if body["joint"] < 0 else frames[body["joint"]])
+    bodies = []
+    for k, body in enumerate(stated["bodies"]):  # a link each: of two links, some bodies may touch and others not
+        bodies.append(f"body_{k}")
+        joint = xml.SubElement(root, "joint", name=f"of_{bodies[-1]}", type="fixed")
+        xml.SubElement(joint, "origin", _origin(np.eye(3), np.zeros(3)))
+        xml.SubElement(joint, "parent", link="ground" if body["joint"] < 0 else frames[body["joint"]])
+        xml.SubElement(joint, "child", link=bodies[-1])
+        link = xml.SubElement(root, "link", name=bodies[-1])
         for shape in obstacles(folder, f"robot{k}", [body]):
-            _collision(links[owner[-1]], shape)
+            _collision(link, shape)
     _write(root, folder / "robot.urdf")
-    _srdf(folder / "robot.srdf", root, names, owner, stated["pairs"])
+    _srdf(folder / "robot.srdf", root, names, bodies, stated["pairs"])
     return names
 
 
@@ -449,13 +453,13 @@ def _collision(link: xml.Element, shape: Shape) -> None:
         xml.SubElement(geometry, "mesh", filename=f"package://{shape['mesh']}")
 
 
-def _srdf(file: Path, urdf: xml.Element, joints: list[str], owner: list[str], pairs: list[list[int]]) -> None:
-    """All pairs of links are off but those with a pair of bodies that counts."""
+def _srdf(file: Path, urdf: xml.Element, joints: list[str], bodies: list[str], pairs: list[list[int]]) -> None:
+    """All pairs of links are off but those of bodies that count."""
     root = xml.Element("robot", name=urdf.get("name", ""))
     group = xml.SubElement(root, "group", name="all")
     for name in joints:
         xml.SubElement(group, "joint", name=name)
-    on = {frozenset((owner[i], owner[k])) for i, k in pairs}
+    on = {frozenset((bodies[i], bodies[k])) for i, k in pairs}
     links = [str(link.get("name")) for link in urdf.iter("link")]
     for i, one in enumerate(links):
         for two in links[:i]:

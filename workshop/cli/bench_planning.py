@@ -172,19 +172,23 @@ def robots(
     output.write_document("figures", json_file, figures)
 
 
-@click.command(short_help="Reach into shelves, boxes and cages.")
-@root_option(
+_mbm_root = root_option(
     "mbm",
     "in mbm/fetch and mbm/panda, MotionBenchMaker's problems as VAMP ships them (github.com/KavrakiLab/vamp), each "
     "with URDF, SRDF, meshes and problems.json.gz; workshop.reach_problems reads them.",
 )
-@click.option(
+_mbm_arm = click.option(
     "--robot",
     type=options.LateChoice("workshop.reach_problems", "MBM_ROBOTS"),
     default="fetch",
     show_default=True,
     help="The arm.",
 )
+
+
+@click.command(short_help="Reach into shelves, boxes and cages.")
+@_mbm_root
+@_mbm_arm
 @click.option("--stride", type=click.IntRange(1, 1000), default=1, show_default=True, help="Every so many problems.")
 @click.option("--timeout", type=options.Finite(0.01, 600), default=2.0, show_default=True, help="Limit for each [s].")
 @click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the planner.")
@@ -207,12 +211,40 @@ def mbm(root: str, robot: str, stride: int, timeout: float, seed: int, base: str
         low, middle, high = ms["quartiles"]
         row("time", f"p25 {low:.1f}, p50 {middle:.1f}, p75 {high:.1f}, p95 {ms['p95']:.1f}, mean {ms['mean']:.1f} ms")
         row("by the line", f"{figures['by_the_line']}")
-        row("length", f"p50 {figures['length_rad']['p50']:.2f} rad")
+        length = figures["length_rad"]
+        row("length", f"p50 {length['p50']:.2f}, p95 {length['p95']:.2f}, max {length['max']:.2f} rad")
         row("clearance", f"p50 {1e3 * figures['clearance_m']['p50']:.1f} mm")
     for kind, some in figures["kinds"].items():
         row(kind, f"{some['certified']} of {some['valid']}")
     for failure in figures["failures"]:
         row(f"{failure['name']} failed", failure["reason"], False)
+    output.write_document("figures", json_file, figures)
+
+
+@click.command(short_help="What spheres about the links decide.")
+@_mbm_root
+@_mbm_arm
+@click.option("--stride", type=click.IntRange(1, 1000), default=4, show_default=True, help="Every so many problems.")
+@click.option("--each", type=click.IntRange(1, 10_000), default=60, show_default=True, help="Configurations of a sort.")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the configurations.")
+@runs_option
+def looks(root: str, robot: str, stride: int, each: int, seed: int, json_file: str | None) -> None:
+    """Look at configurations near MotionBenchMaker's problems: what spheres decide, and what is left to exact shapes.
+
+    ELASTIC_STRIPS_INSTRUCTIONS=baseline|avx2|avx512 chooses what the spheres are looked at with."""
+    from workshop.bench.looks import bench_looks
+
+    with options.LateProgress("looking", 350 // stride) as bar:
+        figures = bench_looks(root, robot, bar.step, stride=stride, each=each, seed=seed)
+    some, leaves, us = figures["configurations"], figures["leaves"], figures["us_each"]
+    output.say(
+        f"{robot}, {some['valid']} valid and {some['invalid']} invalid configurations, {figures['instructions']}"
+    )
+    row("otherwise than by shapes", str(figures["wrong"]), figures["wrong"] == 0)
+    row("spheres", f"{leaves['of a link']:.0f} of a link, {leaves['of all']} of {leaves['links']}")
+    row("time of each", ", ".join(f"{name} {value:.2f} µs" for name, value in us.items()))
+    for kind, share in figures["shares"].items():
+        row(kind, ", ".join(f"{name} {100 * value:.1f} %" for name, value in share.items()))
     output.write_document("figures", json_file, figures)
 
 

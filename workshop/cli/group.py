@@ -28,6 +28,7 @@ for _command in (
     planning.ik,
     planning.robots,
     planning.mbm,
+    planning.looks,
     planning.peers,
     driving.drive,
     driving.disturb,

@@ -81,7 +81,7 @@ def test_the_verdict_is_that_of_all_samples_and_asks_less(name, request, rng):
             asked[1] += obstacles.narrow.queries + pairs.queries
         verdicts[mine.certified] += 1
     assert min(verdicts.values()) >= 10
-    assert asked[0] < 0.5 * asked[1]
+    assert asked[0] < 0.9 * asked[1]
 
 
 def test_certified_is_free_at_all_times(silvermate, rng):

@@ -8,11 +8,13 @@ import pytest
 from brute_force import SHAPES, configuration, link_distances, make_scene, random_coordinates, random_pose, scene_pieces
 from cases import each, each_robot
 
-from elastic_strips.collision import BodySet, ObstacleProximity
+from elastic_strips.collision import BodySet, ObstacleProximity, obstacles
 from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.collision.narrowphase import GJK_EXCESS
+from elastic_strips.native import twin
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere, Voxels
+from elastic_strips.strip import Deformer, Strip
 
 INFLUENCE = 0.3
 GJK_NOISE = 3e-6
@@ -77,6 +79,72 @@ def start(robot: RobotModel, rng: np.random.Generator, *, nodes: int = 5, count:
     return bench
 
 
+def keep_what_is_near(patches: pytest.MonkeyPatch, *, always: int = 3) -> None:
+    """As in scenes of very many parts: each body keeps those near it, and one floor for all others."""
+    patches.setattr(obstacles, "_FEW_PAIRS", 0)
+    patches.setattr(obstacles, "_ROOM", 0.06)
+    patches.setattr(obstacles, "_MOST_ALWAYS", always)
+
+
+@each("always", [0, 3, 50])
+def test_of_very_many_parts_only_those_near_a_body_are_kept(silvermate, always, monkeypatch):
+    """The same contacts and bounds that hold, whoever moves: nodes, few obstacles or many of them."""
+    rng = np.random.default_rng(3)
+    everything = start(silvermate, rng, nodes=6, count=60)
+    keep_what_is_near(monkeypatch, always=always)
+    near = Bench(silvermate, everything.scene, everything.coordinates)
+    near.update()
+    for turn in range(12):
+        for bench in (everything, near):
+            bench.check(tolerance=bench.proximity.tolerance + GJK_NOISE)
+        one, two = everything.proximity.contacts(), near.proximity.contacts()
+        assert set(zip(one.node, one.body, one.part, strict=True)) ^ set(
+            zip(two.node, two.body, two.part, strict=True)
+        ) <= {
+            at
+            for c in (one, two)
+            for at, d in zip(zip(c.node, c.body, c.part, strict=True), c.distance, strict=True)
+            if d > INFLUENCE - 1e-3
+        }
+        assert len(one) > 10
+        kept = np.isfinite(near.proximity.bound).all() and len(near.proximity._rows)
+        assert 0 < kept < 0.8 * everything.proximity.bound.size
+        step = 0.02 * rng.normal(size=everything.coordinates.shape)
+        coordinates = silvermate.space.integrate(everything.coordinates, step)
+        scene = everything.scene
+        for name in rng.choice(scene.names, (1, 20)[turn % 2], replace=False).tolist():
+            pose = scene.obstacle(name).pose.copy()
+            pose[:3, 3] += 0.02 * rng.normal(size=3)
+            scene = scene.moved(name, pose)
+        for bench in (everything, near):
+            bench.coordinates, bench.scene = coordinates, scene
+            bench.update()
+
+
+def test_far_parts_of_long_segments_are_not_forgotten(silvermate, monkeypatch):
+    """A segment is certified by the bounds at both its ends: what is near to one alone must not be passed over."""
+    rng, certified = np.random.default_rng(8), 0
+    home = silvermate.space.to_coordinates(silvermate.home())
+    for _ in range(16):
+        goal = home.copy()
+        goal[:3] += (rng.uniform(0.3, 2.0), rng.uniform(-0.2, 0.2), rng.uniform(-0.4, 0.4))
+        rows = silvermate.space.interpolate(home[None], goal[None], np.linspace(0.0, 1.0, int(rng.integers(2, 6))))
+        strip = Strip.from_coordinates(silvermate, rows)
+        at = rng.uniform((-1.0, 0.34, 0.1), (3.0, 1.2, 1.2), (80, 3))
+        at[:, 1] *= np.where(rng.random(80) < 0.5, -1.0, 1.0)
+        scene = Scene([Box((0.1, 0.1, 0.1), at=p) for p in at])
+        with monkeypatch.context() as patches:
+            wanted = Deformer(silvermate).certify(strip, scene)
+            keep_what_is_near(patches)
+            found = Deformer(silvermate).certify(strip, scene)
+            with twin():
+                other = Deformer(silvermate).certify(strip, scene)
+        np.testing.assert_array_equal(found.states, wanted.states)
+        np.testing.assert_array_equal(other.states, wanted.states)
+        certified += found.certified
+    assert 2 < certified < 15
+
+
 @each("seed", range(3))
 @each_robot
 def test_equals_brute_force_on_every_shape(robot, seed):
@@ -99,9 +167,12 @@ def test_every_shape_is_met_separated_and_penetrating(silvermate):
     assert met == {(shape, inside) for shape in SHAPES for inside in (True, False)}
 
 
+@pytest.mark.parametrize("many", [False, True])
 @pytest.mark.parametrize("name", ["silvermate", "rover"])
-def test_bounds_hold_through_any_history(name, request):
+def test_bounds_hold_through_any_history(name, many, request, monkeypatch):
     """Small node motions, obstacle motions, insertion and removal, long moves: the bound is never above the truth."""
+    if many:
+        keep_what_is_near(monkeypatch)
     robot, rng = request.getfixturevalue(name), np.random.default_rng(11)
     bench = start(robot, rng, nodes=5, count=14, slack=0.25)
     tolerance = bench.proximity.tolerance + 1e-6
@@ -149,8 +220,8 @@ def test_bounds_of_exact_pairs_survive_large_moves(name, request):
         proximity = ObstacleProximity(BodySet.links(robot), influence=1e-6, slack=5.0)
         kin.update(coordinates)
         proximity.update(kin, scene)
-        everything = [a.ravel() for a in np.indices(proximity.bound.shape)]
-        proximity.refine_at(kin, *everything, np.full(len(everything[0]), 1e3))
+        pairs = proximity.bound.size
+        proximity.refine_at(kin, np.arange(pairs), np.full(pairs, 1e3))
         step = rng.normal(size=coordinates.shape) * rng.uniform(0.01, 0.3)
         step[:, : robot.space.base_nv] *= rng.random((6, robot.space.base_nv)) < 0.3
         coordinates = np.clip(robot.space.integrate(coordinates, step), robot.space.lower, robot.space.upper)
@@ -159,7 +230,7 @@ def test_bounds_of_exact_pairs_survive_large_moves(name, request):
         proximity.update(kin, scene)
         truth = np.array([link_distances(robot, scene, configuration(robot, row)) for row in coordinates])
         assert (proximity.bound <= truth[:, :, proximity.candidates.rows] + GJK_NOISE).all()
-        assert proximity.narrow.queries - asked < 0.7 * len(everything[0])
+        assert proximity.narrow.queries - asked < 0.7 * pairs
 
 
 def test_scenes_come_and_go(silvermate, rng):

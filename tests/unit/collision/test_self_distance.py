@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from elastic_strips.collision import BodySet, MotionBounds, SelfProximity
 from elastic_strips.collision.narrowphase import GJK_EXCESS
 from elastic_strips.collision.self_distance import segment_distance
+from elastic_strips.native import twin
 from elastic_strips.robot import Kinematics, RobotModel
 
 INFLUENCE = 0.08
@@ -211,3 +212,31 @@ def test_contacts_of_nodes_that_were_carried_over_are_where_they_were(silvermate
         same = [where[int(source[n]), int(p)] for n, p in zip(after.node, after.pair, strict=True)]
         for name in ("distance", "direction", "first", "second"):
             np.testing.assert_array_equal(getattr(after, name), getattr(before, name)[same], err_msg=name)
+
+
+@each_robot
+def test_the_node_before_says_of_many_pairs_that_they_are_far_apart(robot, rng):
+    """Bounds from node to node hold, save queries, and hide no pair that is near; the twin makes the same."""
+    start, goal = random_coordinates(robot, rng, 2)
+    rows = robot.space.interpolate(start[None], goal[None], np.linspace(0.0, 0.3, 60))
+    proximity, kin = make(robot), Kinematics(robot.tree, 64)
+    kin.update(rows)
+    proximity.update(kin)
+    check(robot, proximity, rows)
+    alone, single = 0, Kinematics(robot.tree, 1)
+    for k, row in enumerate(rows):
+        one = make(robot)
+        single.update(row[None])
+        one.update(single)
+        alone += one.queries
+        near = one.exact[0] < INFLUENCE
+        np.testing.assert_allclose(proximity.exact[k, near], one.exact[0, near], atol=1e-6)
+        assert not (proximity.exact[k, ~near] < INFLUENCE).any()
+    assert proximity.queries <= alone
+    if alone > 500:
+        assert proximity.queries < 0.95 * alone
+    with twin():
+        other = make(robot)
+        other.update(kin)
+    assert other.queries == proximity.queries
+    np.testing.assert_allclose(other.bound, proximity.bound, atol=1e-9)

@@ -11,7 +11,7 @@ from elastic_strips.scene import Box, Cylinder, Scene
 PILLARS = Scene([Cylinder(0.2, 1.4, at=(x, y, 0.7)) for x, y in ((1.5, 0.1), (3.0, -0.9), (3.0, 0.8), (4.5, 0.0))])
 
 
-def test_each_way_is_of_another_class_and_the_grid_s_is_among_the_cheapest(silvermate) -> None:
+def test_each_way_is_of_another_class_and_the_grid_s_is_the_cheapest(silvermate) -> None:
     start, goal = silvermate.home(), silvermate.home(x=6.0)
     ways = homotopy_paths(silvermate, PILLARS, start, goal, count=8)
     assert len(ways) >= 5
@@ -21,7 +21,7 @@ def test_each_way_is_of_another_class_and_the_grid_s_is_among_the_cheapest(silve
     assert len(clusters) == 4
     best = grid_path(silvermate, PILLARS, start, goal).points
     assert best is not None
-    cheap = [w.homotopy_class for w in ways if w.cost <= 1.05 * ways[0].cost]  # the grid's is found roughly first
+    cheap = [w.homotopy_class for w in ways if w.cost <= (1.0 + 1e-9) * ways[0].cost]
     assert homotopy_class(best, clusters) in cheap
     assert len(cheap) < len(ways)
     centres = np.array([o.pose[:2, 3] for o in PILLARS])

@@ -45,7 +45,7 @@ def test_a_way_round_a_wall_is_found_and_certified(panda, seed, native):
     else:
         with twin():
             report = plan_report(panda, WALL, start, goal, seed=seed, timeout=60.0)
-    assert (report.certified, report.method) == (True, "ompl"), report.reason
+    assert (report.certified, report.method) == (True, "trees"), report.reason
     np.testing.assert_allclose(report.strip.q[[0, -1]], [start, goal], atol=1e-15)
     assert Deformer(panda, DeformParams()).certify(report.strip, WALL).certified
     for q in report.strip.sample(0.05):
@@ -90,14 +90,14 @@ def _sides(robot: RobotModel) -> list[np.ndarray]:
 
 def test_a_search_ends_by_its_work_at_the_same_place(panda):
     """What was checked is work at once, else nothing would end the search; how long it takes does not matter."""
-    found, work = [], 0.4
+    found, work = [], 0.03
     for _ in range(2):
         before = counted()
         report = plan_report(panda, SHUT, *_sides(panda), timeout=np.inf, work=work)
         done = counted() - before
         assert not report.certified
         assert "Try more work" in report.reason
-        assert done.checks > 0
+        assert done.looks > 0
         assert work <= done.seconds < 1.5 * work
         found.append((report.attempts, done))
     assert found[0] == found[1]

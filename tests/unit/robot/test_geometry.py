@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot
-from elastic_strips.coal_shapes import convex_from_vertices, support_points
+from elastic_strips.coal_shapes import convex_from_vertices, support_points, supports
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.geometry import bounding_capsule, convex_shapes, joined_pieces, piece_of
@@ -51,6 +51,16 @@ def surface_points(shape: coal.CollisionGeometry, rng: np.random.Generator, coun
     assert isinstance(shape, coal.Cylinder)
     ring = u[:, :2] / np.linalg.norm(u[:, :2], axis=1)[:, None] * shape.radius
     return np.column_stack((ring, np.sign(u[:, 2]) * shape.halfLength))
+
+
+def test_supports_of_many_shapes_are_those_of_each(rng) -> None:
+    """Of kinds in disorder, each along directions of its own."""
+    shapes = [*SHAPES, convex_from_vertices(rng.normal(size=(12, 3)))] * 3
+    shapes = [shapes[k] for k in rng.permutation(len(shapes))]
+    n = rng.normal(size=(len(shapes), 7, 3))
+    n /= np.linalg.norm(n, axis=2, keepdims=True)
+    np.testing.assert_allclose(supports(shapes, n), [support(s, own) for s, own in zip(shapes, n, strict=True)])
+    assert supports([], n[:0]).shape == (0, 7)
 
 
 @pytest.mark.parametrize("name", ["silvermate", "tiago"])

@@ -151,10 +151,46 @@ def test_derived_table_is_updated_and_not_rebuilt(monkeypatch):
     def fail(obstacles):
         raise AssertionError("the table was rebuilt")
 
+    assert len(Scene(scene.obstacles).without("box").with_obstacle(Sphere(1)).table) == len(scene.table)
     monkeypatch.setattr("elastic_strips.scene.scene._build_table", fail)
     assert len(scene.moved("box", np.eye(4)).moved("cone", np.eye(4)).at(1.0).table) == len(scene.table)
+    assert len(scene.moved("cone", np.eye(4)).without("box").table) == len(scene.table) - 1
     with refused(AssertionError, "rebuilt"):
-        _ = scene.without("box").table
+        _ = Scene(scene.obstacles).without("box").table
+
+
+@each("known", [False, True])
+def test_scenes_that_grow_and_shrink_are_those_made_at_once(known):
+    """Names, places and tables, to the last digit, whether the table was there before or not."""
+    rng = np.random.default_rng(5)
+    scene = mixed(rng)
+    for turn in range(12):
+        if known:
+            assert scene.table is not None
+        if turn % 3 == 2:
+            scene = scene.without(str(rng.choice(scene.names)))
+        else:
+            name = f"new{turn}" if turn % 2 else None
+            quat = rng.normal(size=4)
+            new = Box((0.1, 0.2, 0.3), at=rng.uniform(-3, 3, 3), quat=quat / np.linalg.norm(quat), name=name)
+            scene = scene.with_obstacle(new)
+        whole = Scene(scene.obstacles)
+        check_table(scene)
+        assert scene.names == whole.names == tuple(o.name for o in scene)
+        assert [scene.obstacle(n) is o for n, o in zip(scene.names, scene, strict=True)] == [True] * len(scene)
+        for field in ("obstacle_index", "offsets", "rotation", "translation", "center", "half_extents", "radius"):
+            np.testing.assert_array_equal(getattr(scene.table, field), getattr(whole.table, field))
+        assert scene.table.parts == whole.table.parts
+        assert scene.rows_changed_since(whole) is not None
+
+
+def test_scenes_of_the_same_nameless_obstacles_name_the_same_copies():
+    boxes = [Box((1, 1, 1), at=(k, 0, 0)) for k in range(5)]
+    one, two = Scene(boxes), Scene(boxes)
+    assert [a is b for a, b in zip(one, two, strict=True)] == [True] * 5
+    assert Scene(boxes[1:]).names == ("box-0", "box-1", "box-2", "box-3")
+    assert one.names == ("box-0", "box-1", "box-2", "box-3", "box-4")
+    assert pickle.loads(pickle.dumps(boxes[0])).named("box-0") is not one.obstacles[0]
 
 
 def test_world_box_of_a_turned_part_holds_its_points():

@@ -44,7 +44,7 @@ def test_the_laser_is_all_that_the_planner_knows(silvermate):
 
 def test_a_hand_stays_level_all_the_way(silvermate):
     """A ball hangs where the arm comes by."""
-    ball = Sphere(0.2, at=(1.5, 0.15, 1.15), name="ball")
+    ball = Sphere(0.2, at=(1.5, -0.2, 1.1), name="ball")
     outcome = drive_scenario(scenario(ball), robot=silvermate, level="hand_frame", time_limit=40.0)
     assert outcome.reached, outcome.result.reason
     assert not outcome.evaluation.contacts
