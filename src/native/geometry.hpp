@@ -27,6 +27,17 @@ struct Failure : std::runtime_error {
   const char* name;
 };
 
+// A distance that is asked for, or one that is far below any where two are so deep in each other that Coal finds none:
+// whoever only wants to know whether they are far enough apart is answered by that.
+template <typename Ask>
+double or_deep(const Ask& ask) {
+  try {
+    return ask();
+  } catch (const Failure&) {
+    return -FAR;
+  }
+}
+
 // Many boxes in one of Coal's trees, in the frame of the part that they make up.
 struct Block {
   std::vector<std::unique_ptr<coal::CollisionObject>> members;

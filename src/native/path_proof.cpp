@@ -50,9 +50,10 @@ double PathProof::exact(const SphereOpen& open, const double* row, bool& placed,
   }
   const Frames frames{T_.data(), nullptr, 1};
   ++queries;
-  const double d =
-      open.self ? self_.query(frames, 0, open.body) : ask.exact(0, open.body, open.other, nullptr).distance;
-  return d - GJK_EXCESS;
+  return or_deep([&] {
+           return open.self ? self_.query(frames, 0, open.body) : ask.exact(0, open.body, open.other, nullptr).distance;
+         }) -
+         GJK_EXCESS;
 }
 
 void PathProof::prove(const double* rows, const double* v, std::size_t n, double clearance, double self_clearance,

@@ -157,7 +157,7 @@ bool Validity::clear_of_itself(const Frames& frames, std::size_t pair) {
     const Vec3 n = R * axis.normal;
     if (extent(frames, one, n) + extent(frames, two, -n) < -self_margin_) return true;
   }
-  if (self_.query(frames, 0, number) <= self_margin_) return false;
+  if (!(or_deep([&] { return self_.query(frames, 0, number); }) > self_margin_)) return false;
   axis.normal = R.transpose() * self_.solver().normal();
   return true;
 }
@@ -169,8 +169,12 @@ bool Validity::apart(const Frames& frames, Queries& ask, std::size_t body, std::
   Axis& axis = axes_[body * parts_.count() + part];
   const double room = margin_ - bodies_->skin;
   if (!axis.normal.isZero() && -axis.reach - extent(frames, body, axis.normal) > room) return true;
-  const Found found = ask.exact(0, body, part, nullptr);
-  if (found.distance <= margin_) return false;
+  Found found{};
+  const double distance = or_deep([&] {
+    found = ask.exact(0, body, part, nullptr);
+    return found.distance;
+  });
+  if (!(distance > margin_)) return false;
   const auto& shape = parts_.solids[part].shape;
   if (!shape) return true;  // a block has no one direction
   axis.normal = -found.direction;
