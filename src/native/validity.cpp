@@ -170,6 +170,7 @@ bool Validity::apart(const Frames& frames, Queries& ask, std::size_t body, std::
   const double room = margin_ - bodies_->skin;
   if (!axis.normal.isZero() && -axis.reach - extent(frames, body, axis.normal) > room) return true;
   Found found{};
+  found.direction.setZero();
   const double distance = or_deep([&] {
     found = ask.exact(0, body, part, nullptr);
     return found.distance;
