@@ -57,8 +57,9 @@ def _other_sources(native: ModuleType) -> str:
     interface = sha256(stubs.read_bytes()).hexdigest() if stubs.is_file() else None
     if interface is not None and getattr(native, "interface", "") != interface:
         return "compiled from sources that offer other functions"
+    theirs = getattr(native, "constants", {})
     for name in sorted(name for name in vars(constants) if name.isupper()):
-        value, mine = native.constants.get(name), getattr(constants, name)
+        value, mine = theirs.get(name), getattr(constants, name)
         if value != mine:
             return f"compiled with {name} = {value}, and here it is {mine}"
     return ""

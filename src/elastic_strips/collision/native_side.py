@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from .bounds import BodySet, MotionBounds
     from .candidates import MovingParts, NodePrediction
 
-_MOST_HALVINGS = 10  # of a segment that spheres are to prove
+MOST_HALVINGS = 10
+"""Of a segment that spheres are to prove."""
 
 
 def native_bodies(bodies: BodySet, kept: list[_native.Bodies]) -> _native.Bodies | None:
@@ -84,6 +85,7 @@ def proven_segments(
     *,
     clearance: float,
     self_clearance: float,
+    depth: int = MOST_HALVINGS,
     all: bool = False,
 ) -> Mask | None:
     """Segments (N-1,) between rows (N, nv) with tangents (N-1, nv) that spheres about the links prove; None without a
@@ -95,6 +97,7 @@ def proven_segments(
         self_pairs: (S, 2) pairs of links that have to stay apart.
         rows, v: the path.
         clearance, self_clearance: distances [m] to prove.
+        depth: most halvings of a segment. A certificate with one more halves as finely, and proves all of this too.
         all: whether nothing is wanted but a proof of all of them.
     """
     module, bodies = kernel(), bounds.bodies.native()
@@ -104,7 +107,7 @@ def proven_segments(
     pairs = np.ascontiguousarray(self_pairs, dtype=np.intp)
     proof = module.PathProof(bodies, parts, pairs, *by_rows(bounds.of_motion, bounds.pair_radius(pairs)))
     states = np.ones(len(v), dtype=np.int8)
-    checks, queries = proof.prove(*by_rows(rows, v), clearance, self_clearance, _MOST_HALVINGS, all, states)
+    checks, queries = proof.prove(*by_rows(rows, v), clearance, self_clearance, depth, all, states)
     count_work(pairs=checks * len(bounds.bodies), queries=queries)
     return states == 0
 

@@ -169,10 +169,8 @@ class ObstacleProximity(OneThread):
             self._rebuild(kin, scene, columns, carry=same)
             columns = None
         self._predict(prediction, columns)
-        if (
-            not self._rows.full and not (self._floor > self.influence).all()
-        ):  # those that soon need it as well, so that it is not often
-            self._look_again(self._below(self.influence + 0.5 * _ROOM))
+        if not self._rows.full and not (self._floor > self.influence).all():
+            self._look_again(self._below(self.influence + 0.5 * _ROOM))  # what soon needs it as well: it is not often
         self.refine(kin)
 
     def _follow(self, kin: Kinematics) -> bool:

@@ -65,6 +65,7 @@ def search_by_trees(
         deadline: when everything must end.
         tries: most tries to shorten the path.
     """
+    seed %= _DRAWN_BITS
     if valid.native is not None:
         ends, scale, low, high, period = by_rows(endpoints, space.scale, space.low, space.high, space.period)
         most, seconds = int(min(deadline.looks_left, 2**62)), deadline.time_left

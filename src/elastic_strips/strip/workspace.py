@@ -19,7 +19,7 @@ from elastic_strips.collision import (
     SelfProximity,
 )
 from elastic_strips.collision.candidates import NodePrediction
-from elastic_strips.collision.native_side import proven_segments
+from elastic_strips.collision.native_side import MOST_HALVINGS, proven_segments
 from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.ownership import OneThread, exclusive
@@ -257,6 +257,7 @@ class Workspace(OneThread):
             v,
             clearance=self.params.clearance,
             self_clearance=self.params.self_clearance,
+            depth=min(MOST_HALVINGS, self.params.certificate_depth - 1),  # what it proves, :meth:`certify` does
             all=True,
         )
         return proven is not None and bool(proven.all())

@@ -53,6 +53,25 @@ def test_a_way_round_a_wall_is_found_and_certified(panda, seed, native):
         assert self_distances(panda, q).min() > 0.0
 
 
+@each("depth", [1, 2, 3, 4, 12])
+def test_what_is_certified_as_it_was_found_is_so_by_its_own_certificate(panda, depth):
+    """A certificate that may halve a segment only a few times proves less, and so do the spheres before it."""
+    params = DeformParams(certificate_depth=depth)
+    report = plan_report(panda, WALL, *_ends(panda), params=params, timeout=5.0)
+    assert report.report.certified == report.certified
+    if report.certified:
+        assert Deformer(panda, params).certify(report.strip, WALL).certified
+
+
+@each("seed", [2**64 - 1, 2**64, 2**70 + 3])
+def test_any_seed_will_do(panda, seed):
+    start, goal = _ends(panda)
+    report = plan_report(panda, WALL, start, goal, seed=seed, timeout=60.0)
+    assert report.certified, report.reason
+    same = plan_report(panda, WALL, start, goal, seed=seed, timeout=60.0)
+    np.testing.assert_array_equal(report.strip.q, same.strip.q)
+
+
 def test_equal_seeds_give_equal_paths(panda):
     start, goal = _ends(panda)
     one, two = (plan_report(panda, WALL, start, goal, seed=3, timeout=60.0) for _ in range(2))
