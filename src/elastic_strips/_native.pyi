@@ -266,6 +266,7 @@ class PathProof:
         all: bool,
         states: npt.NDArray[np.int8],
     ) -> tuple[int, int]: ...
+    def least(self, rows: Array, v: Array, tolerance: float) -> tuple[float, int, int]: ...
 
 def roll_out(
     start: Array,

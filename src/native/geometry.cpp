@@ -27,6 +27,12 @@ static std::shared_ptr<coal::ShapeBase> of_kind(const std::string& kind, const s
   throw std::invalid_argument("no shape of kind '" + kind + "' with " + std::to_string(s.size()) + " sizes");
 }
 
+double reach_of(const coal::ShapeBase& shape, const Vec3& direction) {
+  int hint = 0;
+  return direction.dot(
+      coal::details::getSupport<coal::details::SupportOptions::WithSweptSphere>(&shape, direction, hint));
+}
+
 static Solid finished(std::shared_ptr<coal::ShapeBase> shape, double swept) {
   shape->setSweptSphereRadius(swept);
   shape->computeLocalAABB();

@@ -38,6 +38,9 @@ double or_deep(const Ask& ask) {
   }
 }
 
+// The largest component of a shape's points along a direction in its own frame.
+double reach_of(const coal::ShapeBase& shape, const Vec3& direction);
+
 // Many boxes in one of Coal's trees, in the frame of the part that they make up.
 struct Block {
   std::vector<std::unique_ptr<coal::CollisionObject>> members;

@@ -553,6 +553,14 @@ void bind_validity(nb::module_& m) {
                               states.data());
              return std::make_pair(self.proof.checks - checks, self.proof.queries - queries);
            });
+  unlocked(prover, "least", [](Prover& self, Reals rows, Reals v, double tolerance) {
+    Sizes(self.proof.tree())("nv Nv", rows, v);
+    require(rows.shape(0) > 1, "a path without a segment");
+    require(tolerance > 0.0, "a tolerance of nothing");
+    const std::size_t checks = self.proof.checks, queries = self.proof.queries;
+    const double least = self.proof.least(rows.data(), v.data(), rows.shape(0), tolerance);
+    return std::make_tuple(least, self.proof.checks - checks, self.proof.queries - queries);
+  });
   m.attr("instructions") = SphereFilter::instructions();
   nb::class_<Filter> filter(m, "SphereFilter");
   filter.def("__init__", [](Filter* self, std::shared_ptr<Bodies> bodies, const Kept<Parts>& parts, Numbers self_pairs,

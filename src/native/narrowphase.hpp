@@ -19,6 +19,12 @@ struct Parts {
   std::size_t count() const { return solids.size(); }
   // The solid of a part: where none was given, the box about it. For whoever has the parts for himself.
   const Solid& solid(std::size_t part) const;
+  // How far a part that is one convex shape, and was asked for before, reaches along a direction in the world.
+  double extent(std::size_t part, const Vec3& direction) const {
+    const Mat3 R = Eigen::Map<const Mat3>(rotation + 9 * part);
+    return direction.dot(Vec3(Eigen::Map<const Vec3>(translation + 3 * part))) +
+           reach_of(*solids[part].shape, R.transpose() * direction);
+  }
   static inline std::atomic<std::size_t> stamps = 0;
 };
 

@@ -22,6 +22,10 @@ class PathProof {
   void prove(const double* rows, const double* v, std::size_t n, double clearance, double self_clearance, int depth,
              bool all, std::int8_t* states);
 
+  // The least distance from all parts along the rows, at most `tolerance` [m] below the true one. Throws Failure where
+  // two are so deep in each other that there is none.
+  double least(const double* rows, const double* v, std::size_t n, double tolerance);
+
   const Tree& tree() const { return bodies_->tree; }
   std::size_t checks = 0, queries = 0;
 
@@ -31,6 +35,14 @@ class PathProof {
     double low, high;
     int depth;
     std::vector<std::uint32_t> bodies, pairs;  // what is open
+    std::vector<double> speed;                 // bounds on how fast points of these bodies move [m]
+    double half() const { return 0.5 * (high - low); }
+  };
+  // How a body moves at the middle of a piece, and a bound on how far it turns in all of it, by those motions that do
+  // not move another body likewise.
+  struct Motion {
+    Vec3 linear = Vec3::Zero(), angular = Vec3::Zero();
+    double turning = 0.0;
   };
   struct Asked {
     const double *rows, *v;
@@ -38,9 +50,17 @@ class PathProof {
     int depth;
     bool all;
   };
-  bool look(Piece* now, std::size_t filled, Piece* of, std::int8_t* states);
-  bool rest_is_clear(const double* row, double clearance, double self_clearance);
-  double exact(const SphereOpen& open, const double* row, bool& placed, Queries& ask);
+  void at(const double* row, Queries& ask);
+  Found exact(const SphereOpen& open, Queries& ask);
+  bool rest_is_clear(Queries& ask);
+  static void divide(const Piece& piece, Piece* now);
+  void open_in(const Piece* now, std::size_t filled, Piece* of, double room, double own);
+  double speed_in(const Piece& piece, std::size_t body, const Frames& frames, double known);
+  Motion motion_in(const Piece& piece, std::size_t body, std::size_t other, const Frames& frames) const;
+  double lowest(const Motion& motion, double t, std::size_t body, const Vec3& normal, const Frames& frames) const;
+  double beyond_plane(const Piece& piece, const SphereOpen& open, double move, const Vec3& normal,
+                      const Frames& at) const;
+  bool look(Piece* now, std::size_t filled, Piece* of, Queries& ask, std::int8_t* states);
 
   std::shared_ptr<const Bodies> bodies_;
   Narrowphase narrow_;
@@ -50,7 +70,8 @@ class PathProof {
   const double* self_radius_;
   SphereFilter filter_;
   Aligned grown_, pair_grown_;
-  std::vector<double> T_, rows_, travel_, self_travel_;  // (N-1, G), (N-1, S)
+  std::vector<double> T_, J_, rows_, v_, speed_, self_travel_;  // of one node; (8, nv), (nv), (G, 8), (N-1, S)
+  std::vector<std::uint32_t> moved_;                            // bodies that joints move
   std::vector<Piece> todo_;
   Asked ask_{};
 };

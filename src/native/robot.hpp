@@ -94,6 +94,14 @@ struct Bodies {
     }
     t = moved(T, &translation[body * 3]);
   }
+
+  // How far a body reaches along a direction in the world.
+  double extent(const Frames& frames, std::size_t node, std::size_t body, const Vec3& direction) const {
+    Mat3 R;
+    Vec3 t;
+    placement(frames, node, body, R, t);
+    return direction.dot(t) + reach_of(*solids[body].shape, R.transpose() * direction);
+  }
 };
 
 // How far bodies move between configurations; see MotionBounds.

@@ -1,7 +1,5 @@
 #include "validity.hpp"
 
-#include <coal/narrowphase/support_functions.h>
-
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -9,13 +7,6 @@
 namespace strips {
 
 constexpr double kMostSteps = 1e9;  // looked at along one motion
-
-// The largest component of a shape's points along a direction in its own frame.
-static double reach_of(const coal::ShapeBase& shape, const Vec3& direction) {
-  int hint = 0;
-  return direction.dot(
-      coal::details::getSupport<coal::details::SupportOptions::WithSweptSphere>(&shape, direction, hint));
-}
 
 Validity::Validity(std::shared_ptr<const Bodies> bodies, const Parts& parts, std::vector<std::int64_t> self_pairs,
                    const double* radius, double margin, double self_margin)
@@ -137,14 +128,6 @@ bool Validity::motion(const double* a, const double* b, double step) {
   return filled == 0 || looked_at();
 }
 
-// How far a body reaches along a direction in the world.
-double Validity::extent(const Frames& frames, std::size_t body, const Vec3& direction) {
-  Mat3 R;
-  Vec3 t;
-  bodies_->placement(frames, 0, body, R, t);
-  return direction.dot(t) + reach_of(*bodies_->solids[body].shape, R.transpose() * direction);
-}
-
 bool Validity::clear_of_itself(const Frames& frames, std::size_t pair) {
   const std::int64_t number = static_cast<std::int64_t>(pair);
   if (self_.lower_bound(frames, 0, number) > self_margin_) return true;
@@ -155,7 +138,7 @@ bool Validity::clear_of_itself(const Frames& frames, std::size_t pair) {
   Axis& axis = self_axes_[pair];
   if (!axis.normal.isZero()) {
     const Vec3 n = R * axis.normal;
-    if (extent(frames, one, n) + extent(frames, two, -n) < -self_margin_) return true;
+    if (bodies_->extent(frames, 0, one, n) + bodies_->extent(frames, 0, two, -n) < -self_margin_) return true;
   }
   if (!(or_deep([&] { return self_.query(frames, 0, number); }) > self_margin_)) return false;
   axis.normal = R.transpose() * self_.solver().normal();
@@ -168,7 +151,7 @@ bool Validity::apart(const Frames& frames, Queries& ask, std::size_t body, std::
   if (capsule_bound(*bodies_, one, two, body, parts_, part, nullptr, 0.0) > margin_) return true;
   Axis& axis = axes_[body * parts_.count() + part];
   const double room = margin_ - bodies_->skin;
-  if (!axis.normal.isZero() && -axis.reach - extent(frames, body, axis.normal) > room) return true;
+  if (!axis.normal.isZero() && -axis.reach - bodies_->extent(frames, 0, body, axis.normal) > room) return true;
   Found found{};
   found.direction.setZero();
   const double distance = or_deep([&] {
@@ -179,9 +162,7 @@ bool Validity::apart(const Frames& frames, Queries& ask, std::size_t body, std::
   const auto& shape = parts_.solids[part].shape;
   if (!shape) return true;  // a block has no one direction
   axis.normal = -found.direction;
-  const Mat3 R = Eigen::Map<const Mat3>(parts_.rotation + 9 * part);
-  axis.reach = found.direction.dot(Vec3(Eigen::Map<const Vec3>(parts_.translation + 3 * part))) +
-               reach_of(*shape, R.transpose() * found.direction);
+  axis.reach = parts_.extent(part, found.direction);
   return true;
 }
 

@@ -41,7 +41,6 @@ class Validity {
   bool rest_is_clear(const Frames& frames);
   bool apart(const Frames& frames, Queries& ask, std::size_t body, std::size_t part);
   bool clear_of_itself(const Frames& frames, std::size_t pair);
-  double extent(const Frames& frames, std::size_t body, const Vec3& direction);
 
   std::shared_ptr<const Bodies> bodies_;
   Narrowphase narrow_;

@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
@@ -37,7 +37,7 @@ from elastic_strips.collision.native_side import proven_segments
 from elastic_strips.planning.validity import ValidityChecker
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene
-from elastic_strips.strip import Deformer, DeformParams, Strip
+from elastic_strips.strip import Deformer, DeformParams, Strip, strip_clearance
 
 Array = npt.NDArray[np.float64]
 
@@ -50,8 +50,9 @@ _BASES = ("fixed", "omni", "diff_drive")
 _SHAPES = ("box", "sphere", "cylinder", "capsule", "cone", "convex", "plate", "pole", "mesh", "voxels")
 _OFTEN = np.array([4, 4, 4, 4, 2, 4, 3, 3, 0.5, 0.2])
 KINDS = ("chain", "again", "others", "edge", "self", "self edge", "timed", "timed edge")
-BY_SPHERES = ("spheres", "spheres edge", "single")
-"""Where spheres about the links take a part: segments that they prove, and single configurations of a planner."""
+BY_SPHERES = ("spheres", "spheres edge", "spheres self", "least", "single")
+"""Where spheres about the links take a part: segments that they prove, also by the measured least distance, and single
+configurations of a planner."""
 _SIGNS = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
 
 
@@ -407,20 +408,24 @@ class Attack:
         certificate = self.deformer.certify(strip, empty)
         for j, (a, b) in enumerate(pairwise(strip.q)):
             self.note("self", bool(certificate.segments[j]), a, b)
-        for row in strip.coordinates[: count // 8]:
+        ways: tuple[tuple[str, Callable[[Strip], bool]], ...] = (
+            ("self edge", lambda strip: self.deformer.certify(strip, empty).certified),
+            ("spheres self", lambda strip: bool(self.proven(strip, empty).all())),
+        )
+        for row, (kind, holds) in product(strip.coordinates[: count // 8], ways):
             v = self.motion()
             v[space.base_nv :] = self.rng.uniform(-1.5, 1.5, space.nv - space.base_nv)
             low, high = 0.0, 1.0
             for _ in range(12):
                 middle = 0.5 * (low + high)
                 end = np.clip(space.integrate(row, middle * v), space.lower, space.upper)
-                if self.deformer.certify(Strip.from_coordinates(self.robot, np.stack((row, end))), empty).certified:
+                if holds(Strip.from_coordinates(self.robot, np.stack((row, end)))):
                     low = middle
                 else:
                     high = middle
             if low > 0.0:
                 end = np.clip(space.integrate(row, low * v), space.lower, space.upper)
-                self.note("self edge", True, *(configuration(self.robot, r) for r in (row, end)))
+                self.note(kind, True, *(configuration(self.robot, r) for r in (row, end)))
 
     def proven(self, strip: Strip, scene: Scene) -> npt.NDArray[np.bool_]:
         """Segments that spheres about the links prove; none without the native kernel."""
@@ -463,6 +468,9 @@ class Attack:
         nearest, holds = next(put)
         self.checker.take(nearest, self.params.clearance, self.params.self_clearance)
         self.note("spheres edge", holds, *strip.q)
+        least = strip_clearance(strip, nearest)
+        self.checker.take(nearest, least, self.params.self_clearance)
+        self.note("least", True, *strip.q)
 
     def timed(self, count: int, kind: str) -> None:
         """A motion among movers, each of which does the worst that is assumed of it."""

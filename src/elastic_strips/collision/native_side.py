@@ -7,7 +7,8 @@ is of other objects than are there, so that nobody has to say when one was repla
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -100,16 +101,56 @@ def proven_segments(
         depth: most halvings of a segment. A certificate with one more halves as finely, and proves all of this too.
         all: whether nothing is wanted but a proof of all of them.
     """
-    module, bodies = kernel(), bounds.bodies.native()
-    if module is None or bodies is None:
-        return None
-    parts = scene_parts(scene)
-    pairs = np.ascontiguousarray(self_pairs, dtype=np.intp)
-    proof = module.PathProof(bodies, parts, pairs, *by_rows(bounds.of_motion, bounds.pair_radius(pairs)))
-    states = np.ones(len(v), dtype=np.int8)
-    checks, queries = proof.prove(*by_rows(rows, v), clearance, self_clearance, depth, all, states)
+    with _path_proof(bounds, scene, self_pairs) as proof:
+        if proof is None:
+            return None
+        states = np.ones(len(v), dtype=np.int8)
+        checks, queries = proof.prove(*by_rows(rows, v), clearance, self_clearance, depth, all, states)
     count_work(pairs=checks * len(bounds.bodies), queries=queries)
     return states == 0
+
+
+def least_distance(bounds: MotionBounds, scene: Scene, rows: Array, v: Array, *, tolerance: float) -> float | None:
+    """The least distance [m] to obstacles along rows (N, nv) with tangents (N-1, nv), at most ``tolerance`` below the
+    true one; None without a kernel.
+    """
+    with _path_proof(bounds, scene, None) as proof:
+        if proof is None:
+            return None
+        least, checks, queries = proof.least(*by_rows(rows, v), tolerance)
+    count_work(pairs=checks * len(bounds.bodies), queries=queries)
+    return least
+
+
+_LAST_PROOF: list[tuple[Array, _native.Parts, Indices, _native.PathProof]] = []
+
+
+@contextmanager
+def _path_proof(bounds: MotionBounds, scene: Scene, self_pairs: Indices | None) -> Iterator[_native.PathProof | None]:
+    """The kernel's proof of paths among a scene and some self pairs, or any where there are None.
+
+    The last one is kept. Whoever uses it takes it away meanwhile, so that two threads never share it.
+    """
+    module, bodies = kernel(), bounds.bodies.native()
+    if module is None or bodies is None:
+        yield None
+        return
+    parts = scene_parts(scene)
+    try:
+        radius, among, pairs, proof = _LAST_PROOF.pop()
+    except IndexError:
+        radius = None
+    if (
+        radius is not bounds.of_motion
+        or among is not parts
+        or not (self_pairs is None or self_pairs is pairs or np.array_equal(self_pairs, pairs))
+    ):
+        pairs = (
+            np.empty((0, 2), dtype=np.intp) if self_pairs is None else np.ascontiguousarray(self_pairs, dtype=np.intp)
+        )
+        proof = module.PathProof(bodies, parts, pairs, *by_rows(bounds.of_motion, bounds.pair_radius(pairs)))
+    yield proof
+    _LAST_PROOF[:] = [(bounds.of_motion, parts, pairs, proof)]
 
 
 class NativeNarrowphase:

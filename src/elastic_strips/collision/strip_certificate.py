@@ -27,6 +27,7 @@ from .certificate import (
     SelfPairs,
     half_turn,
 )
+from .native_side import least_distance
 from .obstacles import ObstacleProximity
 from .self_distance import SelfProximity
 
@@ -290,6 +291,10 @@ def coordinate_clearance(robot: RobotModel, coordinates: Array, scene: Scene, *,
         return float("inf")
     bodies, v = BodySet.links(robot), robot.space.difference(coordinates[:-1], coordinates[1:])
     bounds = MotionBounds(bodies)
+    if not robot.space.half_turn(v).any():
+        least = least_distance(bounds, scene, coordinates, v, tolerance=tolerance)
+        if least is not None:
+            return least
     kin = Kinematics(bodies.tree, len(coordinates))
     kin.update(coordinates)
     travel = bounds.travel(v)
