@@ -176,7 +176,7 @@ class SelfDistances:
 class SelfPairs:
     def __init__(self, bodies: Bodies, pairs: Indices) -> None: ...
     def update(
-        self, T: Array, coordinates: Array, before: Array, radius: Array, reach: float, distances: SelfDistances
+        self, T: Array, coordinates: Array, before: Array, radius: Array, reach: Array, distances: SelfDistances
     ) -> tuple[int, int]: ...
     def certify(
         self,

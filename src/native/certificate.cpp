@@ -280,8 +280,8 @@ static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t nod
   Eigen::Map<Vec3>(d.second + 3 * k) = R * b;
 }
 
-void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinates, PairRadii& radii, double reach,
-                 SelfDistances& d) {
+void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinates, PairRadii& radii,
+                 const double* reach, SelfDistances& d) {
   const Bodies& bodies = pairs.bodies();
   const std::size_t nv = static_cast<std::size_t>(bodies.tree.nv);
   std::vector<Vec3> ends(2 * bodies.size());
@@ -290,11 +290,11 @@ void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinat
     const double* travel = nullptr;
     for (std::size_t s = 0; s < d.pairs; ++s) {
       const std::size_t k = n * d.pairs + s;
-      if (!(d.bound[k] < reach && d.since[k] > d.tolerance)) continue;
+      if (!(d.bound[k] < reach[s] && d.since[k] > d.tolerance)) continue;
       if (n > 0 && d.bound[k] <= -0.5 * FAR) {
         if (travel == nullptr) travel = radii.travel(coordinates + (n - 1) * nv, coordinates + n * nv).data();
         const double known = d.bound[k - d.pairs] - travel[s];
-        if (known >= reach) {
+        if (known >= reach[s]) {
           d.bound[k] = known;
           d.since[k] = FAR;
           d.exact[k] = INFINITY;
@@ -305,7 +305,7 @@ void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinat
         for (std::size_t g = 0; g < bodies.size(); ++g) bodies.ends_at(frames, n, g, ends[2 * g], ends[2 * g + 1]);
         placed = true;
       }
-      self_measure(pairs, frames, n, s, pairs.lower_bound(ends, static_cast<std::int64_t>(s)), reach, d);
+      self_measure(pairs, frames, n, s, pairs.lower_bound(ends, static_cast<std::int64_t>(s)), reach[s], d);
     }
   }
 }

@@ -147,10 +147,10 @@ class PairRadii {
 void self_drift(const double* coordinates, const double* before, std::size_t nv, PairRadii& radii,
                 SelfDistances& distances);
 
-// Make exact what is below `reach` and has moved by more than the tolerance since it was measured. Of what nothing is
-// known yet, the node before may say enough: less how far the two can have come nearer from there.
-void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinates, PairRadii& radii, double reach,
-                 SelfDistances& distances);
+// Make exact what is below `reach` (S) and has moved by more than the tolerance since it was measured. Of what nothing
+// is known yet, the node before may say enough: less how far the two can have come nearer from there.
+void self_refine(SelfPairs& pairs, const Frames& frames, const double* coordinates, PairRadii& radii,
+                 const double* reach, SelfDistances& distances);
 
 // Make a single pair exact whose bound is below `reach` and may be stale.
 void self_refine_at(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double reach,

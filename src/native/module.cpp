@@ -411,14 +411,14 @@ void bind_distances(nb::module_& m) {
     new (self) SelfPairs(bodies, pairs);
   });
   unlocked(selfPairs, "update",
-           [](SelfPairs& self, Reals T, Reals coordinates, Reals before, Reals radius, double reach,
+           [](SelfPairs& self, Reals T, Reals coordinates, Reals before, Reals radius, Reals reach,
               Kept<SelfDistances>& distances) {
              const auto inside = enter(self);
-             Sizes(self).has(distances)("?j>n34 nv ?nv vs", T, coordinates, before, radius);
+             Sizes(self).has(distances)("?j>n34 nv ?nv vs s", T, coordinates, before, radius, reach);
              self.counts = {};
              PairRadii radii(self.bodies().tree, radius.data(), self.size());
              self_drift(coordinates.data(), before.data(), coordinates.shape(1), radii, distances);
-             self_refine(self, frames_of(T), coordinates.data(), radii, reach, distances);
+             self_refine(self, frames_of(T), coordinates.data(), radii, reach.data(), distances);
              return counted(self.counts);
            });
   unlocked(selfPairs, "certify",

@@ -3,8 +3,11 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <memory>
 
 namespace strips {
+
+constexpr Eigen::Index kColumns = 8;  // that are solved for together
 
 namespace {
 
@@ -148,25 +151,46 @@ void solve(const System& s, const double* damping, double* delta) {
   const auto part = [&](std::size_t node) { return Eigen::Map<Eigen::VectorXd>(delta + node * nv, nv); };
   std::fill(delta, delta + n * nv, 0.0);
   if (n < 3) return;
-  std::vector<Eigen::LLT<Matrix>> L(n);  // L Lᵀ of each inner block, and L⁻¹ U
-  std::vector<Matrix> W(n);
+  const std::unique_ptr<double[]> factors(new double[2 * n * nv * nv]);  // of each inner block L of L Lᵀ, and L⁻¹ U
+  const auto L = [&](std::size_t i) { return Eigen::Map<Matrix>(&factors[2 * i * nv * nv], nv, nv); };
+  const auto W = [&](std::size_t i) { return Eigen::Map<Matrix>(&factors[(2 * i + 1) * nv * nv], nv, nv); };
+  std::vector<Eigen::Index> first(nv, 0);  // of the columns from k on, the first row of L⁻¹ U that is not 0
   for (std::size_t i = 1; i + 1 < n; ++i) {
-    Matrix D = Eigen::Map<const Matrix>(s.diagonal + i * nv * nv, nv, nv);
+    auto D = L(i);
+    D = Eigen::Map<const Matrix>(s.diagonal + i * nv * nv, nv, nv);
     D.diagonal() += Eigen::Map<const Eigen::VectorXd>(damping, nv);
     part(i) = Eigen::Map<const Eigen::VectorXd>(s.force + i * nv, nv);
     if (i > 1) {
-      D.noalias() -= W[i - 1].transpose() * W[i - 1];
-      part(i).noalias() -= W[i - 1].transpose() * part(i - 1);
+      const auto before = W(i - 1);
+      for (Eigen::Index k = 0; k < nv; k += kColumns) {
+        const Eigen::Index rest = nv - k, top = first[k], width = std::min(kColumns, rest);
+        D.block(k, k, rest, width).noalias() -=
+            before.block(top, k, nv - top, rest).transpose() * before.block(top, k, nv - top, width);
+      }
+      part(i).noalias() -= before.transpose() * part(i - 1);
     }
-    if (!D.allFinite() || L[i].compute(D).info() != Eigen::Success) throw kNotPositive;
+    Eigen::Ref<Matrix> in_place(D);
+    if (!D.allFinite() || Eigen::LLT<Eigen::Ref<Matrix>>(in_place).info() != Eigen::Success) throw kNotPositive;
     auto x = part(i);
-    L[i].matrixL().solveInPlace(x);
-    if (i + 2 < n) W[i] = L[i].matrixL().solve(Eigen::Map<const Matrix>(s.upper + i * nv * nv, nv, nv));
+    D.triangularView<Eigen::Lower>().solveInPlace(x);
+    if (i + 2 >= n) continue;
+    auto after = W(i);
+    after = Eigen::Map<const Matrix>(s.upper + i * nv * nv, nv, nv);
+    // what springs couple are mostly joints with themselves: most of what is above the diagonal stays 0
+    Eigen::Index top = nv;
+    for (Eigen::Index k = (nv - 1) / kColumns * kColumns; k >= 0; k -= kColumns) {
+      const Eigen::Index width = std::min(kColumns, nv - k);
+      Eigen::Index zeros = 0;
+      while (zeros < top && (after.block(zeros, k, 1, width).array() == 0.0).all()) ++zeros;
+      first[k] = top = std::min(top, zeros);
+      auto rows = after.block(zeros, k, nv - zeros, width);
+      D.bottomRightCorner(nv - zeros, nv - zeros).triangularView<Eigen::Lower>().solveInPlace(rows);
+    }
   }
   for (std::size_t i = n - 2; i > 0; --i) {
     auto x = part(i);
-    if (i + 2 < n) x.noalias() -= W[i] * part(i + 1);
-    L[i].matrixU().solveInPlace(x);
+    if (i + 2 < n) x.noalias() -= W(i) * part(i + 1);
+    L(i).triangularView<Eigen::Lower>().transpose().solveInPlace(x);
   }
   if (!std::all_of(delta, delta + n * nv, [](double x) { return std::isfinite(x); })) throw kNotPositive;
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -101,11 +102,12 @@ def proven_segments(
         depth: most halvings of a segment. A certificate with one more halves as finely, and proves all of this too.
         all: whether nothing is wanted but a proof of all of them.
     """
+    rows, v = by_rows(rows, v)
     with _path_proof(bounds, scene, self_pairs) as proof:
         if proof is None:
             return None
         states = np.ones(len(v), dtype=np.int8)
-        checks, queries = proof.prove(*by_rows(rows, v), clearance, self_clearance, depth, all, states)
+        checks, queries = proof.prove(rows, v, clearance, self_clearance, depth, all, states)
     count_work(pairs=checks * len(bounds.bodies), queries=queries)
     return states == 0
 
@@ -114,43 +116,54 @@ def least_distance(bounds: MotionBounds, scene: Scene, rows: Array, v: Array, *,
     """The least distance [m] to obstacles along rows (N, nv) with tangents (N-1, nv), at most ``tolerance`` below the
     true one; None without a kernel.
     """
+    rows, v = by_rows(rows, v)
     with _path_proof(bounds, scene, None) as proof:
         if proof is None:
             return None
-        least, checks, queries = proof.least(*by_rows(rows, v), tolerance)
+        least, checks, queries = proof.least(rows, v, tolerance)
     count_work(pairs=checks * len(bounds.bodies), queries=queries)
     return least
 
 
-_LAST_PROOF: list[tuple[Array, _native.Parts, Indices, _native.PathProof]] = []
+@dataclass(frozen=True, slots=True)
+class _PathProof:
+    """The kernel's proof of paths, and of what it was made."""
+
+    proof: _native.PathProof
+    radius: Array
+    parts: _native.Parts
+    self_pairs: Indices
+
+
+_LAST_PROOF: list[_PathProof] = []
 
 
 @contextmanager
 def _path_proof(bounds: MotionBounds, scene: Scene, self_pairs: Indices | None) -> Iterator[_native.PathProof | None]:
-    """The kernel's proof of paths among a scene and some self pairs, or any where there are None.
+    """A proof of paths among a scene and some self pairs, or any pairs where there are None; None without a kernel.
 
     The last one is kept. Whoever uses it takes it away meanwhile, so that two threads never share it.
     """
-    module, bodies = kernel(), bounds.bodies.native()
-    if module is None or bodies is None:
+    module, bodies, parts = kernel(), bounds.bodies.native(), scene_parts(scene)
+    if module is None or bodies is None or parts is None:
         yield None
         return
-    parts = scene_parts(scene)
     try:
-        radius, among, pairs, proof = _LAST_PROOF.pop()
+        kept = _LAST_PROOF.pop()
     except IndexError:
-        radius = None
+        kept = None
     if (
-        radius is not bounds.of_motion
-        or among is not parts
-        or not (self_pairs is None or self_pairs is pairs or np.array_equal(self_pairs, pairs))
+        kept is None
+        or kept.radius is not bounds.of_motion
+        or kept.parts is not parts
+        or not (self_pairs is None or np.array_equal(self_pairs, kept.self_pairs))
     ):
-        pairs = (
-            np.empty((0, 2), dtype=np.intp) if self_pairs is None else np.ascontiguousarray(self_pairs, dtype=np.intp)
-        )
-        proof = module.PathProof(bodies, parts, pairs, *by_rows(bounds.of_motion, bounds.pair_radius(pairs)))
-    yield proof
-    _LAST_PROOF[:] = [(bounds.of_motion, parts, pairs, proof)]
+        none = np.empty((0, 2), dtype=np.intp)
+        pairs = np.ascontiguousarray(none if self_pairs is None else self_pairs, dtype=np.intp)
+        made = module.PathProof(bodies, parts, pairs, *by_rows(bounds.of_motion, bounds.pair_radius(pairs)))
+        kept = _PathProof(made, bounds.of_motion, parts, pairs)
+    yield kept.proof
+    _LAST_PROOF[:] = [kept]
 
 
 class NativeNarrowphase:

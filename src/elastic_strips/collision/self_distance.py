@@ -70,6 +70,7 @@ class SelfProximity(OneThread):
         bounds: motion radii of ``bodies``.
         influence: distances below this [m] are computed exactly.
         repulsion: (S,) distances [m] below which the pairs push each other apart; at most ``influence``.
+        reach: (S,) less than ``influence`` for pairs that need not be exact below it, but only below this [m].
         tolerance: an exact distance is measured again after this much relative motion [m].
     """
 
@@ -87,6 +88,7 @@ class SelfProximity(OneThread):
         *,
         influence: float,
         repulsion: Array | None = None,
+        reach: Array | None = None,
         tolerance: float = 3e-4,
     ) -> None:
         self.repulsion: Array = (
@@ -94,7 +96,7 @@ class SelfProximity(OneThread):
         )
         self.bodies: BodySet = bodies
         self.pairs: Indices = pairs
-        self.influence: float = influence
+        self.reach: Array = np.full(len(pairs), influence) if reach is None else np.minimum(reach, influence)
         self.tolerance: float = tolerance
         self.radius: Array = bounds.pair_radius(pairs)
         self.queries: int = 0
@@ -161,7 +163,7 @@ class SelfProximity(OneThread):
         before, self._coordinates = coordinates if fresh else self._coordinates, coordinates.copy()
         if self.native is not None:
             pairs, queries = self.native.calls.update(
-                kin.T, self._coordinates, before, self.radius, self.influence, self.arrays
+                kin.T, self._coordinates, before, self.radius, self.reach, self.arrays
             )
             self.account(pairs, queries)
             return
@@ -180,15 +182,15 @@ class SelfProximity(OneThread):
         self._refine(kin, done, kin.n)
 
     def _refine(self, kin: Kinematics, begin: int, end: int) -> None:
-        """Make pairs at nodes ``begin`` to ``end`` exact that are below the influence distance and have moved."""
+        """Make pairs at nodes ``begin`` to ``end`` exact that are below their reach and have moved."""
         nodes = slice(begin, end)
-        node, pair = nonzero((self.bound[nodes] < self.influence) & (self._since[nodes] > self.tolerance))
-        self._ask(kin, node + begin, pair, self.influence)
+        node, pair = nonzero((self.bound[nodes] < self.reach) & (self._since[nodes] > self.tolerance))
+        self._ask(kin, node + begin, pair, self.reach[pair])
 
     def _learn(self, n: int) -> None:
         """What the bounds at the node before say of pairs of which nothing is known: often that they are far apart."""
         known = self.bound[n - 1] - self.travel(self._coordinates[n : n + 1] - self._coordinates[n - 1 : n])[0]
-        far = (self.bound[n] <= -0.5 * FAR) & (known >= self.influence)
+        far = (self.bound[n] <= -0.5 * FAR) & (known >= self.reach)
         self.bound[n, far], self._since[n, far], self.exact[n, far] = known[far], FAR, np.inf
 
     @exclusive
@@ -197,7 +199,7 @@ class SelfProximity(OneThread):
         stale = (self.bound[node, pair] < reach) & (self._since[node, pair] > self.tolerance)
         self._ask(kin, node[stale], pair[stale], reach[stale])
 
-    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array | float) -> None:
+    def _ask(self, kin: Kinematics, node: Indices, pair: Indices, reach: Array) -> None:
         if len(node) == 0:
             return
         cheap = self.cheap(kin, node, pair)
@@ -269,7 +271,7 @@ class SelfProximity(OneThread):
         return np.abs(v[:, b:]) @ self.radius[b:]
 
     def nearer_than(self, distance: float) -> bool:
-        """Whether some pair is surely nearer to each other than this [m], below the influence distance."""
+        """Whether some pair is surely nearer to each other than this [m], below their reach."""
         return bool((self.exact + self._since < distance).any())
 
     def contacts(self) -> SelfContacts:

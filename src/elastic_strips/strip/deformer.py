@@ -95,7 +95,12 @@ class Deformer(OneThread):
         check_type("constraint", constraint, OrientationConstraint, none=True)
         self_reach = max(params.self_influence, _SELF_REACH, 2.0 * params.self_clearance)
         self.workspace: Workspace = Workspace(
-            robot, params, reach=params.influence, self_reach=self_reach, self_influence=params.self_influence
+            robot,
+            params,
+            reach=params.influence,
+            self_reach=self_reach,
+            self_influence=params.self_influence,
+            self_reach_eased=True,
         )
         self.share_with(self.workspace)
         self.robot: RobotModel = robot

@@ -94,6 +94,7 @@ class Workspace(OneThread):
         robot: whose strips.
         params: what is certified.
         reach: the links' distances to obstacles are exact below this [m]; self_reach: those to each other.
+        self_reach_eased: whether those to each other need not be exact but where they push, or are near the clearance.
         self_influence: the robot's own links push each other apart below this [m], those that are nearer by design
             below 0.8 of their distance at home.
 
@@ -116,6 +117,7 @@ class Workspace(OneThread):
         reach: float,
         self_reach: float,
         self_influence: float,
+        self_reach_eased: bool = False,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
         self.robot: RobotModel = robot
@@ -131,7 +133,12 @@ class Workspace(OneThread):
         self.self_home: Array = at_home
         repulsion = np.clip(0.8 * np.minimum(exact, self_reach), 0.0, self_influence)
         self.self_pairs: SelfProximity = SelfProximity(
-            self.bodies, pairs, self.bounds, influence=self_reach, repulsion=repulsion
+            self.bodies,
+            pairs,
+            self.bounds,
+            influence=self_reach,
+            repulsion=repulsion,
+            reach=np.maximum(repulsion, 2.0 * params.self_clearance) if self_reach_eased else None,
         )
         depth = params.certificate_depth
         self.certifier: Certifier = Certifier(
