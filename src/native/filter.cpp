@@ -49,38 +49,7 @@ Aligned::~Aligned() { ::operator delete(data_, kAlignment); }
 
 const char* SphereFilter::instructions() { return kInstructions.name; }
 
-SphereFilter::SphereFilter(const Bodies& bodies, const Parts& parts, const std::vector<std::int64_t>& self_pairs,
-                           double margin, double self_margin)
-    : bodies_(bodies) {
-  const Tree& tree = bodies_.tree;
-  for (int i = 0; i < tree.joints; ++i) {
-    parents_.push_back(static_cast<std::int32_t>(tree.parents[i]));
-    kind_.push_back(tree.motion[i] < 0 ? 0 : tree.prismatic[i] ? 2 : 1);
-    for (int k = 0; k < 12; ++k) offset_.push_back(static_cast<float>(tree.offset[16 * i + k]));
-  }
-  for (std::size_t g = 0; g < bodies_.size(); ++g) {
-    bool moves = tree.planar;
-    for (int m = 0; m < tree.motions(); ++m) moves = moves || tree.supports(bodies_.joint[g], m);
-    moves_.push_back(moves);
-    if (moves) body_order_.push_back(static_cast<std::uint32_t>(g));
-    joint_.push_back(static_cast<std::int32_t>(bodies_.joint[g]));
-    const std::uint32_t first = static_cast<std::uint32_t>(outer_.size());
-    first_.push_back(first);
-    const Mat3 R = Eigen::Map<const Mat3>(&bodies_.rotation[9 * g]);
-    const Vec3 t = Eigen::Map<const Vec3>(&bodies_.translation[3 * g]);
-    for (const SphereTree::Sphere& s : bodies_.spheres()[g].spheres) {
-      const Vec3 center = R * Vec3(s.center[0], s.center[1], s.center[2]) + t;
-      for (int i = 0; i < 3; ++i) center_.push_back(static_cast<float>(center[i]));
-      outer_.push_back(s.outer);
-      inner_.push_back(s.inner);
-      next_.push_back(first + s.next);
-    }
-  }
-  for (std::size_t s = 0; s < self_pairs.size() / 2; ++s) {
-    const std::size_t a = self_pairs[2 * s], b = self_pairs[2 * s + 1];
-    pair_.insert(pair_.end(), {static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b)});
-    if (moves_[a] || moves_[b]) pair_order_.push_back(static_cast<std::uint32_t>(s));
-  }
+SphereWorld::SphereWorld(const Parts& parts) {
   for (std::size_t p = 0; p < parts.count(); ++p) {
     const Solid& solid = parts.solids[p];
     const Mat3 R = Eigen::Map<const Mat3>(parts.rotation + 9 * p);
@@ -95,48 +64,18 @@ SphereFilter::SphereFilter(const Bodies& bodies, const Parts& parts, const std::
           R * at.getTranslation() + t);
     }
   }
-  const std::size_t count = obstacles_.size(), joints = static_cast<std::size_t>(tree.joints);
-  for (const SphereObstacle& o : obstacles_) {
-    for (int i = 0; i < 3; ++i) far_ = std::max(far_, std::max(std::abs(o.t[i]), o.half[i]));
+  for (const SphereObstacle& o : obstacles) {
+    for (int i = 0; i < 3; ++i) far = std::max(far, std::max(std::abs(o.t[i]), o.half[i]));
   }
-  if (count > 0) group(0, static_cast<std::uint32_t>(count));
-  stamp_.assign(outer_.size(), 0);
-  near_.resize(count);
-  opened_.resize(count);
-  pending_.resize(kLevels * count);
-  values_ = std::make_unique<Aligned>(joints * 3 * kRows);
-  T_ = std::make_unique<Aligned>(joints * 12 * kRows);
-  at_ = std::make_unique<Aligned>(outer_.size() * 3 * kRows);
-  scratch_ = {values_->data(), T_->data(),   at_->data(),   stamp_.data(), 0,
-              pending_.data(), near_.data(), opened_.data()};
-  scene_ = {tree.joints,
-            parents_.data(),
-            kind_.data(),
-            offset_.data(),
-            body_order_.size(),
-            pair_order_.size(),
-            count,
-            branches_.size(),
-            joint_.data(),
-            first_.data(),
-            next_.data(),
-            center_.data(),
-            outer_.data(),
-            inner_.data(),
-            pair_.data(),
-            obstacles_.data(),
-            branches_.data(),
-            static_cast<float>(margin - bodies_.skin),
-            static_cast<float>(self_margin),
-            0.0f,
-            body_order_.data(),
-            pair_order_.data(),
-            nullptr,
-            nullptr};
-  open_.resize(64);
+  if (!obstacles.empty()) group(0, static_cast<std::uint32_t>(obstacles.size()));
 }
 
-void SphereFilter::add(std::size_t part, const coal::ShapeBase& shape, const Mat3& R, const Vec3& t) {
+std::shared_ptr<const SphereWorld> SphereWorld::of(const Parts& parts) {
+  std::call_once(parts.kept->flag, [&parts] { parts.kept->value = std::make_shared<const SphereWorld>(parts); });
+  return parts.kept->value;
+}
+
+void SphereWorld::add(std::size_t part, const coal::ShapeBase& shape, const Mat3& R, const Vec3& t) {
   SphereObstacle made{};
   made.part = static_cast<std::uint32_t>(part);
   double swept = shape.getSweptSphereRadius();
@@ -196,42 +135,111 @@ void SphereFilter::add(std::size_t part, const coal::ShapeBase& shape, const Mat
     made.low[i] = static_cast<float>(center[i] - reach[i]);
     made.high[i] = static_cast<float>(center[i] + reach[i]);
   }
-  obstacles_.push_back(made);
+  obstacles.push_back(made);
 }
 
 // The tree over obstacles first … first + count - 1, which are sorted on the way.
-void SphereFilter::group(std::uint32_t first, std::uint32_t count) {
-  const std::size_t at = branches_.size();
+void SphereWorld::group(std::uint32_t first, std::uint32_t count) {
+  const std::size_t at = branches.size();
   SphereBranch made{{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, 0, first, 0};
   for (std::uint32_t k = first; k < first + count; ++k) {
     for (int i = 0; i < 3; ++i) {
-      made.low[i] = std::min(made.low[i], obstacles_[k].low[i]);
-      made.high[i] = std::max(made.high[i], obstacles_[k].high[i]);
+      made.low[i] = std::min(made.low[i], obstacles[k].low[i]);
+      made.high[i] = std::max(made.high[i], obstacles[k].high[i]);
     }
   }
-  branches_.push_back(made);
+  branches.push_back(made);
   if (count <= kGrouped) {
-    branches_[at].count = count;
+    branches[at].count = count;
   } else {
     int axis = 0;
     for (int i = 1; i < 3; ++i) {
       if (made.high[i] - made.low[i] > made.high[axis] - made.low[axis]) axis = i;
     }
-    const auto begin = obstacles_.begin() + first;
+    const auto begin = obstacles.begin() + first;
     std::nth_element(begin, begin + count / 2, begin + count, [axis](const SphereObstacle& a, const SphereObstacle& b) {
       return a.low[axis] + a.high[axis] < b.low[axis] + b.high[axis];
     });
     group(first, count / 2);
     group(first + count / 2, count - count / 2);
   }
-  branches_[at].next = static_cast<std::uint32_t>(branches_.size());
+  branches[at].next = static_cast<std::uint32_t>(branches.size());
+}
+
+SphereFilter::SphereFilter(const Bodies& bodies, const Parts& parts, const std::vector<std::int64_t>& self_pairs,
+                           double margin, double self_margin)
+    : bodies_(bodies), world_(SphereWorld::of(parts)) {
+  const Tree& tree = bodies_.tree;
+  for (int i = 0; i < tree.joints; ++i) {
+    parents_.push_back(static_cast<std::int32_t>(tree.parents[i]));
+    kind_.push_back(tree.motion[i] < 0 ? 0 : tree.prismatic[i] ? 2 : 1);
+    for (int k = 0; k < 12; ++k) offset_.push_back(static_cast<float>(tree.offset[16 * i + k]));
+  }
+  for (std::size_t g = 0; g < bodies_.size(); ++g) {
+    bool moves = tree.planar;
+    for (int m = 0; m < tree.motions(); ++m) moves = moves || tree.supports(bodies_.joint[g], m);
+    moves_.push_back(moves);
+    if (moves) body_order_.push_back(static_cast<std::uint32_t>(g));
+    joint_.push_back(static_cast<std::int32_t>(bodies_.joint[g]));
+    const std::uint32_t first = static_cast<std::uint32_t>(outer_.size());
+    first_.push_back(first);
+    const Mat3 R = Eigen::Map<const Mat3>(&bodies_.rotation[9 * g]);
+    const Vec3 t = Eigen::Map<const Vec3>(&bodies_.translation[3 * g]);
+    for (const SphereTree::Sphere& s : bodies_.spheres()[g].spheres) {
+      const Vec3 center = R * Vec3(s.center[0], s.center[1], s.center[2]) + t;
+      for (int i = 0; i < 3; ++i) center_.push_back(static_cast<float>(center[i]));
+      outer_.push_back(s.outer);
+      inner_.push_back(s.inner);
+      next_.push_back(first + s.next);
+    }
+  }
+  for (std::size_t s = 0; s < self_pairs.size() / 2; ++s) {
+    const std::size_t a = self_pairs[2 * s], b = self_pairs[2 * s + 1];
+    pair_.insert(pair_.end(), {static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b)});
+    if (moves_[a] || moves_[b]) pair_order_.push_back(static_cast<std::uint32_t>(s));
+  }
+  const std::size_t count = world_->obstacles.size(), joints = static_cast<std::size_t>(tree.joints);
+  stamp_.assign(outer_.size(), 0);
+  near_.resize(count);
+  opened_.resize(count);
+  pending_.resize(kLevels * count);
+  values_ = std::make_unique<Aligned>(joints * 3 * kRows);
+  T_ = std::make_unique<Aligned>(joints * 12 * kRows);
+  at_ = std::make_unique<Aligned>(outer_.size() * 3 * kRows);
+  scratch_ = {values_->data(), T_->data(),   at_->data(),   stamp_.data(), 0,
+              pending_.data(), near_.data(), opened_.data()};
+  scene_ = {tree.joints,
+            parents_.data(),
+            kind_.data(),
+            offset_.data(),
+            body_order_.size(),
+            pair_order_.size(),
+            count,
+            world_->branches.size(),
+            joint_.data(),
+            first_.data(),
+            next_.data(),
+            center_.data(),
+            outer_.data(),
+            inner_.data(),
+            pair_.data(),
+            world_->obstacles.data(),
+            world_->branches.data(),
+            static_cast<float>(margin - bodies_.skin),
+            static_cast<float>(self_margin),
+            0.0f,
+            body_order_.data(),
+            pair_order_.data(),
+            nullptr,
+            nullptr};
+  open_.resize(64);
 }
 
 // What the joints do in each row, and how much rounding may take.
 void SphereFilter::set_out(const double* rows, std::size_t count) {
   const Tree& tree = bodies_.tree;
   const std::size_t nv = static_cast<std::size_t>(tree.nv);
-  float far = far_;
+  float far = world_->far;
   for (std::size_t n = 0; tree.planar && n < count; ++n) {
     far = std::max(far, static_cast<float>(std::max(std::abs(rows[n * nv]), std::abs(rows[n * nv + 1]))));
   }

@@ -20,6 +20,23 @@ class Aligned {
   float* data_;
 };
 
+// The convex shapes of parts that stay where they are, and a tree of boxes over them.
+struct SphereWorld {
+  std::vector<SphereObstacle> obstacles;
+  std::vector<SphereBranch> branches;
+  float far = 0.0f;  // [m] of what stands, from the origin
+
+  explicit SphereWorld(const Parts& parts);
+  // That of the parts; made once.
+  static std::shared_ptr<const SphereWorld> of(const Parts& parts);
+
+ private:
+  void add(std::size_t part, const coal::ShapeBase& shape, const Mat3& R, const Vec3& t);
+  void group(std::uint32_t first, std::uint32_t count);
+
+  std::vector<std::unique_ptr<std::vector<float>>> planes_;
+};
+
 // Its numbers are of single precision; all that it says holds with as much room as that rounds.
 class SphereFilter {
  public:
@@ -46,22 +63,17 @@ class SphereFilter {
  private:
   void set_out(const double* rows, std::size_t count);
   unsigned run(unsigned rows, bool first);
-  void add(std::size_t part, const coal::ShapeBase& shape, const Mat3& R, const Vec3& t);
-  void group(std::uint32_t first, std::uint32_t count);
 
   const Bodies& bodies_;
+  const std::shared_ptr<const SphereWorld> world_;
   std::vector<bool> moves_;
   std::vector<std::int32_t> parents_, kind_, joint_;
   std::vector<float> offset_, center_, outer_, inner_;
   std::vector<std::uint32_t> first_, next_, pair_, body_order_, pair_order_;
-  std::vector<SphereObstacle> obstacles_;
-  std::vector<SphereBranch> branches_;
-  std::vector<std::unique_ptr<std::vector<float>>> planes_;
   std::vector<std::uint32_t> stamp_, near_, opened_;
   std::vector<SphereScratch::Pending> pending_;
   std::unique_ptr<Aligned> values_, T_, at_;
   std::vector<SphereOpen> open_;
-  float far_ = 0.0f;  // [m] of what stands, from the origin
   SphereScene scene_{};
   SphereScratch scratch_{};
 };

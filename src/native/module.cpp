@@ -553,12 +553,12 @@ void bind_validity(nb::module_& m) {
                               states.data());
              return std::make_pair(self.proof.checks - checks, self.proof.queries - queries);
            });
-  unlocked(prover, "least", [](Prover& self, Reals rows, Reals v, double tolerance) {
+  unlocked(prover, "least", [](Prover& self, Reals rows, Reals v, double tolerance, double most) {
     Sizes(self.proof.tree())("nv Nv", rows, v);
     require(rows.shape(0) > 1, "a path without a segment");
-    require(tolerance > 0.0, "a tolerance of nothing");
+    require(tolerance > 0.0 && most <= FAR, "a tolerance of nothing, or no end");
     const std::size_t checks = self.proof.checks, queries = self.proof.queries;
-    const double least = self.proof.least(rows.data(), v.data(), rows.shape(0), tolerance);
+    const double least = self.proof.least(rows.data(), v.data(), rows.shape(0), tolerance, most);
     return std::make_tuple(least, self.proof.checks - checks, self.proof.queries - queries);
   });
   m.attr("instructions") = SphereFilter::instructions();

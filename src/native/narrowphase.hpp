@@ -11,10 +11,15 @@ namespace strips {
 
 // Parts of a scene: their solids, world poses (P, 3, 3), (P, 3), and the boxes about them in their frames (P, 3); see
 // CandidateParts. What knows parts by their numbers carries the stamp of those that it means.
+struct SphereWorld;
+
 struct Parts {
   const double *rotation, *translation, *box_center, *box_half;
   mutable std::vector<Solid> solids = {};  // those of boxes are empty until they are asked for by `solid`
   std::size_t stamp = ++stamps;            // no two are the same, and none is 0
+  // What spheres are held against, of parts that stay where they are; made once.
+  std::shared_ptr<Once<std::shared_ptr<const SphereWorld>>> kept =
+      std::make_shared<Once<std::shared_ptr<const SphereWorld>>>();
 
   std::size_t count() const { return solids.size(); }
   // The solid of a part: where none was given, the box about it. For whoever has the parts for himself.

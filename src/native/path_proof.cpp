@@ -77,10 +77,11 @@ void PathProof::prove(const double* rows, const double* v, std::size_t n, double
   const Tree& tree = bodies_->tree;
   const std::size_t nv = static_cast<std::size_t>(tree.nv), pairs = self_.size();
   Queries ask(narrow_, {T_.data(), J_.data(), 1}, parts_);
-  ask_ = {rows, v, clearance, self_clearance, depth, all};
+  ask_ = {rows, v, clearance, self_clearance, depth, all, std::ldexp(1.0, -(depth + 2))};
   std::fill_n(states, n - 1, std::int8_t{0});
   at(rows, ask);
   bool going = rest_is_clear(ask);
+  set_travel(n);
   self_travel_.assign((n - 1) * pairs, 0.0);
   for (std::size_t s = 0; s + 1 < n && going; ++s) {
     const double* move = v + s * nv;
@@ -106,6 +107,16 @@ void PathProof::prove(const double* rows, const double* v, std::size_t n, double
   if (!going) std::fill_n(states, n - 1, std::int8_t{1});
 }
 
+void PathProof::set_travel(std::size_t n) {
+  const std::size_t count = bodies_->size();
+  travel_.resize((n - 1) * count);
+  for (std::size_t s = 0; s + 1 < n; ++s) {
+    for (std::size_t g = 0; g < count; ++g) {
+      travel_[s * count + g] = bounds_.travel(bodies_->tree, ask_.v + s * v_.size(), g);
+    }
+  }
+}
+
 void PathProof::divide(const Piece& piece, Piece* now) {
   const double part = (piece.high - piece.low) / kRows;
   for (int i = 0; i < kRows; ++i) {
@@ -117,7 +128,7 @@ void PathProof::divide(const Piece& piece, Piece* now) {
 // has left open, or of all.
 void PathProof::open_in(const Piece* now, std::size_t filled, Piece* of, double room, double own) {
   const Tree& tree = bodies_->tree;
-  const std::size_t nv = static_cast<std::size_t>(tree.nv), pairs = self_.size();
+  const std::size_t nv = static_cast<std::size_t>(tree.nv), count = bodies_->size(), pairs = self_.size();
   std::vector<std::uint32_t>& bodies = of == nullptr ? moved_ : of->bodies;
   for (std::size_t i = 0; i < filled; ++i) {
     const std::size_t s = now[i].segment;
@@ -125,12 +136,14 @@ void PathProof::open_in(const Piece* now, std::size_t filled, Piece* of, double 
     integrate(tree, ask_.rows + s * nv, ask_.v + s * nv, 0.5 * (now[i].low + now[i].high), &rows_[i * nv]);
     for (std::size_t k = 0; k < bodies.size(); ++k) {
       const std::size_t g = bodies[k];
-      const double speed = of == nullptr ? bounds_.travel(tree, ask_.v + s * nv, g) : of->speed[k];
+      const double travel = travel_[s * count + g], speed = of == nullptr ? travel : of->speed[k];
       speed_[g * kRows + i] = speed;
-      grown_.data()[g * kRows + i] = static_cast<float>(room - bodies_->skin + half * speed) * kRoundedUp;
+      const double more = half * speed + ask_.floor * travel;
+      grown_.data()[g * kRows + i] = static_cast<float>(room - bodies_->skin + more) * kRoundedUp;
     }
     for (std::size_t p = 0; p < pairs; ++p) {
-      pair_grown_.data()[p * kRows + i] = static_cast<float>(own + half * self_travel_[s * pairs + p]) * kRoundedUp;
+      const double more = (half + ask_.floor) * self_travel_[s * pairs + p];
+      pair_grown_.data()[p * kRows + i] = static_cast<float>(own + more) * kRoundedUp;
     }
   }
   checks += filled;
@@ -198,7 +211,7 @@ double PathProof::beyond_plane(const Piece& piece, const SphereOpen& open, doubl
 // Look at pieces. What they leave open is to be divided further, as long as that may help. False where nothing more is
 // wanted.
 bool PathProof::look(Piece* now, std::size_t filled, Piece* of, Queries& ask, std::int8_t* states) {
-  const std::size_t nv = v_.size(), pairs = self_.size();
+  const std::size_t nv = v_.size(), count = bodies_->size(), pairs = self_.size();
   open_in(now, filled, of, ask_.clearance, ask_.self_clearance);
   for (std::uint32_t row = 0; row < filled; ++row) {
     Piece& piece = now[row];
@@ -214,9 +227,11 @@ bool PathProof::look(Piece* now, std::size_t filled, Piece* of, Queries& ask, st
         body = open.body;
         speed = speed_in(piece, body, ask.frames, speed_[body * kRows + row]);
       }
-      const double move = half * (open.self ? self_travel_[piece.segment * pairs + open.body] : speed);
+      const std::size_t s = piece.segment;
+      const double travel = open.self ? self_travel_[s * pairs + open.body] : travel_[s * count + open.body];
+      const double move = half * (open.self ? travel : speed);
       if (2.0 * move <= kExactTravel) {
-        const double needed = open.self ? ask_.self_clearance : ask_.clearance;
+        const double needed = (open.self ? ask_.self_clearance : ask_.clearance) + ask_.floor * travel;
         const Found found = exact(open, ask);
         if (found.distance > needed + move) continue;
         if (!(found.distance > needed)) {
@@ -241,12 +256,13 @@ bool PathProof::look(Piece* now, std::size_t filled, Piece* of, Queries& ask, st
   return true;
 }
 
-double PathProof::least(const double* rows, const double* v, std::size_t n, double tolerance) {
+double PathProof::least(const double* rows, const double* v, std::size_t n, double tolerance, double most) {
   const std::size_t nv = v_.size();
   Queries ask(narrow_, {T_.data(), J_.data(), 1}, parts_);
-  ask_ = {rows, v, 0.0, 0.0, 0, false};
+  ask_ = {rows, v, 0.0, 0.0, 0, false, 0.0};
+  set_travel(n);
   self_travel_.assign((n - 1) * self_.size(), 0.0);
-  double nearest = FAR;
+  double nearest = most;
   // A pair's distance, or a bound of it that is further than the nearest so far by more than `room`.
   const auto measure = [&](const SphereOpen& open, double room) {
     Vec3 one, two;
@@ -274,7 +290,7 @@ double PathProof::least(const double* rows, const double* v, std::size_t n, doub
     }
   };
   std::vector<std::uint32_t> none;
-  for (double reach = kFirstReach; reach < FAR && nearest > reach; reach *= 2.0) {
+  for (double reach = kFirstReach; reach < nearest; reach *= 2.0) {
     std::fill_n(grown_.data(), bodies_->size() * kRows, static_cast<float>(reach));
     for (std::size_t k = 0; k < n; k += kRows) {
       const std::size_t filled = std::min<std::size_t>(kRows, n - k);

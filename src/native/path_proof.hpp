@@ -18,13 +18,14 @@ class PathProof {
             const double* radius, const double* self_radius);
 
   // Rows (n, nv) and the tangents (n-1, nv) between them. States (n-1): 0 where a segment is proven, else 1. With `all`
-  // the first that is not proven ends it, and all are 1.
+  // the first that is not proven ends it, and all are 1. What is proven keeps a little more than the clearances: what
+  // a certificate needs that knows no planes, and that may halve a segment once more than `depth`.
   void prove(const double* rows, const double* v, std::size_t n, double clearance, double self_clearance, int depth,
              bool all, std::int8_t* states);
 
-  // The least distance from all parts along the rows, at most `tolerance` [m] below the true one. Throws Failure where
-  // two are so deep in each other that there is none.
-  double least(const double* rows, const double* v, std::size_t n, double tolerance);
+  // The least distance from all parts along the rows, or `most` where that is less, and at most `tolerance` [m] below
+  // it. Throws Failure where two are so deep in each other that there is none.
+  double least(const double* rows, const double* v, std::size_t n, double tolerance, double most);
 
   const Tree& tree() const { return bodies_->tree; }
   std::size_t checks = 0, queries = 0;
@@ -49,10 +50,12 @@ class PathProof {
     double clearance, self_clearance;
     int depth;
     bool all;
+    double floor;  // of a segment, what the shortest pieces of a certificate are of its travel, halved
   };
   void at(const double* row, Queries& ask);
   Found exact(const SphereOpen& open, Queries& ask);
   bool rest_is_clear(Queries& ask);
+  void set_travel(std::size_t n);
   static void divide(const Piece& piece, Piece* now);
   void open_in(const Piece* now, std::size_t filled, Piece* of, double room, double own);
   double speed_in(const Piece& piece, std::size_t body, const Frames& frames, double known);
@@ -70,8 +73,9 @@ class PathProof {
   const double* self_radius_;
   SphereFilter filter_;
   Aligned grown_, pair_grown_;
-  std::vector<double> T_, J_, rows_, v_, speed_, self_travel_;  // of one node; (8, nv), (nv), (G, 8), (N-1, S)
-  std::vector<std::uint32_t> moved_;                            // bodies that joints move
+  std::vector<double> T_, J_, rows_, v_, speed_;  // of one node; (8, nv), (nv), (G, 8)
+  std::vector<double> travel_, self_travel_;      // (N-1, G), (N-1, S) of whole segments
+  std::vector<std::uint32_t> moved_;              // bodies that joints move
   std::vector<Piece> todo_;
   Asked ask_{};
 };

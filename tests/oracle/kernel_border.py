@@ -174,7 +174,7 @@ def calls(native) -> Iterator[Call]:
 
     self_args = (zeros(N, S), zeros(N, S), zeros(N, S), zeros(N, S, 3), zeros(N, S, 3), zeros(N, S, 3), 1e-3)
     yield Call("SelfDistances", native.SelfDistances, self_args)
-    update = (T, zeros(N, nv), zeros(N, nv), zeros(nv, S), 1.0, own())
+    update = (T, zeros(N, nv), zeros(N, nv), zeros(nv, S), np.ones(S), own())
     yield Call("update", pairs.update, update, free=((0, 1),), any=(0, 2))
     yield Call("update of more nodes", pairs.update, (*update[:5], own(n=C + 1)), free=((-1, -1),))
     yield Call("update of more pairs", pairs.update, (*update[:5], own(s=S + 1)), free=((-1, -1),))
@@ -249,6 +249,9 @@ def calls(native) -> Iterator[Call]:
     yield Call("prove by spheres", prover.prove, rows, depth=4)
     single = (rows[0][:1], rows[1][:0], *rows[2:6], rows[6][:0])
     yield Call("prove by spheres of one row", prover.prove, single, free=((-1, -1),))
+    yield Call("least by spheres", prover.least, (rows[0], rows[1], 1e-3, 1.0))
+    yield Call("least by spheres of one row", prover.least, (*single[:2], 1e-3, 1.0), free=((-1, -1),))
+    yield Call("least by spheres of no end", prover.least, (rows[0], rows[1], 1e-3, np.inf), free=((-1, -1),))
     yield Call("spheres", native.spheres, (box, 64, 1e-3))
     for given in ((block, 64, 1e-3), (box, 0, 1e-3), (box, 2**40, 1e-3), (box, 64, np.nan)):
         yield Call("spheres of others", native.spheres, given, free=((-1, -1),))

@@ -18,6 +18,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask, by_rows
 from elastic_strips.coal_shapes import LONG_ROUND, ShapeKind, shape_of, vertices
+from elastic_strips.constants import FAR
 from elastic_strips.native import kernel
 from elastic_strips.scene import Scene
 from elastic_strips.scene.parts import Part
@@ -112,15 +113,17 @@ def proven_segments(
     return states == 0
 
 
-def least_distance(bounds: MotionBounds, scene: Scene, rows: Array, v: Array, *, tolerance: float) -> float | None:
-    """The least distance [m] to obstacles along rows (N, nv) with tangents (N-1, nv), at most ``tolerance`` below the
-    true one; None without a kernel.
+def least_distance(
+    bounds: MotionBounds, scene: Scene, rows: Array, v: Array, *, tolerance: float, most: float = FAR
+) -> float | None:
+    """The least distance [m] to obstacles along rows (N, nv) with tangents (N-1, nv), or ``most`` where that is less,
+    and at most ``tolerance`` below it; None without a kernel.
     """
     rows, v = by_rows(rows, v)
     with _path_proof(bounds, scene, None) as proof:
         if proof is None:
             return None
-        least, checks, queries = proof.least(rows, v, tolerance)
+        least, checks, queries = proof.least(rows, v, tolerance, most)
     count_work(pairs=checks * len(bounds.bodies), queries=queries)
     return least
 

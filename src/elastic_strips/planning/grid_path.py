@@ -13,6 +13,7 @@ from itertools import islice
 from math import ceil, floor
 from typing import TYPE_CHECKING
 
+import coal
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
@@ -242,26 +243,33 @@ def _outlines(
 
     Yields:
         the obstacles' indices (K,), how far [m] each outline reaches all around (K, DIRECTIONS), and from where (K, 2)
-        [m]; obstacle by obstacle.
+        [m]; first those of boxes, of which there may be very many, then the others.
     """
     table, around = scene.table, outline_directions()
     center, half = table.center, table.half_extents
     near = ((center - half)[:, :2] <= high).all(axis=1) & ((center + half)[:, :2] >= low).all(axis=1)
     near &= (center[:, 2] - half[:, 2] < height) & (center[:, 2] + half[:, 2] > DRIVEN_OVER_HEIGHT)
+    rows = np.flatnonzero(near)
+    boxes = np.fromiter((type(table.parts[row].geometry) is coal.Box for row in rows.tolist()), bool, len(rows))
+    for some in np.split(rows[boxes], range(_OUTLINES_AT_ONCE, int(boxes.sum()), _OUTLINES_AT_ONCE)):
+        if over():
+            return
+        reach = (np.abs(around @ table.rotation[some]) @ table.local_half[some, :, None])[..., 0]
+        yield table.obstacle_index[some].astype(np.int64), reach, table.translation[some, :2]
     pieces = (
         (row, shape, shift)
-        for row in np.flatnonzero(near).tolist()
+        for row in rows[~boxes].tolist()
         for part in (table.parts[row],)
         for shape, shift in (part.boxes if part.geometry is None else ((part.geometry, _NO_SHIFT),))
     )
-    while some := list(islice(pieces, _OUTLINES_AT_ONCE)):
+    while pieces_now := list(islice(pieces, _OUTLINES_AT_ONCE)):
         if over():
             return
-        found, shapes, shifts = zip(*some, strict=True)
-        rows = np.array(found)
-        rotation = table.rotation[rows]
-        at = table.translation[rows] + (rotation @ np.array(shifts)[..., None])[..., 0]
-        yield table.obstacle_index[rows].astype(np.int64), supports(shapes, around @ rotation), at[:, :2].copy()
+        found, shapes, shifts = zip(*pieces_now, strict=True)
+        of = np.array(found)
+        rotation = table.rotation[of]
+        at = table.translation[of] + (rotation @ np.array(shifts)[..., None])[..., 0]
+        yield table.obstacle_index[of].astype(np.int64), supports(shapes, around @ rotation), at[:, :2].copy()
 
 
 _OUTLINES_AT_ONCE = 1_000  # that their directions take little memory

@@ -45,7 +45,10 @@ _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is
 _LEAST_TURN_TIME = 0.1  # [s] of an attempt that takes turns with others
 _ROUNDED_LOOKS = 1e-2  # that sums of work may be rounded by
 _SHARING_TURNS = 3  # most attempts among which what is left is divided
-_BOUNDS = ("clearance", "self_clearance")  # of `Near`
+_AMPLE_ROOM = (
+    0.02  # [m] of start and goal: a path of the joints keeps half of what they have, but not more than of this
+)
+_AMPLE_SELF_ROOM = 0.01  # [m] the same between the robot's own links
 _FIRST_NODE_SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
 _Box = tuple[Array, Array]
@@ -140,7 +143,7 @@ class PlanningProblem:
         deadline: end of time or work.
         spacing: distance between the nodes of a first strip [m].
         room, self_room: distances [m] of the robot from obstacles, and of its own links from each other, at the start
-            or the goal; lower bounds where they are large.
+            or the goal, as far as a planner makes use of them.
         eased: a phrase that says how much less than the default clearance is asked for, and why; else empty.
 
     Raises:
@@ -185,23 +188,38 @@ class PlanningProblem:
         self.constraint: ConstraintForce | None = self.deformer.constraint
         self.params: DeformParams = self.deformer.params
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
-        nearest = nearest_things(self.deformer.workspace, robot, scene, (self.start, self.goal))
+        self.endpoints: Array = np.stack((self.start, self.goal))
+        room = self._room()
+        nearest = [] if room else nearest_things(self.deformer.workspace, robot, scene, (self.start, self.goal))
         self.eased: str = ""
         if params is None and deformer is None:
             self.eased = ease(self.deformer, nearest)
             self.params = self.deformer.params
         for near in nearest:
             near.check(self.params)
-        rooms = {bound: [near.distance for near in nearest if near.bound == bound] for bound in _BOUNDS}
-        self.room: float = min(rooms["clearance"], default=np.inf)
-        self.self_room: float = min(rooms["self_clearance"], default=np.inf)
-        self.endpoints: Array = np.stack((self.start, self.goal))
+        ample = {"clearance": room or _AMPLE_ROOM, "self_clearance": _AMPLE_SELF_ROOM}
+        self.room, self.self_room = (
+            min((near.distance for near in nearest if near.bound == bound and near.distance < most), default=most)
+            for bound, most in ample.items()
+        )
         self.region: Region | None = Region(robot, scene, self.start, self.goal, bounds) if robot.space.planar else None
         if self.constraint is not None:
             self.constraint.check(self.endpoints, ("start", "goal"))
         if self.region is None and bounds is not None:
             raise ParameterError(f"bounds={bounds!r}: the base of {robot.name!r} is fixed; leave them out")
         self.spacing: float = min(_FIRST_NODE_SPACING, self.params.max_spacing)
+
+    def _room(self) -> float | None:
+        """Distance [m] of start and goal from obstacles, where it is enough, and ample between the robot's own links:
+        so it is with most, and the spheres prove it."""
+        _warn_of_size(self.scene)
+        return self.deformer.workspace.room_at(
+            self.robot.space.to_coordinates(self.endpoints),
+            self.scene,
+            clearance=self.params.clearance,
+            self_clearance=max(_AMPLE_SELF_ROOM, self.params.self_clearance),
+            most=_AMPLE_ROOM,
+        )
 
     def satisfying(self, coordinates: Array) -> Array:
         """Rows (N, nv), the inner ones moved to where they satisfy the constraint if there is one."""
@@ -386,6 +404,8 @@ def _check_distance(distance: float, params: DeformParams) -> None:
 
 def _warn_of_size(scene: Scene) -> None:
     table = scene.table
+    if table.half_extents.max(initial=0.0) <= 0.5 * _HUGE_SIZE:
+        return
     size = 2.0 * table.half_extents
     huge = (size.max(axis=1, initial=0.0) > _HUGE_SIZE) & (size.min(axis=1, initial=np.inf) > _THICK_SIZE)
     if huge.any():

@@ -31,8 +31,6 @@ _MOST_CALLS = 64  # of OMPL
 _CELLS_PER_SECOND = 150_000  # that a slow machine searches
 _EDGE_STEP = 0.08  # [m] that a point moves at most between looks at a motion of the joints, to begin with
 _JOINT_NODE_SPACING = 0.4  # [m or rad] of the nodes along a path of the joints
-_JOINT_PATH_MARGIN = 0.01  # [m] that a path of the joints keeps, where start and goal have twice as much
-_JOINT_PATH_SELF_MARGIN = 0.005  # [m] the same between the robot's own links
 _MOST_TOUCHING = (
     0.2  # of the nodes along a path that touch something; where there are more, relaxing is not tried first
 )
@@ -204,8 +202,8 @@ class PlanSearch(PathSearch):
         valid = ValidityChecker(
             self.robot,
             self.scene,
-            margin=max(min(_JOINT_PATH_MARGIN, 0.5 * problem.room), params.clearance),
-            self_margin=max(min(_JOINT_PATH_SELF_MARGIN, 0.5 * problem.self_room), params.self_clearance),
+            margin=max(0.5 * problem.room, params.clearance),
+            self_margin=max(0.5 * problem.self_room, params.self_clearance),
             bounds=self.deformer.workspace.bounds,
         )
         constraint = self.problem.constraint

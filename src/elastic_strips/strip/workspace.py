@@ -19,7 +19,7 @@ from elastic_strips.collision import (
     SelfProximity,
 )
 from elastic_strips.collision.candidates import NodePrediction
-from elastic_strips.collision.native_side import MOST_HALVINGS, proven_segments
+from elastic_strips.collision.native_side import MOST_HALVINGS, least_distance, proven_segments
 from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.ownership import OneThread, exclusive
@@ -70,6 +70,7 @@ class TickResult:
     iterations: int = 0
 
 
+_ROOM_TOLERANCE = 1e-4  # [m] of the distance at configurations that are only looked at
 _HOME: WeakKeyDictionary[RobotModel, dict[tuple[int, float], tuple[Array, Array]]] = WeakKeyDictionary()
 
 
@@ -256,14 +257,27 @@ class Workspace(OneThread):
         v = self.robot.space.difference(strip.coordinates[:-1], strip.coordinates[1:])
         if self.robot.space.half_turn(v).any():
             return False
+        return self._proves(strip.coordinates, v, scene, self.params.clearance, self.params.self_clearance)
+
+    def room_at(
+        self, coordinates: Array, scene: Scene, *, clearance: float, self_clearance: float, most: float
+    ) -> float | None:
+        """The least distance [m] of configurations (N, nv) to obstacles, or ``most``, where spheres prove that they
+        keep both clearances [m]; None says nothing. They do not become current."""
+        rows, v = np.concatenate((coordinates, coordinates[-1:])), np.zeros_like(coordinates)
+        if not self._proves(rows, v, scene, clearance, self_clearance):
+            return None
+        return least_distance(self.bounds, scene, rows, v, tolerance=_ROOM_TOLERANCE, most=most)
+
+    def _proves(self, rows: Array, v: Array, scene: Scene, clearance: float, self_clearance: float) -> bool:
         proven = proven_segments(
             self.bounds,
             scene,
             self.self_pairs.pairs,
-            strip.coordinates,
+            rows,
             v,
-            clearance=self.params.clearance,
-            self_clearance=self.params.self_clearance,
+            clearance=clearance,
+            self_clearance=self_clearance,
             depth=min(MOST_HALVINGS, self.params.certificate_depth - 1),  # what it proves, :meth:`certify` does
             all=True,
         )
