@@ -257,10 +257,23 @@ void self_drift(const double* coordinates, const double* before, std::size_t nv,
   }
 }
 
+// How far two bodies are apart along the direction in which they were when they were last measured.
+static double apart_along(const SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair,
+                          const double* direction) {
+  const double* T = frames.at(pairs.planar() ? 1 : 0, node);
+  const Eigen::Map<const Vec3> kept(direction);
+  if (!(kept.squaredNorm() > 0.5)) return -INFINITY;
+  const Vec3 n = Eigen::Map<const Mat3, 0, Eigen::OuterStride<4>>(T) * kept;
+  const Bodies& bodies = pairs.bodies();
+  return -bodies.extent(frames, node, pairs.body(pair, 0), -n) - bodies.extent(frames, node, pairs.body(pair, 1), n) -
+         GJK_EXCESS;
+}
+
 // `cheap` is the lower bound that the capsules give.
 static void self_measure(SelfPairs& pairs, const Frames& frames, std::size_t node, std::size_t pair, double cheap,
                          double reach, SelfDistances& d) {
   const std::size_t k = node * d.pairs + pair;
+  if (cheap < reach) cheap = apart_along(pairs, frames, node, pair, d.direction + 3 * k);
   if (cheap >= reach) {
     d.bound[k] = cheap;
     d.since[k] = FAR;
