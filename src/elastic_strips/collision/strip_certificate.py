@@ -292,7 +292,7 @@ def coordinate_clearance(robot: RobotModel, coordinates: Array, scene: Scene, *,
     bodies, v = BodySet.links(robot), robot.space.difference(coordinates[:-1], coordinates[1:])
     bounds = MotionBounds(bodies)
     if not robot.space.half_turn(v).any():
-        least = least_distance(bounds, scene, coordinates, v, tolerance=tolerance)
+        least = least_distance(bounds, scene, coordinates, v, tolerance=tolerance, most=_SEARCH_REACHES[-1])
         if least is not None:
             return least
     kin = Kinematics(bodies.tree, len(coordinates))

@@ -45,9 +45,7 @@ _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is
 _LEAST_TURN_TIME = 0.1  # [s] of an attempt that takes turns with others
 _ROUNDED_LOOKS = 1e-2  # that sums of work may be rounded by
 _SHARING_TURNS = 3  # most attempts among which what is left is divided
-_AMPLE_ROOM = (
-    0.02  # [m] of start and goal: a path of the joints keeps half of what they have, but not more than of this
-)
+_AMPLE_ROOM = 0.02  # [m] of start and goal, of which, or of what they have, a path of the joints keeps half
 _AMPLE_SELF_ROOM = 0.01  # [m] the same between the robot's own links
 _FIRST_NODE_SPACING = 0.13  # [m] between the nodes of a first strip, at most
 
@@ -190,14 +188,16 @@ class PlanningProblem:
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
         self.endpoints: Array = np.stack((self.start, self.goal))
         room = self._room()
-        nearest = [] if room else nearest_things(self.deformer.workspace, robot, scene, (self.start, self.goal))
+        nearest: list[Near] = []
+        if room is None:
+            nearest = nearest_things(self.deformer.workspace, robot, scene, (self.start, self.goal))
         self.eased: str = ""
         if params is None and deformer is None:
             self.eased = ease(self.deformer, nearest)
             self.params = self.deformer.params
         for near in nearest:
             near.check(self.params)
-        ample = {"clearance": room or _AMPLE_ROOM, "self_clearance": _AMPLE_SELF_ROOM}
+        ample = {"clearance": _AMPLE_ROOM if room is None else room, "self_clearance": _AMPLE_SELF_ROOM}
         self.room, self.self_room = (
             min((near.distance for near in nearest if near.bound == bound and near.distance < most), default=most)
             for bound, most in ample.items()
