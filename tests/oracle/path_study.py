@@ -26,6 +26,9 @@ from typing import cast
 
 import numpy as np
 import numpy.typing as npt
+
+sys.path.append(str(Path(__file__).parents[2]))  # for the workshop, which is beside the package
+
 from attack import Checker, Figures
 from brute_force import link_distances, self_distances
 from way_study import WAYS, WORLDS, study_ways
