@@ -41,6 +41,14 @@ void PathProof::at(const double* row, Queries& ask) {
   ask.forget();
 }
 
+// The direction in which a pair was apart when it was last measured; no length where that is not known.
+Vec3& PathProof::kept_normal(const SphereOpen& open) {
+  Normal& kept = normals_[(open.other * 31 + open.body * 2 + open.self) % kKept];
+  if (kept.of.self != open.self || kept.of.body != open.body || kept.of.other != open.other)
+    kept = {open, Vec3::Zero()};
+  return kept.normal;
+}
+
 // As much of a pair's distance as is proven; the robot is there.
 Found PathProof::exact(const SphereOpen& open, Queries& ask) {
   ++queries;
@@ -232,11 +240,14 @@ bool PathProof::look(Piece* now, std::size_t filled, Piece* of, Queries& ask, st
       const double move = half * (open.self ? travel : speed);
       if (2.0 * move <= kExactTravel) {
         const double needed = (open.self ? ask_.self_clearance : ask_.clearance) + ask_.floor * travel;
+        Vec3& normal = kept_normal(open);  // that of a piece nearby: a plane is sooner asked than the distance
+        if (beyond_plane(piece, open, move, normal, ask.frames) > needed) continue;
         const Found found = exact(open, ask);
+        normal = found.direction;
         if (found.distance > needed + move) continue;
         if (!(found.distance > needed)) {
           hopeless = true;
-        } else if (beyond_plane(piece, open, move, found.direction, ask.frames) > needed) {
+        } else if (beyond_plane(piece, open, move, normal, ask.frames) > needed) {
           continue;
         }
       }
@@ -313,9 +324,12 @@ double PathProof::least(const double* rows, const double* v, std::size_t n, doub
       each_open(i, &rows_[i * nv], [&](const SphereOpen& open) {
         if (open.body != body) speed = speed_in(piece, body = open.body, ask.frames, speed_[open.body * kRows + i]);
         const double move = half * speed;
+        Vec3& normal = kept_normal(open);
+        if (beyond_plane(piece, open, move, normal, ask.frames) > nearest - tolerance) return;
         const Found found = measure(open, move);
+        normal = found.direction;
         if (found.distance - move > nearest - tolerance) return;
-        if (beyond_plane(piece, open, move, found.direction, ask.frames) > nearest - tolerance) return;
+        if (beyond_plane(piece, open, move, normal, ask.frames) > nearest - tolerance) return;
         if (!piece.bodies.empty() && piece.bodies.back() == open.body) return;
         piece.bodies.push_back(open.body);
         piece.speed.push_back(speed);

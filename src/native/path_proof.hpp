@@ -12,6 +12,8 @@ namespace strips {
 // where the body, grown by that and by the clearance, is. What the spheres leave open is halved, and where it moves
 // little the exact distance decides, as much of it as is proven.
 class PathProof {
+  static constexpr std::size_t kKept = 512;
+
  public:
   // `radius` (M, G) and `self_radius` (nv, S) bound how fast points move, as those of Certifier do.
   PathProof(std::shared_ptr<const Bodies> bodies, const Parts& parts, std::vector<std::int64_t> self_pairs,
@@ -45,6 +47,10 @@ class PathProof {
     Vec3 linear = Vec3::Zero(), angular = Vec3::Zero();
     double turning = 0.0;
   };
+  struct Normal {
+    SphereOpen of{};
+    Vec3 normal = Vec3::Zero();
+  };
   struct Asked {
     const double *rows, *v;
     double clearance, self_clearance;
@@ -53,6 +59,7 @@ class PathProof {
     double floor;  // of a segment, what the shortest pieces of a certificate are of its travel, halved
   };
   void at(const double* row, Queries& ask);
+  Vec3& kept_normal(const SphereOpen& open);
   Found exact(const SphereOpen& open, Queries& ask);
   bool rest_is_clear(Queries& ask);
   void set_travel(std::size_t n);
@@ -77,6 +84,7 @@ class PathProof {
   std::vector<double> travel_, self_travel_;      // (N-1, G), (N-1, S) of whole segments
   std::vector<std::uint32_t> moved_;              // bodies that joints move
   std::vector<Piece> todo_;
+  std::vector<Normal> normals_ = std::vector<Normal>(kKept);  // of the last queries, by a hash of the pair
   Asked ask_{};
 };
 
