@@ -17,6 +17,7 @@
     ├── ThreadError (also a RuntimeError): a workspace is used by two threads at once
     ├── MissingExtraError (also an ImportError): a package that only some uses need is not installed
     ├── PerceptionError                no scene can be made of the readings (elastic_strips.sim)
+    ├── PlanningError                  plan(…, certified=True) found no certified strip
     └── RetimingError                  no timing of a path was found (elastic_strips.trajectory)
 
 An *expected* failure (a blocked or broken strip) is never raised as an error of the input: it is a status on a report,
@@ -71,6 +72,14 @@ class NumericalError(ElasticStripsError, FloatingPointError):
 
 class ThreadError(ElasticStripsError, RuntimeError):
     """A thread called something that another one was using: a deformer, or whatever has buffers of its own."""
+
+
+class PlanningError(ElasticStripsError):
+    """No certified strip was found; ``report`` has what was tried, as data."""
+
+    def __init__(self, message: str, report: object = None) -> None:
+        super().__init__(message)
+        self.report: object = report
 
 
 class MissingExtraError(ElasticStripsError, ImportError):

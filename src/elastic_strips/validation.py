@@ -6,10 +6,10 @@ import math
 import numbers
 import reprlib
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from functools import cache, partial
 from types import NoneType, UnionType
-from typing import Annotated, Literal, TypeGuard, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Literal, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -234,10 +234,25 @@ def check_fields(owner: object, what: str = "") -> None:
         rule(f"{what}.{name}", getattr(owner, name))
 
 
+_Kind = TypeVar("_Kind", bound="Checked")
+
+
 class Checked:
     """Base of parameters: a dataclass whose fields are checked when it is made, see :func:`check_fields`."""
 
     __slots__ = ()
+
+    def __new__(cls: type[_Kind], *_: object, **named: object) -> _Kind:
+        """Refuse what is no field, with the name that may have been meant.
+
+        Raises:
+            ParameterError: an unknown name.
+        """
+        valid = [f.name for f in fields(cls) if f.init]  # type: ignore[arg-type]
+        for name in named:
+            if name not in valid:
+                raise ParameterError(f"{cls.__name__} has no parameter {name!r}{nearest_name(name, valid)}")
+        return object.__new__(cls)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -160,9 +160,12 @@ class BaseController:
 
     @property
     def ended(self) -> bool:
-        """Whether the robot has arrived, is in contact, or stands after :meth:`stop`."""
-        if self._contact or self.state is RunState.REACHED:
-            return True
+        """Whether the robot has arrived, or is in contact."""
+        return bool(self._contact) or self.state is RunState.REACHED
+
+    @property
+    def halted(self) -> bool:
+        """Whether the robot stands after :meth:`stop`."""
         return bool(self._stopping) and not (self.command.v or self.command.omega)
 
     @property
@@ -204,7 +207,7 @@ class BaseController:
             self._enter(RunState.STOPPED, f"touched {self._contact}")
         elif command.status == "arrived":
             self._enter(RunState.REACHED, "at rest at the goal")
-        elif self._stopping and self.ended:
+        elif self.halted:
             self._enter(RunState.STOPPED, self._stopping)
         else:
             self._enter(RunState.BRAKING if blocked else RunState.MOVING, command.reason)

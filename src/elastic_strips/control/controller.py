@@ -72,6 +72,16 @@ class Tick:
     reason: str
 
 
+def _stale(t: float, scene: Scene, most: float) -> str:
+    """Why a scene is too old to be driven on; empty where it is not, or is a map, which has no time and no motions."""
+    age = t - scene.time
+    if age <= most or (scene.stamp is None and all(obstacle.motion is None for obstacle in scene)):
+        return ""
+    if scene.stamp is None:
+        return "a scene in which something moves has no time: Scene(…, time=t) says when it was seen"
+    return f"stale scene: {age:.2f} s old, at most {most:g} s"
+
+
 class ControllerOptions(TypedDict, total=False):
     """Arguments of the :class:`Controller` that those which are made of one pass on."""
 
@@ -159,7 +169,7 @@ class Controller:
         check_able("meter", meter)
         check_count("seed", seed)
         self.robot: RobotModel = robot
-        self.params: DriveParams = params or DriveParams()
+        self._params: DriveParams = params or DriveParams()
         self.limits: MotionLimits = limits or MotionLimits.for_robot(robot)
         self.time: float = 0.0
         self.start: Array = robot.space.to_coordinates(robot.check_q(start, what="start"))
@@ -209,6 +219,11 @@ class Controller:
     def close(self) -> None:
         """End the planning thread; a running plan is waited for."""
         self._plans.close()
+
+    @property
+    def params(self) -> DriveParams:
+        """The parameters, which stay as they were given."""
+        return self._params
 
     @property
     def state(self) -> RunState:
@@ -262,10 +277,13 @@ class Controller:
 
     @property
     def ended(self) -> bool:
-        """Whether the last goal is reached, or the robot was to stop, and the active trajectory is over."""
-        if self._stopping:
-            return self.executor.at_rest(self.time)
+        """Whether the last goal is reached."""
         return self.state is RunState.REACHED and not self.goals and self._next_plan is None
+
+    @property
+    def halted(self) -> bool:
+        """Whether the robot was to :meth:`stop`, and stands; :meth:`resume` lets it go on."""
+        return bool(self._stopping) and self.executor.at_rest(self.time)
 
     def log(self, kind: str, reason: str) -> None:
         """Write down an event at the present time: its kind in one word, and a reason."""
@@ -322,9 +340,10 @@ class Controller:
         """One control period: the command of the motors from now on.
 
         Args:
-            t: time [s], later than at the last step by about ``params.control_dt``.
+            t: time [s], later than at the last step; the period is measured, and need not be ``params.control_dt``.
             measurement: since the last step; None at the first, when the robot stands.
-            scene: the newest sensed scene, with the time at which it was sensed; None where no newer one came.
+            scene: the newest sensed scene, with the time at which it was sensed; None where no newer one came. One
+                without a time, in which nothing moves, is a map: it counts until another scene comes.
             trouble: why no scene came, where that is known; the robot comes to rest then.
 
         Returns:
@@ -342,9 +361,9 @@ class Controller:
         self.time = t
         self._see(t, scene, trouble)
         if self.plans_next:
-            seconds = self._planning_tick(t)
-            periods = self.params.plan_every, int(np.ceil(seconds / self.params.control_dt - 1e-9))
-            self._next_tick = self._steps + max(periods)
+            seconds, period = self._planning_tick(t), self._here.period.seconds
+            every = self.params.plan_every * self.params.control_dt / period
+            self._next_tick = self._steps + max(1, round(every), int(np.ceil(seconds / period - 1e-9)))
         self._publish(t)
         command = self._here.command(t)
         self._steps += 1
@@ -427,10 +446,15 @@ class Controller:
             executor.log("fault", self._trouble)
             return
         scene = self._newest
-        age = t - scene.time
-        if age > params.max_scene_age:
-            executor.reject(f"stale scene: {age:.2f} s old, at most {params.max_scene_age:g} s")
+        stale = _stale(t, scene, params.max_scene_age)
+        if stale:
+            executor.reject(stale)
             executor.log("fault", "stale scene")
+            return
+        if self._here is not None and self._here.period.seconds > params.monitor.longest_period:
+            slow = f"the control loop runs at {1.0 / self._here.period.seconds:.1f} Hz"
+            executor.reject(f"{slow}; motions are followed from {1.0 / params.monitor.longest_period:.0f} Hz on")
+            executor.log("fault", slow)
             return
         self.scene = scene
         if executor.lost_for > 0.1:

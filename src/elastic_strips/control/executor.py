@@ -23,11 +23,13 @@ from elastic_strips.validation import check_number
 from .estimation import StateEstimator
 from .interfaces import Command, Measurement, RunState
 from .monitor import Monitor
+from .pace import ControlPeriod
 from .params import DriveParams, Tolerance
 from .supervisor import RunLog, Supervisor
 from .tracking import TrackingController, TrackingGains
 
 _TRACKING_ERROR_STEP = 0.005  # [m] in which the tracking error grows
+_RELEASED = ": released, waiting for resume"
 _STANDING_SPEED = 0.05  # [m/s, rad/s] a measured speed below this counts as standing
 
 
@@ -143,6 +145,7 @@ class MotionExecutor:
     Attributes:
         time: time of the last step [s].
         estimator, monitor, supervisor, tracker: the parts.
+        period: how long a control period lasts.
         contact: what the robot touches by its last measurement; empty without a contact.
         proven: tracking error [m] that the active trajectory was certified with.
         other attributes: see :class:`ExecutorLink`.
@@ -165,6 +168,7 @@ class MotionExecutor:
         self.goal: Array = goal
         self.tolerance: Tolerance = tolerance
         self.time: float = 0.0
+        self.period: ControlPeriod = ControlPeriod(params.control_dt)
         self.estimate: Array = np.array(start)
         self.estimator: StateEstimator = StateEstimator(robot, limits)
         self.estimator.reset(self.estimate, 0.0)
@@ -177,7 +181,8 @@ class MotionExecutor:
         self.recoveries: int = 0
         self._retimer = Retimer(robot, limits, dt=params.sample_dt)
         self._halt = ""  # why the robot has to stand before it goes on from where it is
-        self._stopping = self._emergency = ""
+        self._stopping = self._emergency = ""  # why it takes no motions; the emergency stop that was pressed
+        self._released = False  # whether that is not pressed any more
         self._power_cut: float | None = None  # since when [s]
         self._braked: Trajectory | None = None  # for the contact
         self._speed = 0.0
@@ -271,7 +276,10 @@ class MotionExecutor:
         self._stopping = self._stopping or reason
 
     def resume(self) -> None:
+        if self._emergency:
+            self.supervisor.stand("resumed")
         self._stopping = self._emergency = ""
+        self._released = False
 
     # in every control period
 
@@ -288,6 +296,8 @@ class MotionExecutor:
         if self._steps and not check_number("t", t, unit="s") > self.time:
             raise ParameterError(f"t={t!r} s must be later than the last step, at {self.time!r} s")
         began, self.time = self.time, t
+        if self._steps:
+            self.period.note(t - began)
         measurement = None
         if raw is not None:
             measurement, faults = self.monitor.measurement(t, raw, self.estimate)
@@ -316,9 +326,11 @@ class MotionExecutor:
         if self._stopping and self.run.state in (RunState.MOVING, RunState.BRAKING):  # at rest it has another reason
             self.reject(self._stopping)
         self.supervisor.update(t)
+        if self._emergency:
+            self.supervisor.stand(self._emergency + _RELEASED * self._released)
         self._steps += 1
         command = self._command(t)
-        self.monitor.commanded(command)
+        self.monitor.commanded(t, command)
         return command
 
     def fail(self, reason: str) -> None:
@@ -333,6 +345,9 @@ class MotionExecutor:
         if measurement.emergency and not self._emergency:
             self._emergency = self._stopping = measurement.emergency
             self.fail(measurement.emergency)
+        if self._emergency and self._released is bool(measurement.emergency):
+            self._released = not measurement.emergency
+            self.log("emergency", self._emergency + _RELEASED * self._released)
         if not self.contact:
             self._braked = None
         elif self.active is not self._braked:
@@ -411,7 +426,7 @@ class MotionExecutor:
         """Speeds that follow the reference; the base and joints that are not measured are not fed back."""
         space, reference, estimate = self.robot.space, self.reference(t), self.estimate
         base = space.base_nv
-        if self._power_cut is not None or (self._emergency and self.at_rest(t)):
+        if self._power_cut is not None or (self._emergency and self.run.state is RunState.STOPPED):
             return replace(self.tracker.rest, stop=True)
         if self._measured < t - 1e-6:  # since then it has moved about as the reference has
             then = self.reference(self._measured).coordinates
@@ -420,4 +435,5 @@ class MotionExecutor:
             estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))
         if self.monitor.silent is not None:
             estimate = reference.coordinates
-        return self.tracker.command(reference, estimate)
+        older = 0.5 * (self.period.seconds - self.params.control_dt)  # than the gains assume commands to be
+        return self.tracker.command(reference, estimate, older)

@@ -21,6 +21,8 @@ _TOO_FAST = 2.0
 """A motor that seems this many times as fast as its limit was misread."""
 _OLDEST_FIX = 10.0  # [s] before the measurement that it comes with
 _READING_SLACK = 0.05  # [m, rad] and what a reading may be off besides
+_SAME_PERIOD = 1e-6  # part of a step by which a period may be longer
+_MOST_STEPS = 1000  # of the motors' model at once: after that they have what they were told
 _MOST_VANISHED = 1
 """This many obstacles may vanish at once."""
 
@@ -32,7 +34,7 @@ class Monitor:
         robot: the robot.
         limits: limits of its motors.
         params: when an assumption counts as broken.
-        dt: control period [s].
+        dt: nominal control period [s]; the motors' model takes no longer steps, however long a period lasts.
 
     Attributes:
         deviation: bound [m] of the distance of any point of the robot from its place by the reference, estimated.
@@ -54,6 +56,9 @@ class Monitor:
         self._last: Measurement | None = None
         self._joints_read: float | None = None  # time of the last joints that were believed
         self._model = np.zeros(len(limits.drive_speed))  # speeds that the motors ought to have
+        self._wanted = self._model  # that they were told last
+        self._modelled: float | None = None  # [s] time of the model
+        self._travel, self._span = np.zeros_like(self._model), 0.0  # by the model since the last measurement
         self._wrong_since: float | None = None
 
     def measurement(self, t: float, raw: Measurement, estimate: Array) -> tuple[Measurement | None, tuple[str, ...]]:
@@ -84,8 +89,11 @@ class Monitor:
         else:
             self.silent = None
         self._last = replace(raw, drive=drive, joints=joints, pose=pose, pose_covariance=covariance)
+        self._advance(t)
+        expected = self._travel / self._span if self._span > 0.0 else self._model
+        self._travel, self._span = np.zeros_like(self._model), 0.0
         if drive is not None:
-            self._check_motors(t, drive / span)
+            self._check_motors(t, drive / span, expected)
         return self._last, tuple(filter(None, (*faults, odometry_fault, joints_fault, fix_fault)))
 
     def _odometry(self, raw: Measurement, span: float) -> tuple[Array | None, str]:
@@ -125,16 +133,26 @@ class Monitor:
     def _silence(self, t: float) -> None:
         self.silent = t if self.silent is None else self.silent
 
-    def commanded(self, command: Command) -> None:
-        """Take note of the command for the period that begins now."""
-        wanted = np.zeros_like(self._model) if command.stop else command.drive
-        push = self.limits.drive_acceleration * self._dt
-        change = (wanted - self._model) * (1.0 - math.exp(-self._dt / max(self.params.wheel_lag, 1e-9)))
-        self._model = self._model + np.clip(change, -push, push)
+    def commanded(self, t: float, command: Command) -> None:
+        """Take note of the command for the period that begins at time ``t`` [s]."""
+        self._advance(t)
+        self._wanted = np.zeros_like(self._model) if command.stop else command.drive
 
-    def _check_motors(self, t: float, speed: Array) -> None:
-        """Compare measured speeds (k,) [m/s, rad/s] with the motors' model."""
-        error = np.abs(speed - self._model)
+    def _advance(self, t: float) -> None:
+        """Bring the motors' model to time ``t`` [s], by what they were told last."""
+        span = 0.0 if self._modelled is None else t - self._modelled
+        self._modelled = t
+        steps = math.ceil(span / self._dt - _SAME_PERIOD)
+        for _ in range(min(steps, _MOST_STEPS)):
+            step = span / steps
+            push = self.limits.drive_acceleration * step
+            change = (self._wanted - self._model) * (1.0 - math.exp(-step / max(self.params.wheel_lag, 1e-9)))
+            self._model = self._model + np.clip(change, -push, push)
+            self._travel, self._span = self._travel + step * self._model, self._span + step
+
+    def _check_motors(self, t: float, speed: Array, expected: Array) -> None:
+        """Compare measured speeds (k,) [m/s, rad/s] with those that the motors' model expects."""
+        error = np.abs(speed - expected)
         if float(error.max(initial=0.0)) <= self.params.motor_error:
             self._wrong_since, self.motor_fault = None, ""
             return
@@ -142,7 +160,7 @@ class Monitor:
         if t - self._wrong_since >= self.params.motor_time:
             i = int(error.argmax())
             self.motor_fault = (
-                f"motor {i} of the drive does not obey: {speed[i]:.2f} m/s where {self._model[i]:.2f} are expected"
+                f"motor {i} of the drive does not obey: {speed[i]:.2f} m/s where {expected[i]:.2f} are expected"
             )
 
     def follow(self, reference: Array, estimate: Array, estimator: StateEstimator) -> None:

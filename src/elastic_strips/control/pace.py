@@ -1,4 +1,5 @@
-"""Pace: how long planning takes, when a motion that is planned now can begin, and what a tick still has time for."""
+"""Pace: how long control periods last and planning takes, when a motion that is planned now can begin, and what a tick
+still has time for."""
 
 from __future__ import annotations
 
@@ -10,6 +11,10 @@ import numpy as np
 
 from .params import DriveParams
 
+_REMEMBERED_PERIODS, _FEWEST_PERIODS = 15, 2
+"""Control periods whose median counts, the lower one of two, and the fewest of them."""
+_SAME_PERIOD = 0.05
+"""Part of the nominal period by which the measured one may differ and is the same."""
 _REMEMBERED_TICKS = 20
 """Durations of ticks that are remembered."""
 _TICK_QUANTILE, _TICK_RESERVE = 0.9, 1.1
@@ -17,6 +22,30 @@ _TICK_QUANTILE, _TICK_RESERVE = 0.9, 1.1
 _WAITING_SHARE = 0.4
 """Part of the time until a motion begins that work which can wait for the next tick may take: certificate and timing of
 its result need the rest."""
+
+
+class ControlPeriod:
+    """Workspace: how long a control period lasts, by the times of the last steps.
+
+    Args:
+        nominal: the period [s] that counts until it is known, and where the measured one is about the same.
+
+    Attributes:
+        seconds: the period [s].
+    """
+
+    def __init__(self, nominal: float) -> None:
+        self.seconds: float = nominal
+        self._nominal = nominal
+        self._spans: deque[float] = deque(maxlen=_REMEMBERED_PERIODS)
+
+    def note(self, span: float) -> None:
+        """Take note of the time [s] between two steps."""
+        self._spans.append(span)
+        if len(self._spans) >= _FEWEST_PERIODS:
+            measured = sorted(self._spans)[(len(self._spans) - 1) // 2]
+            same = abs(measured - self._nominal) <= _SAME_PERIOD * self._nominal
+            self.seconds = self._nominal if same else measured
 
 
 class Pace:

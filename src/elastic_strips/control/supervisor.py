@@ -148,6 +148,11 @@ class Supervisor(RunLog):
             if self.stops and self.stops[-1][1] == _NOTHING_NEWER:  # it ended between two ticks
                 self.stops[-1] = (self.stops[-1][0], reason)
 
+    def stand(self, reason: str) -> None:
+        """Note why the robot stands, and will until somebody lets it go on, whatever else happens meanwhile."""
+        if self.state is RunState.STOPPED:
+            self.reason = reason
+
     def hold(self, reason: str) -> None:
         """Note that the active trajectory is still certified, and why the robot will stop at its end."""
         self._rejection, self._holding = "", reason

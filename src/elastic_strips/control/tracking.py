@@ -80,12 +80,13 @@ class TrackingController:
         self._joint_top = limits.joint_speed * gains.headroom
         self.rest: Command = Command.rest(limits)
 
-    def command(self, reference: ReferenceState, estimate: Array) -> Command:
+    def command(self, reference: ReferenceState, estimate: Array, older: float = 0.0) -> Command:
         """The command for the period that begins now.
 
         Args:
             reference: state to follow now.
             estimate: (nv,) estimated coordinate row now.
+            older: by how much [s] commands are older on average when they act than ``TrackingGains.hold``.
         """
         v, a = reference.v, reference.a
         if max(v.max(), -v.min(), a.max(), -a.min()) <= _RESTING_REFERENCE:
@@ -95,13 +96,13 @@ class TrackingController:
         if self._circular is not None:
             error = np.where(self._circular, np.remainder(error + np.pi, 2.0 * np.pi) - np.pi, error)
         feedback = np.minimum(np.maximum(g.joint * error, -g.most_joint), g.most_joint)
-        rates = v[first:] + (g.joint_lag + g.hold) * a[first:] + feedback
+        rates = v[first:] + (g.joint_lag + g.hold + older) * a[first:] + feedback
         joints = np.minimum(np.maximum(rates, -self._joint_top), self._joint_top)
         if not self._k:
             return Command(self.rest.drive, joints)
-        return Command(self._drive(reference, estimate), joints)
+        return Command(self._drive(reference, estimate, older), joints)
 
-    def _drive(self, reference: ReferenceState, estimate: Array) -> Array:
+    def _drive(self, reference: ReferenceState, estimate: Array, older: float) -> Array:
         g = self.gains
         x, y, yaw = estimate[:3].tolist()
         x_r, y_r, yaw_r = reference.coordinates[:3].tolist()
@@ -111,7 +112,7 @@ class TrackingController:
         e_x, e_y = cos * (x_r - x) + sin * (y_r - y), cos * (y_r - y) - sin * (x_r - x)
         sin_e, cos_e = math.sin(yaw_r - yaw), math.cos(yaw_r - yaw)
         e_turn = math.atan2(sin_e, cos_e)
-        lead = g.wheel_lag + g.hold
+        lead = g.wheel_lag + g.hold + older
         if self._k == 2:
             forward = (vx + lead * ax) * cos_e + _bounded(g.along * e_x, g.most_base)
             # beyond 90 degrees the sine would decrease with the error

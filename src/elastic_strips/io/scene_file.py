@@ -81,7 +81,7 @@ def read_scene(
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
     """
     world = read_world(path, robot=robot, q=q, options=options)
-    return world.at(world.scene.time)
+    return world.at(world.scene.time) if world.names_moving or world.event_times else world.scene
 
 
 def read_world(
@@ -158,7 +158,7 @@ def _parts(
         parts.append(_part(Path(each), kind, root, cast("SceneOptions", own), reading))
     if len(parts) == 1:
         return bounded(parts[0])
-    return bounded(joined(parts, World(Scene([], time=parts[0].world.scene.time))))
+    return bounded(joined(parts, World(Scene([], time=parts[0].world.scene.stamp))))
 
 
 def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, reading: Reading) -> SceneFile:
@@ -207,7 +207,7 @@ def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
         node.fail("a scene needs the key 'obstacles', or 'sources', files that hold some")
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
-    time = entries["time"].number(low=-1e9, high=1e9, unit="s") if "time" in entries else 0.0
+    time = entries["time"].number(low=-1e9, high=1e9, unit="s") if "time" in entries else None
     obstacles: list[Obstacle] = []
     named: dict[str, int | None] = {}
     items = entries["obstacles"].items() if "obstacles" in entries else []
@@ -323,7 +323,8 @@ def _write(scene: Scene, spans: dict[str, dict[str, float]], path: str | os.Path
 
 def _document(scene: Scene, spans: dict[str, dict[str, float]], target: Path) -> str:
     """The text of a scene file that is to stand at ``target``."""
-    lines = [f"version: {VERSION}", f"time: {_text(scene.time)}", "obstacles:" if len(scene) else "obstacles: []"]
+    time = [] if scene.stamp is None else [f"time: {_text(scene.stamp)}"]
+    lines = [f"version: {VERSION}", *time, "obstacles:" if len(scene) else "obstacles: []"]
     for obstacle in scene:
         entries = obstacle_entries(obstacle, target.parent) | spans.get(obstacle.name or "", {})
         lines += [

@@ -300,7 +300,7 @@ def placed(world: World, pose: Array | None) -> World:
         o.moved(pose @ o.pose) if o.motion is None else o.observed(check_pose(pose @ o.pose), _turned(o, pose))
         for o in world.scene
     ]
-    return World(Scene(obstacles, time=world.scene.time), world.appears, world.vanishes)
+    return World(Scene(obstacles, time=world.scene.stamp), world.appears, world.vanishes)
 
 
 def _turned(obstacle: Obstacle, pose: Array) -> Motion:
@@ -350,7 +350,7 @@ def joined(parts: Sequence[SceneFile], own: World) -> SceneFile:
                     new[free] = times[name]
     heights = [part.assumed_height for part in parts if part.assumed_height is not None]
     return SceneFile(
-        World(Scene(obstacles, time=own.scene.time), appears, vanishes),
+        World(Scene(obstacles, time=own.scene.stamp), appears, vanishes),
         tuple(held for part in parts for held in part.held),
         tuple(area for part in parts for area in part.areas),
         min(heights, default=None),

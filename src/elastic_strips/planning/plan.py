@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import GoalError, ParameterError
+from elastic_strips.errors import GoalError, ParameterError, PlanningError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, OrientationConstraint, Strip
@@ -274,21 +274,24 @@ def plan(
     bounds: npt.ArrayLike | None = None,
     constraint: OrientationConstraint | None = None,
     start_depth: float = 0.0,
+    certified: bool = False,
 ) -> Strip:
     """An initial strip from ``start`` to ``goal``: the straight line if it relaxes to a certified strip, else the
     grid's or OMPL's path.
 
     Where none of them gives a certified strip, the best one is returned *as it is*, a warning is logged, and every
-    report on it says where it is broken; :func:`plan_report` has the details.
+    report on it says where it is broken; :func:`plan_report` has the details. With ``certified`` that is an error.
 
     Args:
         robot, scene, start, goal, seed, params, timeout, bounds, constraint, start_depth: as in :func:`plan_report`;
             the beginning of a strip from a start that touches is not certified, and every report on it says so.
+        certified: whether nothing but a certified strip will do.
 
     Raises:
         RobotError, SceneError, ConfigurationError, GoalError, ParameterError: as :func:`plan_report`.
+        PlanningError: with ``certified``, none was found; it has the report.
     """
-    return plan_report(
+    report = plan_report(
         robot,
         scene,
         start,
@@ -299,4 +302,7 @@ def plan(
         bounds=bounds,
         constraint=constraint,
         start_depth=start_depth,
-    ).strip
+    )
+    if certified and not report.certified:
+        raise PlanningError(report.reason, report)
+    return report.strip

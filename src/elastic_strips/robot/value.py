@@ -208,6 +208,10 @@ class RobotValue(Summary):
         for name, value in [("x", x), ("y", y), ("yaw", yaw), *named.items()]:
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
                 raise ConfigurationError(f"home(...): {name}={value!r} is not a number")
+        if abs(yaw) > 4.0 * np.pi:
+            raise ConfigurationError(
+                f"home(...): yaw={yaw!r} rad is beyond two turns; angles are in radians: math.radians({yaw:g})"
+            )
         if self.space.planar:
             coordinates[:3] = (x, y, yaw)
         elif (x, y, yaw) != (0.0, 0.0, 0.0):

@@ -133,27 +133,31 @@ class Scene:
 
     Args:
         obstacles: The obstacles; those without a name get one ("box-0", "sphere-1": shape and place in the scene).
-        time: Time of the snapshot [s]; moving obstacles are taken to their poses at that time.
+        time: Time of the snapshot [s]; moving obstacles are taken to their poses at that time. None is time 0 of what
+            was made for no time in particular, such as a map.
 
     Attributes:
         obstacles: The obstacles (tuple), each with a name.
         names: Their names (tuple).
         time: Time of the snapshot [s].
+        stamp: The time that it was made for [s], or None where that is none in particular.
         table: Arrays of all parts in the world, see `PartTable`; made on demand, cheap for a derived snapshot.
     """
 
-    __slots__ = ("_changed", "_index", "_source", "_table", "names", "obstacles", "time")
+    __slots__ = ("_changed", "_index", "_source", "_table", "names", "obstacles", "stamp", "time")
 
     obstacles: tuple[Obstacle, ...]
     names: tuple[str, ...]
     time: float
+    stamp: float | None
     _index: dict[str, int] | None  # name -> place, made when it is first asked for
     _table: PartTable | None
     _source: PartTable | None  # table of an earlier snapshot ...
     _changed: tuple[int, ...]  # ... that differs in the poses of these obstacles
 
-    def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float = 0.0) -> None:
-        time = check_time("Scene time", time)
+    def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float | None = None) -> None:
+        stamp = None if time is None else check_time("Scene time", time)
+        time = 0.0 if stamp is None else stamp
         if isinstance(obstacles, Obstacle):
             raise SceneError("Scene needs a list of obstacles: write Scene([obstacle])")
         try:
@@ -173,7 +177,7 @@ class Scene:
             given[k], names[k] = given[k].named(name), name
             taken.add(name)
         obstacles = tuple(o if o.motion is None else o.at(time) for o in given)
-        _filled(self, obstacles, time, tuple(name or "" for name in names))
+        _filled(self, obstacles, stamp, tuple(name or "" for name in names))
 
     @property
     def table(self) -> PartTable:
@@ -206,7 +210,7 @@ class Scene:
         k = self._place(name)
         old = self.obstacles
         new = old[k].moved(pose, time=self.time)  # a static obstacle keeps the time it was made for
-        return self._derived((*old[:k], new, *old[k + 1 :]), self.time, (k,))
+        return self._derived((*old[:k], new, *old[k + 1 :]), self.stamp, (k,))
 
     def with_observations(self, obstacles: Iterable[Obstacle]) -> Scene:
         """Snapshot in which these take the place of obstacles of the same names: copies of them, elsewhere or moving.
@@ -221,7 +225,7 @@ class Scene:
                 raise SceneError(f"obstacle {obstacle.name!r} is not a copy of the scene's: it has other parts")
             new[k] = obstacle
             places.append(k)
-        return self._derived(tuple(new), self.time, tuple(sorted(places)))
+        return self._derived(tuple(new), self.stamp, tuple(sorted(places)))
 
     def with_obstacle(self, obstacle: Obstacle) -> Scene:
         """Snapshot with one more obstacle, named if it has no name; a moving one is taken to the scene's time.
@@ -236,7 +240,9 @@ class Scene:
         elif obstacle.name in self._places:
             raise SceneError(f"there already is an obstacle {obstacle.name!r} in the scene; names must be unique")
         count, table, obstacle = len(self.obstacles), self._known_table(), obstacle.at(self.time)
-        new = _filled(object.__new__(Scene), (*self.obstacles, obstacle), self.time, (*self.names, obstacle.name or ""))
+        new = _filled(
+            object.__new__(Scene), (*self.obstacles, obstacle), self.stamp, (*self.names, obstacle.name or "")
+        )
         object.__setattr__(new, "_index", {**self._places, new.names[-1]: count})
         if table is not None:
             joined = _joined_table(((table, 0, count), (_build_table((obstacle,)), 0, 1)))
@@ -248,7 +254,7 @@ class Scene:
         k, table = self._place(name), self._known_table()
         obstacles, names = self.obstacles, self.names
         left = (*obstacles[:k], *obstacles[k + 1 :])
-        new = _filled(object.__new__(Scene), left, self.time, (*names[:k], *names[k + 1 :]))
+        new = _filled(object.__new__(Scene), left, self.stamp, (*names[:k], *names[k + 1 :]))
         if table is not None:
             joined = _joined_table(((table, 0, k), (table, k + 1, len(obstacles))))
             object.__setattr__(new, "_table", joined)
@@ -292,13 +298,13 @@ class Scene:
         """The table, unless it had to be made from scratch."""
         return None if self._table is None and self._source is None else self.table
 
-    def _derived(self, obstacles: tuple[Obstacle, ...], time: float, changed: tuple[int, ...]) -> Scene:
+    def _derived(self, obstacles: tuple[Obstacle, ...], stamp: float | None, changed: tuple[int, ...]) -> Scene:
         """Snapshot that differs in the poses of the ``changed`` obstacles."""
         if self._table is not None or self._source is None:  # all that is derived from this one derives its table
             source = self.table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
-        new = _filled(object.__new__(Scene), obstacles, time, self.names, source, changed)
+        new = _filled(object.__new__(Scene), obstacles, stamp, self.names, source, changed)
         object.__setattr__(new, "_index", self._index)
         if source is not None and not changed:
             object.__setattr__(new, "_table", source)
@@ -329,7 +335,7 @@ class Scene:
         raise AttributeError(f"Scene is immutable; {key!r} cannot be deleted")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _made, (self.obstacles, self.time)
+        return _made, (self.obstacles, self.stamp)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -382,8 +388,8 @@ class World(Summary):
         latest = self._latest.get(phase)
         if latest is None:
             there = [o for o in self.scene if self.exists(o.name or "", t)]
-            latest = self.scene if len(there) == len(self.scene) else Scene(there, time=self.scene.time)
-        if latest.time != t:
+            latest = self.scene if len(there) == len(self.scene) else Scene(there, time=self.scene.stamp)
+        if latest.stamp != t:
             latest = latest.at(t)
         self._latest[phase] = latest
         return latest
@@ -450,15 +456,15 @@ class World(Summary):
         return World, (self.scene, dict(self.appears), dict(self.vanishes))
 
 
-def _made(obstacles: tuple[Obstacle, ...], time: float) -> Scene:
+def _made(obstacles: tuple[Obstacle, ...], stamp: float | None) -> Scene:
     """A scene of named obstacles at their poses."""
-    return _filled(object.__new__(Scene), obstacles, time, tuple(o.name or "" for o in obstacles))
+    return _filled(object.__new__(Scene), obstacles, stamp, tuple(o.name or "" for o in obstacles))
 
 
 def _filled(
     scene: Scene,
     obstacles: tuple[Obstacle, ...],
-    time: float,
+    stamp: float | None,
     names: tuple[str, ...],
     source: PartTable | None = None,
     changed: tuple[int, ...] = (),
@@ -467,7 +473,8 @@ def _filled(
     put = object.__setattr__
     put(scene, "obstacles", obstacles)
     put(scene, "names", names)
-    put(scene, "time", time)
+    put(scene, "stamp", stamp)
+    put(scene, "time", 0.0 if stamp is None else stamp)
     put(scene, "_index", None)
     put(scene, "_table", None)
     put(scene, "_source", source)

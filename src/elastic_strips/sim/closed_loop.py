@@ -83,7 +83,6 @@ class Simulation(Generic[_Driver]):
         self.perception: Perception = perception
         self.robot: RobotModel = controller.robot
         self.limits: MotionLimits = controller.limits
-        self.params: DriveParams = controller.params
         self.pedestrians: Pedestrians = Pedestrians(self.robot, world)
         self.watch = watch
         self.realtime: bool = realtime
@@ -95,6 +94,11 @@ class Simulation(Generic[_Driver]):
         self._recording = record
         self._step = 0
         self._measurement: Measurement | None = None
+
+    @property
+    def params(self) -> DriveParams:
+        """The controller's parameters."""
+        return self.controller.params
 
     def stop(self) -> None:
         """End the run as soon as the robot has come to rest."""
@@ -117,7 +121,7 @@ class Simulation(Generic[_Driver]):
             command = self._control(t)
             self._advance(t, command)
             self._step += 1
-            if (controller.ended and self._settled()) or t > limit + LONGEST_OVERTIME:
+            if ((controller.ended or controller.halted) and self._settled()) or t > limit + LONGEST_OVERTIME:
                 break
             if self.realtime:
                 ahead = began + (self._step - first) * params.control_dt - perf_counter()

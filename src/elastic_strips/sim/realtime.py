@@ -165,7 +165,7 @@ class RealtimeSimulation(Simulation[Controller]):
             controller.plan(t, sensed, trouble=trouble)
             if controller.tick is not None and controller.tick.time == t:
                 self._after_tick(controller.tick)
-            if (controller.ended and self._settled()) or t > limit + LONGEST_OVERTIME:
+            if ((controller.ended or controller.halted) and self._settled()) or t > limit + LONGEST_OVERTIME:
                 return
             if not machine.alive:
                 controller.log("fault", "the machine's process is gone")

@@ -105,7 +105,7 @@ class Deformer(OneThread):
         self.share_with(self.workspace)
         self.robot: RobotModel = robot
         self.clock: PhaseClock = self.workspace.clock
-        self.params: DeformParams = params
+        self._params: DeformParams = params
         self.constraint: ConstraintForce | None = None if constraint is None else ConstraintForce(robot, constraint)
         space = robot.space
         b = space.base_nv
@@ -131,6 +131,11 @@ class Deformer(OneThread):
         self._trust = 1.0
         self._needed = 0  # rounds of maintenance that remove no node
 
+    @property
+    def params(self) -> DeformParams:
+        """The parameters; other ones need another deformer, but for the clearances (:meth:`keep_clearance`)."""
+        return self._params
+
     @exclusive
     def keep_clearance(self, clearance: float, self_clearance: float | None = None) -> None:
         """Keep another clearance [m] to obstacles from now on, and if given another one between the robot's own links.
@@ -147,7 +152,7 @@ class Deformer(OneThread):
                 f"self_clearance={own:g} m is more than the {most:g} m that this deformer was made for; "
                 "make another one"
             )
-        self.params = self.workspace.params = params
+        self._params = self.workspace.params = params
 
     @exclusive
     def step(

@@ -7,13 +7,13 @@ from typing import Annotated, ClassVar, TypeVar
 
 from elastic_strips.arrays import Document
 from elastic_strips.errors import ParameterError, nearest_name
-from elastic_strips.validation import Bound, Count, NonNegative, Positive, check_fields
+from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positive
 
 P = TypeVar("P", bound="StripParams")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StripParams:
+class StripParams(Checked):
     """Parameters that all presets have; all lengths [m], angles [rad].
 
     Attributes:
@@ -40,7 +40,7 @@ class StripParams:
     certificate_depth: Count = 12
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        Checked.__post_init__(self)
         if self.clearance >= self.influence:
             raise ParameterError(
                 f"clearance={self.clearance} must be below influence={self.influence}: "
@@ -83,7 +83,7 @@ class DeformParams(StripParams):
     """
 
     preset: ClassVar[str] = "default"
-    influence: Positive = 0.3
+    influence: Annotated[float, Bound(above=0.0, high=5.0)] = 0.3  # [m]
     k_r: NonNegative = 1.0
     k_c: Positive = 1.0
     near: NonNegative = 0.06

@@ -8,14 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import refused
+from cases import each, refused
 
-from elastic_strips.control import Controller, DriveParams, Measurement, RunState
+from elastic_strips.control import Command, Controller, DriveParams, Measurement, RunState
 from elastic_strips.control.evasion import motion_to
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist
+from elastic_strips.sim import KinematicPlant
 from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits
@@ -319,11 +320,79 @@ def test_a_stop_can_be_taken_back(silvermate):
     k = drive(controller, wheels, 100, still())
     controller.stop("somebody asked")
     k = drive(controller, wheels, 400, still(), first=k + 1)
-    assert controller.ended
+    assert controller.halted
+    assert not controller.ended
     assert (controller.state, controller.reason) == (RunState.STOPPED, "somebody asked")
     controller.resume()
     drive(controller, wheels, 2000, still(), first=k + 1)
     assert controller.state is RunState.REACHED
+
+
+@each("unstamped", [True, False])
+@each("rate", [20.0, 50.0, 100.0, 200.0])
+def test_a_loop_at_any_rate_with_a_map_that_never_changes(silvermate, rate, unstamped):
+    """The period is measured; a map needs no time, whether it is handed over at every step or only once."""
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([CRATE]))
+    plant = KinematicPlant(silvermate, controller.limits, seed=2)
+    plant.reset(silvermate.space.to_coordinates(silvermate.home()))
+    measurement, t = None, 0.0
+    for k in range(int(15.0 * rate)):
+        t = k / rate
+        command = controller.step(t, measurement, Scene([CRATE]) if unstamped else None)
+        measurement = plant.step(command, 1.0 / rate)
+        if controller.ended:
+            break
+    assert controller.ended, controller.reason
+    assert [event for event in controller.events if event.kind == "fault"] == []
+
+
+def test_a_loop_that_is_too_slow_gets_no_motions_and_says_so(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([CRATE]))
+    plant = KinematicPlant(silvermate, controller.limits, seed=2)
+    plant.reset(silvermate.space.to_coordinates(silvermate.home()))
+    measurement, period = None, 1.25 * controller.params.monitor.longest_period
+    for k in range(100):
+        measurement = plant.step(controller.step(k * period, measurement, None), period)
+    assert controller.state is RunState.STOPPED
+    assert "Hz" in controller.reason
+    assert plant.coordinates[0] < 0.5
+
+
+def test_a_scene_in_which_something_moves_is_no_map(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    drive(controller, Wheels(silvermate), 200, lambda t: Scene([WALKER]))
+    assert controller.state is RunState.STOPPED
+    assert "time=" in controller.reason
+
+
+def test_an_emergency_stop_stays_the_reason_until_it_is_resumed(silvermate):
+    """Its wheels are cut while the button is pressed, so that the robot stops beside its reference."""
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    plant, reasons = KinematicPlant(silvermate, controller.limits, seed=3), {}
+    plant.reset(silvermate.space.to_coordinates(silvermate.home()))
+    measurement = None
+    for k in range(1500):
+        pressed = 150 <= k < 400
+        if k == 600:
+            controller.resume()
+        command = controller.step(k * DT, measurement, None)
+        measurement = plant.step(Command.rest(controller.limits) if pressed else command, DT)
+        measurement = replace(measurement, emergency="button 3" if pressed else "")
+        if controller.state is RunState.STOPPED and 151 < k < 600:
+            reasons.setdefault("pressed" if k < 401 else "released", set()).add(controller.reason)
+            assert command.stop or k < 300
+        assert not (controller.ended and k < 600)
+    assert reasons["pressed"] == {"button 3"}
+    (released,) = reasons["released"]
+    assert released.startswith("button 3: ")
+    assert controller.state is RunState.REACHED
+
+
+def test_parameters_are_not_assigned_in_silence(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    for owner in (controller, controller.planner.deformer):
+        with pytest.raises(AttributeError):
+            owner.params = owner.params
 
 
 def test_wrong_steps_are_refused(silvermate):

@@ -108,19 +108,22 @@ def test_obstacles_that_vanish_all_at_once_are_missed():
     assert monitor.doubt(3.0, Scene(time=3.0), at_rest=True) == ""
 
 
+@pytest.mark.parametrize("period", [0.004, 0.01, 0.02, 0.05])
 @pytest.mark.parametrize("obeys", [True, False])
-def test_motors_that_hold_their_speed_are_found_out(monitor, home, obeys):
-    wheels, t, seen = np.zeros(2), 0.0, None
-    for k in range(200):
-        told = np.full(2, 0.6 if k < 100 else 0.0)
-        monitor.commanded(Command(told, np.zeros(7)))
-        if obeys or k < 100:
-            change = (told - wheels) * (1.0 - np.exp(-DT / 0.04))
-            wheels = wheels + np.clip(
-                change, -DT * monitor.limits.drive_acceleration, DT * monitor.limits.drive_acceleration
-            )
-        t += DT
-        monitor.measurement(t, Measurement(t, wheels * DT, home[3:]), home)
+def test_motors_that_hold_their_speed_are_found_out(monitor, home, obeys, period):
+    """At any rate of the loop: the model goes by the times of its commands, and not by the nominal period."""
+    wheels, t, seen, fine = np.zeros(2), 0.0, None, 0.001
+    for _ in range(round(2.0 / period)):
+        braking = t >= 1.0
+        told, travel = np.full(2, 0.0 if braking else 0.6), np.zeros(2)
+        monitor.commanded(t, Command(told, np.zeros(7)))
+        for _ in range(round(period / fine)):
+            if obeys or not braking:
+                most = fine * monitor.limits.drive_acceleration
+                wheels = wheels + np.clip((told - wheels) * (1.0 - np.exp(-fine / 0.04)), -most, most)
+            travel = travel + wheels * fine
+        t += period
+        monitor.measurement(t, Measurement(t, travel, home[3:]), home)
         if monitor.motor_fault and seen is None:
             seen = t
     if obeys:

@@ -12,6 +12,16 @@ from elastic_strips.errors import SceneError
 from elastic_strips.scene import Box, Cone, ConvexHull, Keyframes, Points, Scene, Sphere, Twist, Voxels
 
 
+def test_what_is_made_of_a_scene_has_its_time():
+    """A scene without a time is a map; what is made of it is one, too, until it is asked for at a time."""
+    for time in (None, 0.0, 2.0):
+        scene = Scene([Box((1, 1, 1), name="a"), Sphere(0.1, name="b")], time=time)
+        made = scene.moved("a", np.eye(4)), scene.with_obstacle(Sphere(0.2)), scene.without("b")
+        for other in (*made, pickle.loads(pickle.dumps(scene)), scene.with_observations([])):
+            assert (other.stamp, other.time) == (time, time or 0.0)
+        assert scene.at(0.0).stamp == 0.0
+
+
 def random_pose(rng):
     quat = rng.normal(size=4)
     return np.array(Box((1, 1, 1), at=rng.uniform(-3, 3, 3), quat=quat / np.linalg.norm(quat)).pose)

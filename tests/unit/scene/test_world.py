@@ -71,7 +71,9 @@ def test_consecutive_snapshots_share_what_did_not_change():
 def test_a_scene_alone_is_a_world():
     scene = Scene(items())
     world = World(scene)
-    assert world.at(0.0) is scene
+    assert world.at(0.0).table is scene.table
+    assert scene.stamp is None  # a map, which was made for no time in particular
+    assert [world.at(t).stamp for t in (0.0, 3.0)] == [0.0, 3.0]
     assert world.at(3.0).names == scene.names
     assert world.event_times == ()
 

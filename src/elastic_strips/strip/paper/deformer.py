@@ -108,7 +108,7 @@ class PaperDeformer(OneThread):
         )
         self.share_with(self.workspace)
         self.robot: RobotModel = robot
-        self.params: PaperParams = params
+        self._params: PaperParams = params
         self.clock: PhaseClock = self.workspace.clock
         space = robot.space
         if params.mobile_only and not space.planar:
@@ -127,6 +127,11 @@ class PaperDeformer(OneThread):
         self._alpha[: space.base_nv] = 0.0
         self._self_floor = np.minimum(0.8 * self.workspace.self_home, params.self_margin)
         self._heading_step = 0.0
+
+    @property
+    def params(self) -> PaperParams:
+        """The parameters; other ones need another deformer."""
+        return self._params
 
     @exclusive
     def step(self, strip: Strip, scene: Scene, *, budget: float | None = None, detail: bool = False) -> PaperReport:
