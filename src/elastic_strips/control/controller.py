@@ -499,7 +499,7 @@ class Controller:
         """Replace, brake or hold the active trajectory, or let it go on to its end."""
         outcome, proven = result.outcome, self.planner.margins.tracking_error
         if self.replanner.halted and outcome not in (PlanOutcome.BRAKE, PlanOutcome.EVADE):
-            self.executor.reject(f"the strip is broken: {result.report.certificate.broken}")
+            self.executor.reject(self.replanner.no_way or f"the strip is broken: {result.report.certificate.broken}")
         elif outcome is PlanOutcome.BRAKE or result.accepted:
             self._ready.append((t + result.late, result, proven))
         elif outcome is PlanOutcome.UNCHANGED:

@@ -111,7 +111,7 @@ class StripPlanner:
                 continue
             if report.certified:
                 return Replanned(report.strip, report.reason)
-            reason = report.reason
+            reason = report.walled_in or report.reason
         return Replanned(None, reason)
 
     def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:
@@ -159,6 +159,7 @@ class Replanner:
 
     Attributes:
         halted: whether the robot has to stop because static obstacles keep the strip broken.
+        no_way: why the last plan found none; empty where it did, or the strip is whole again.
         pending: whether another plan is due, and not taken yet.
         due: time [s] from which on the plan may be used.
         count: number of plans after the first.
@@ -178,6 +179,7 @@ class Replanner:
         self.due: float = 0.0
         self.count: int = 0
         self._since: float | None = None
+        self.no_way: str = ""
         self._why = ""
         self._unused = False
 
@@ -191,7 +193,7 @@ class Replanner:
             start, goal: configurations (nq,).
             path: waypoints (K, 2) [m] that are tried first.
         """
-        self.pending = False  # what was given up leads to another goal
+        self.pending, self.no_way = False, ""  # what was given up leads to another goal
         return partial(self.planner.first, PlanRequest(scene, start, goal, self.deform, path))
 
     def begin(self, report: PlanReport) -> None:
@@ -219,7 +221,7 @@ class Replanner:
         broken = result.report.certificate.broken
         by_standing = broken is not None and not _moves(scene, broken.obstacle)
         if not by_standing and (result.accepted or not at_rest):
-            self._since, self.halted = None, False
+            self._since, self.halted, self.no_way = None, False, ""
             return ""
         if self._since is None:
             self._since = t
@@ -256,6 +258,7 @@ class Replanner:
         self._unused = True
 
     def _found(self, found: Replanned) -> None:
+        self.no_way = "" if found.strip is not None else found.reason
         if found.strip is not None:
             self.halted = False
 

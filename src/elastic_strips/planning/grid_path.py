@@ -6,12 +6,12 @@ turn there, the relaxation and the certificate decide. So a path is an initial g
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
 from math import ceil, floor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import coal
 import numpy as np
@@ -40,6 +40,7 @@ COMFORTABLE_CLEARANCE = 0.35
 """Clearance [m] beyond the inner disc above which more of it is worth nothing."""
 _CELL_EDGE = 0.05  # [m] edge of a cell, where the grid is not too large
 GRID_MARGIN = 3.0  # [m] a grid reaches so far beyond what it is about
+_MOST_WALLS = 6  # that are named
 _LARGEST_CELL = 0.5  # [m] a larger cell says nothing about where a robot passes
 
 
@@ -50,10 +51,13 @@ class GridPath(Summary):
     Attributes:
         points: (K, 2) waypoints of the base from start to goal [m], a cell apart; None where there is no path.
         reason: why there is no path; empty where there is one.
+        walled_in: whether that is because no way leads out from about the goal, or the start, and what stands about it;
+            empty where both are open.
     """
 
     points: Array | None
     reason: str
+    walled_in: str = ""
 
 
 def grid_path(
@@ -94,7 +98,8 @@ def grid_path(
         reason = f"an area of {size[0]:.0f} m × {size[1]:.0f} m is too large for a grid of {most_cells} cells"
         return GridPath(None, reason)
     footprint = PlanarFootprint.of(robot, start)
-    clear = clearance_map(owner_map(scene, low, shape, resolution, footprint.height, over=over) >= 0, resolution)
+    owner = owner_map(scene, low, shape, resolution, footprint.height, over=over)
+    clear = clearance_map(owner >= 0, resolution)
     if over():
         return GridPath(None, "the time was over before the grid was searched")
     for axis, cells in enumerate(shape.tolist()):  # the outermost cells can lie outside by less than a cell
@@ -106,8 +111,48 @@ def grid_path(
     if path is None:
         (x, y), (u, w) = low, low + resolution * (shape - 1)
         where = f"within x {x:.1f} … {u:.1f} m, y {y:.1f} … {w:.1f} m"
-        return GridPath(None, f"no way for the base on a grid of {resolution:.3g} m {where}")
+        cells = _cells(endpoints, low, resolution, clear.shape)
+        walled = _walled_in(clear, owner, cells, inner, resolution, scene.names)
+        why = f": {walled}" if walled else ""
+        return GridPath(None, f"no way for the base on a grid of {resolution:.3g} m {where}{why}", walled)
     return GridPath(smooth_path(path, resolution), "")
+
+
+def _cells(points: Array, low: Array, resolution: float, shape: tuple[int, ...]) -> Indices:
+    """The cells (K, 2) of positions (K, 2) [m]."""
+    return np.clip(np.rint((points - low) / resolution).astype(int), 0, np.array(shape) - 1)
+
+
+def _walled_in(
+    clear: Array, owner: Indices, cells: Indices, inner: float, resolution: float, names: Sequence[str]
+) -> str:
+    """What stands about the goal, or about the start, where no way leads out to the edge of the grid's box.
+
+    Args:
+        clear: (rows, columns) distance of each cell's middle to the nearest obstacle [m]; 0 outside of the box.
+        owner: (rows, columns) the obstacle that takes each cell, −1 where none does.
+        cells: (2, 2) of start and goal.
+        inner: clearance below which a cell is closed [m].
+        resolution: edge of a cell [m].
+        names: of the obstacles.
+    """
+    from scipy.ndimage import binary_dilation, distance_transform_edt, label  # late: slow to import
+
+    around = np.ones((3, 3), dtype=bool)
+    out = np.ones(np.array(clear.shape) + 2, dtype=bool)  # outside of the box
+    out[1:-1, 1:-1] = (clear == 0.0) & (owner < 0)
+    edge = binary_dilation(out, around)[1:-1, 1:-1]
+    open_ = np.isfinite(cell_cost(clear, inner, COMFORTABLE_CLEARANCE, cells, resolution))
+    regions = np.asarray(cast("tuple[Indices, int]", label(open_, around))[0])
+    for what, cell in (("goal", cells[1]), ("start", cells[0])):
+        inside = regions == regions[tuple(cell)]
+        if (inside & edge).any():
+            continue
+        near = resolution * np.asarray(distance_transform_edt(~inside)) <= inner + 2.0 * resolution
+        walls = [names[int(k)] for k in np.unique(owner[near & (owner >= 0)])]
+        shown = ", ".join(walls[:_MOST_WALLS]) + (", …" if len(walls) > _MOST_WALLS else "")
+        return f"the {what} is walled in by {shown}: the base needs {2.0 * inner:.2f} m to pass"
+    return ""
 
 
 def box_about(points: Array) -> tuple[Array, Array]:
@@ -146,7 +191,7 @@ def cheapest_path(
         inner: clearance below which a cell is closed [m].
         comfort: clearance beyond ``inner`` above which more of it is worth nothing [m].
     """
-    cells = np.clip(np.rint((endpoints - low) / resolution).astype(int), 0, np.array(clear.shape) - 1)
+    cells = _cells(endpoints, low, resolution, clear.shape)
     route = cheapest_route(cell_cost(clear, inner, comfort, cells, resolution), cells)
     if route is None:
         return None
@@ -306,7 +351,7 @@ def _fill(owner: Indices, whose: int, reach: Array, at: Array, low: Array, resol
     owner[i : last + 1, j : top + 1][inside] = whose
 
 
-def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Array, resolution: float) -> Array:
+def cell_cost(clear: Array, inner: float, comfort: float, endpoints: Indices, resolution: float) -> Array:
     """Cost of each cell per metre: 1 in the open, more near obstacles, infinite where the robot does not fit."""
     native = kernel()
     if native is not None:

@@ -35,6 +35,8 @@ class PlanReport(Summary):
         alternatives: where several strips were wanted, the certified ones of different classes, the cheapest
             first; ``strip`` is that of the first.
         clusters: clusters of obstacles, to which the classes refer.
+        walled_in: where nothing was certified and no way leads out from about the goal, or the start: what stands about
+            it, in words; else empty.
         departure: the way out of a start that touches and may (``start_depth``): that part of the strip is not
             certified, so that ``certified`` is False; ``departure.rest`` is the certified strip that follows it, or
             None. ``departure`` is None for other starts.
@@ -55,6 +57,7 @@ class PlanReport(Summary):
     alternatives: tuple[Alternative, ...] = ()
     clusters: tuple[ObstacleCluster, ...] = ()
     departure: Departure | None = None
+    walled_in: str = ""
     _assessed: list[DeformReport] = field(default_factory=list, init=False, repr=False)
 
     @property

@@ -57,6 +57,7 @@ class PlanSearch(PathSearch):
         self.initial: Strip | None = None
         self.line_touching: float = 0.0  # share of the straight line's nodes that touch something
         self.line_tried: bool = False
+        self.walled_in: str = ""  # what stands about goal or start
         self.box: tuple[Array, Array] | None = None  # where the base was last looked for
         self.paths: dict[float | None, Array | None] = {}  # the grid's, by the radius that fits
         self.relaxed_paths: set[float | None] = set()
@@ -180,6 +181,7 @@ class PlanSearch(PathSearch):
                 )
             if found.points is not None:
                 return found.points
+            self.walled_in = found.walled_in
             none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
         self.reasons.append(none)
         return None
@@ -432,4 +434,5 @@ class PlanSearch(PathSearch):
             ticks=self.ticks,
             seconds=self.deadline.spent,
             timings=self.timings,
+            walled_in=self.walled_in if method == "none" else "",
         )

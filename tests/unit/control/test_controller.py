@@ -388,6 +388,20 @@ def test_an_emergency_stop_stays_the_reason_until_it_is_resumed(silvermate):
     assert controller.state is RunState.REACHED
 
 
+def test_a_goal_that_is_walled_in_is_said_once_and_by_what(silvermate):
+    walls = [Box((0.1, 2.4, 2.0), at=(x, 0.0, 1.0), name=f"wall {x:g}") for x in (1.8, 4.2)]
+    walls += [Box((2.4, 0.1, 2.0), at=(3.0, y, 1.0), name=f"wall {y:g}") for y in (-1.2, 1.2)]
+    params = DriveParams(replan_after=0.2, replan_time=0.1)
+    at_once = ChargedExecutor(Computing(), lambda: 0.0)
+    home, goal = silvermate.home(), silvermate.home(x=3.0)
+    with Controller(silvermate, home, goal, Scene(walls), params=params, workers=at_once) as controller:
+        drive(controller, Wheels(silvermate), 1000, lambda t: None)
+        assert controller.state is RunState.STOPPED
+        assert all(wall.name in controller.reason for wall in walls)
+        said = [event for event in controller.events if event.kind == "refused" and event.reason == controller.reason]
+        assert len(said) == 1
+
+
 def test_parameters_are_not_assigned_in_silence(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
     for owner in (controller, controller.planner.deformer):

@@ -85,6 +85,32 @@ def test_it_goes_through_the_door_and_keeps_off_its_sides(jackal_box):
     assert steps.max() < 1.01 * 0.05
 
 
+def _room(x: float, side: float = 2.4) -> list[Box]:
+    """Four walls about a place."""
+    walls = [Box((0.1, side, 1.0), at=(x + d, 0.0, 0.5), name=f"wall at {x + d:g}") for d in (-0.5 * side, 0.5 * side)]
+    return [*walls, *(Box((side, 0.1, 1.0), at=(x, d, 0.5), name=f"wall {d:g}") for d in (-0.5 * side, 0.5 * side))]
+
+
+def test_who_is_walled_in_is_said_and_by_what(jackal_box):
+    start, goal = jackal_box.home(), jackal_box.home(4.0)
+    crate = Box((0.3, 0.3, 1.0), at=(1.8, 1.0, 0.5), name="crate")  # aside of it all
+    for at, what in ((4.0, "goal"), (0.0, "start")):
+        walls = _room(at)
+        found = grid_path(jackal_box, Scene([*walls, crate]), start, goal)
+        assert found.points is None
+        assert found.walled_in.startswith(f"the {what} ")
+        assert all(wall.name in found.walled_in for wall in walls)
+        assert "crate" not in found.walled_in
+        assert found.walled_in in found.reason
+        report = plan_report(jackal_box, Scene([*walls, crate]), start, goal, timeout=2.0)
+        assert not report.certified
+        assert report.walled_in.startswith(f"the {what} ")
+    across = Box((0.2, 60.0, 1.0), at=(2.0, 0.0, 0.5), name="across")  # there may be a way about it, further off
+    found = grid_path(jackal_box, Scene([across]), start, goal)
+    assert found.points is None
+    assert found.walled_in == ""
+
+
 def test_it_prefers_a_wide_gap_to_a_short_way(jackal_box):
     """Two doors: a straight one of 0.5 m, which the robot would just pass, and a wide one 1.2 m aside."""
     wall = [Box((0.2, 0.9, 1.0), at=(2.0, 0.7, 0.5)), Box((0.2, 4.0, 1.0), at=(2.0, -2.25, 0.5))]
