@@ -358,9 +358,10 @@ class Controller:
             raise ConfigurationError("step: the executor of this controller runs elsewhere; call plan()")
         check_type("scene", scene, Scene, SceneError, none=True)
         self._here.measure(t, measurement)
-        self.time = t
+        self.time, self.pace.period = t, self._here.period.seconds
         self._see(t, scene, trouble)
         if self.plans_next:
+            self._publish(t)  # what is planned now continues what is ready by now
             seconds, period = self._planning_tick(t), self._here.period.seconds
             every = self.params.plan_every * self.params.control_dt / period
             self._next_tick = self._steps + max(1, round(every), int(np.ceil(seconds / period - 1e-9)))

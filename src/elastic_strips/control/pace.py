@@ -15,6 +15,7 @@ _REMEMBERED_PERIODS, _FEWEST_PERIODS = 15, 2
 """Control periods whose median counts, the lower one of two, and the fewest of them."""
 _SAME_PERIOD = 0.05
 """Part of the nominal period by which the measured one may differ and is the same."""
+_SAME_STEP = 1e-6  # of a period, which a tick may take longer
 _REMEMBERED_TICKS = 20
 """Durations of ticks that are remembered."""
 _TICK_QUANTILE, _TICK_RESERVE = 0.9, 1.1
@@ -55,12 +56,17 @@ class Pace:
         params: parameters of the drive, with the least latency.
         meter: reading [s] of the clock that computing is measured with; None where it takes no time.
         transfer: control periods that a motion takes to the executor.
+
+    Attributes:
+        period: how long a control period lasts [s], where that is measured.
     """
 
     def __init__(self, params: DriveParams, meter: Callable[[], float] | None, transfer: int = 0) -> None:
         self.transfer: int = transfer
         self.params: DriveParams = params
         self.meter: Callable[[], float] | None = meter
+        self.period: float = params.control_dt
+        self._expected: float = 0.0  # [s] that most ticks take
         self._seconds: deque[float] = deque(maxlen=_REMEMBERED_TICKS)
         self._periods: int = 0  # that most ticks take
         self._began = self._end = 0.0
@@ -72,8 +78,12 @@ class Pace:
 
     @property
     def latency(self) -> float:
-        """Time [s] from a tick to the beginning of its motion."""
-        return self.periods * self.params.control_dt
+        """Time [s] from a tick to the beginning of its motion: until the first step that can hand it over."""
+        nominal = self.periods * self.params.control_dt
+        if self.meter is None or self.period <= self.params.control_dt:
+            return nominal
+        steps = max(1, math.ceil(self._expected / self.period - _SAME_STEP))
+        return max(nominal, steps * self.period)
 
     @property
     def every(self) -> int:
@@ -98,8 +108,8 @@ class Pace:
         seconds = self.meter() - self._began
         if full:
             self._seconds.append(seconds)
-            expected = _TICK_RESERVE * float(np.quantile(self._seconds, _TICK_QUANTILE))
-            self._periods = math.ceil(expected / self.params.control_dt)
+            self._expected = _TICK_RESERVE * float(np.quantile(self._seconds, _TICK_QUANTILE))
+            self._periods = math.ceil(self._expected / self.params.control_dt)
         return seconds
 
     def has(self, seconds: float, *, waits: bool = False) -> bool:

@@ -346,6 +346,21 @@ def test_a_loop_at_any_rate_with_a_map_that_never_changes(silvermate, rate, unst
     assert [event for event in controller.events if event.kind == "fault"] == []
 
 
+@each("rate", [20.0, 50.0, 100.0])
+def test_planning_that_takes_time_is_in_time_at_any_rate(silvermate, rate):
+    """What is ready between two steps is handed over at the second, and what is planned then continues it."""
+    clock = iter(0.004 * k for k in range(10**9))  # each reading is 4 ms after the one before
+    scene, home = Scene([CRATE]), silvermate.home()
+    with Controller(silvermate, home, silvermate.home(x=2.0), scene, meter=lambda: next(clock)) as controller:
+        plant, measurement = KinematicPlant(silvermate, controller.limits, seed=2), None
+        plant.reset(silvermate.space.to_coordinates(home))
+        for k in range(int(15.0 * rate)):
+            measurement = plant.step(controller.step(k / rate, measurement, None), 1.0 / rate)
+        assert controller.ended, controller.reason
+        late = [e for e in controller.events if e.kind == "refused" and ("late" in e.reason or "beside" in e.reason)]
+        assert all(e.time < 1.0 for e in late), late  # the rate is measured first
+
+
 def test_a_loop_that_is_too_slow_gets_no_motions_and_says_so(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([CRATE]))
     plant = KinematicPlant(silvermate, controller.limits, seed=2)
