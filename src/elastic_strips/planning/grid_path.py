@@ -151,7 +151,8 @@ def _walled_in(
         near = resolution * np.asarray(distance_transform_edt(~inside)) <= inner + 2.0 * resolution
         walls = [names[int(k)] for k in np.unique(owner[near & (owner >= 0)])]
         shown = ", ".join(walls[:_MOST_WALLS]) + (", …" if len(walls) > _MOST_WALLS else "")
-        return f"the {what} is walled in by {shown}: the base needs {2.0 * inner:.2f} m to pass"
+        needed = f"{2.0 * inner:.2f} m on a grid of {resolution:.3g} m"
+        return f"the {what} is walled in by {shown}: the base needs {needed} to pass"
     return ""
 
 

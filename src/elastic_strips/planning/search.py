@@ -181,7 +181,8 @@ class PlanSearch(PathSearch):
                 )
             if found.points is not None:
                 return found.points
-            self.walled_in = found.walled_in
+            if inner is None:  # of a larger disc than the robot's it says nothing of the robot
+                self.walled_in = found.walled_in
             none = found.reason + ("" if inner is None else f", {2.0 * inner:.2f} m wide")
         self.reasons.append(none)
         return None
