@@ -7,7 +7,7 @@ sensed scenes.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor as Workers
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -17,18 +17,20 @@ from typing import TypedDict
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
-from elastic_strips.planning import PlanReport
+from elastic_strips.planning import Goal, PlanReport
+from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
-from elastic_strips.validation import check_able, check_count, check_type
+from elastic_strips.validation import check_able, check_count, check_number, check_type
 
 from .executor import ExecutorLink, MotionExecutor
-from .interfaces import Command, Event, Measurement, RunState
+from .interfaces import Command, Event, GoalReached, Measurement, RunState
+from .itinerary import Goals, goals_in_order, off_goal
 from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
@@ -45,6 +47,8 @@ KEPT_EVENTS = 500
 _STRIP_START_OFFSET = 0.02
 """A robot at least this far [m, rad] from the beginning of a strip that was planned while it braked stands
 elsewhere."""
+_PLANNING_TIME = 0.1
+"""Time [s] that a plan to another goal is given while the robot drives: the strip begins where it will be then."""
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
 
@@ -105,7 +109,8 @@ class Controller:
     Args:
         robot: the robot.
         start: configuration (nq,) of the robot at rest.
-        goal: configuration (nq,), or several of them (G, nq), one after the other.
+        goal: configuration (nq,), a :class:`~elastic_strips.HandPose`, a :class:`~elastic_strips.BasePose`, coordinates
+            by name; or several of these, one after the other, each of which may be a list of which any will do.
         scene: obstacles known before the first step; none where None.
         params: parameters of the drive.
         limits: limits of the motors; read off the robot where None.
@@ -123,9 +128,10 @@ class Controller:
     Attributes:
         first_plan: report of the first strip's plan; None where the strip was given.
         scene: the newest scene that was planned with.
-        goals: configurations (nq,) after the present goal.
-        goal_q: configuration (nq,) of the present goal.
+        goals: goals after the present one.
+        goal_q: configuration (nq,) of the present goal; while the way to it is planned, of the one before.
         goal: its coordinate row (nv,).
+        goals_reached: the goals that were reached so far, in order of time.
         result: result of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
         tolerance: how near counts as reached.
@@ -138,13 +144,14 @@ class Controller:
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
+        GoalError: no configuration that is free reaches the first goal.
     """
 
     def __init__(
         self,
         robot: RobotModel,
         start: npt.ArrayLike,
-        goal: npt.ArrayLike,
+        goal: Goals,
         scene: Scene | None = None,
         *,
         params: DriveParams | None = None,
@@ -177,17 +184,18 @@ class Controller:
         self.statistics: TickStatistics = TickStatistics()
         self.sensing_took: float = 0.0
         self._steps = 0
-        goals = np.atleast_2d(robot.check_q(goal, what="goal"))
-        self.goals: list[ArrayLike] = list(goals[1:])
-        self.goal_q: Array = goals[0]
-        self.goal: Array = robot.space.to_coordinates(self.goal_q)
+        first, *following = goals_in_order(robot, goal)
+        self.goals: list[Goal | Sequence[Goal]] = following
+        self.goals_reached: list[GoalReached] = []
         self.scene: Scene = Scene([]) if scene is None else scene
         self.first_plan: PlanReport | None = None
         self.replanner: Replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
         if strip is None:
-            self.first_plan = self.replanner.first(self.scene, start, self.goal_q, path=path)()
+            self.first_plan = self.replanner.first(self.scene, start, first, path=path)()
             self.replanner.begin(self.first_plan)
             strip = self.first_plan.strip
+        self.goal_q: Array = strip.q[-1] if is_goal_region(first) else robot.check_q(first, what="goal")  # type: ignore[arg-type]
+        self.goal: Array = robot.space.to_coordinates(self.goal_q)
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
@@ -200,11 +208,17 @@ class Controller:
         self.executor: ExecutorLink = executor
         self.result: PlanResult | None = None
         self._doubts = SceneMonitor(self.params.monitor)
-        self._passed = self._recoveries = 0
+        self._recoveries = 0
+        self._speed = 1.0  # part of the full speed
         self._plans = PlanQueue(workers)
         self._replan_task: Future[Replanned] | None = None  # replans a strip to the same goal
         self._replan_from: Array = self.start  # (nv,) where that strip begins
         self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
+        self._next_goal: Goal | Sequence[Goal] = self.goal_q  # that goal
+        self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
+        self._onward: PlanReport | None = None  # that plan, where motions go on along its strip
+        self._counted = False  # whether the goal was written down as reached
+        self._cancelled = ""
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
         self._no_path = self._stopping = ""
@@ -268,7 +282,7 @@ class Controller:
     @property
     def reached(self) -> int:
         """How many of the goals have been reached."""
-        return self._passed + (self.state is RunState.REACHED)
+        return len(self.goals_reached)
 
     @property
     def plans_next(self) -> bool:
@@ -282,8 +296,8 @@ class Controller:
 
     @property
     def halted(self) -> bool:
-        """Whether the robot was to :meth:`stop`, and stands; :meth:`resume` lets it go on."""
-        return bool(self._stopping) and self.executor.at_rest(self.time)
+        """Whether the robot was to :meth:`stop`, or its goal was cancelled, and it stands."""
+        return bool(self._stopping or self._cancelled) and self.executor.at_rest(self.time)
 
     def log(self, kind: str, reason: str) -> None:
         """Write down an event at the present time: its kind in one word, and a reason."""
@@ -304,25 +318,69 @@ class Controller:
         self._stopping = ""
         self.executor.resume()
 
-    def retarget(self, goal: npt.ArrayLike) -> None:
-        """At rest, take another goal, and start planning a strip to it.
+    def retarget(self, goal: Goals) -> None:
+        """Take another goal, or several one after the other, in place of all that there were.
+
+        The way to it is planned while the robot drives on; the next motion goes on from the active one, without a stop
+        where the way to the new goal leads on. Where no way is found, the robot comes to rest, and
+        :attr:`reason` says why.
 
         Args:
-            goal: configuration (nq,).
+            goal: as for the :class:`Controller`.
 
         Raises:
-            ConfigurationError: the robot moves, or the goal is not a valid configuration.
+            ConfigurationError: a configuration that is not valid.
         """
-        if self.reference.v.any():
-            raise ConfigurationError("retarget: the robot moves; stop it, and give it another goal when it stands")
-        self.goal_q = self.robot.check_q(goal, what="goal")
-        self.goal = self.robot.space.to_coordinates(self.goal_q)
-        self._no_path = ""
-        self._replan_task = None  # the running plan leads to the previous goal
-        self._ready.clear()
+        first, *following = goals_in_order(self.robot, goal)
+        self.goals = following
+        self._cancelled = ""
+        self._set_goal(first)
+
+    def cancel(self, reason: str = "the goal was cancelled") -> None:
+        """Give up the goal and all after it: the robot comes to rest, and stands until :meth:`retarget`.
+
+        Args:
+            reason: becomes the reason of the state.
+        """
+        self.goals = []
+        self._forget_plans()
+        self._cancelled = self._no_path = reason
         self.executor.retarget(self.goal, self.tolerance)
-        q = self.robot.space.from_coordinates(self.reference.coordinates)
-        self._next_plan = self._plans.submit(self.replanner.first(self.scene, q, self.goal_q))
+        self.executor.reject(reason)
+
+    def set_speed(self, part: float) -> None:
+        """Drive more slowly, or as fast as before: the motions that are planned from now on.
+
+        Args:
+            part: of the speeds that ``params`` allow, in [0, 1]; 0: the robot comes to rest, and waits.
+
+        Raises:
+            ParameterError: a part outside its range.
+        """
+        self._speed = check_number("part", part, low=0.0, high=1.0)
+        if self._speed > 0.0:
+            self.planner.timer.slow_down(self._speed)
+
+    def _set_goal(self, goal: Goal | Sequence[Goal]) -> None:
+        """Start planning the way to a goal, from where the robot will be by then."""
+        self._forget_plans()
+        self.executor.retarget(self.goal, self.tolerance)
+        moves = not self.executor.at_rest(self.time)
+        begin = self.time + self.pace.latency + _PLANNING_TIME
+        at = self.executor.active.at(begin).coordinates if moves else self.reference.coordinates
+        self._plan_to(goal, at)
+
+    def _plan_to(self, goal: Goal | Sequence[Goal], at: Array) -> None:
+        """Have the first strip to a goal planned, from a coordinate row (nv,)."""
+        self._next_goal, self._replan_from = goal, at
+        start = self.robot.space.from_coordinates(at)
+        self._next_plan = self._plans.submit(self.replanner.first(self.scene, start, goal))
+
+    def _forget_plans(self) -> None:
+        """Forget what leads to the goals that there were; brakes that are due stay."""
+        self._no_path = ""
+        self._next_plan = self._onward_plan = self._replan_task = self._onward = None
+        self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
 
     def warm_up(self) -> None:
         """Plan without using the result, while the robot stands: then modules are loaded when time is 0, and it is
@@ -367,6 +425,7 @@ class Controller:
             self._next_tick = self._steps + max(1, round(every), int(np.ceil(seconds / period - 1e-9)))
         self._publish(t)
         command = self._here.command(t)
+        self._count(t)
         self._steps += 1
         return command
 
@@ -379,6 +438,7 @@ class Controller:
         """
         check_type("scene", scene, Scene, SceneError, none=True)
         self.time = t
+        self._count(t)
         self._see(t, scene, trouble)
         if not self._stopping:
             self._planning_tick(t)
@@ -399,9 +459,21 @@ class Controller:
             self._recoveries = self.executor.recoveries
             self._ready.clear()
             self.replanner.demand(t + self.params.replan_time)
-        if self.state is RunState.REACHED and self.goals and self.executor.settled:
-            self._passed += 1
-            self.retarget(self.goals.pop(0))
+        if self.state is RunState.REACHED and self.goals and self.executor.settled and self._next_plan is None:
+            self._set_goal(self.goals.pop(0))
+
+    def _count(self, t: float) -> None:
+        """Write down that the goal is reached, once it is."""
+        if self.state is RunState.REACHED and self._next_plan is None and not self._counted:
+            self._counted = True
+            self._reach(t, self.estimate, passed=False)
+
+    def _reach(self, t: float, at: Array, *, passed: bool) -> None:
+        """Write down that the goal was reached at the coordinate row ``at`` (nv,)."""
+        position, yaw, joints = off_goal(self.robot, at[None], self.goal)[0].tolist()
+        self.goals_reached.append(GoalReached(t, self.goal, position, yaw, joints, passed))
+        how = "passed" if passed else "reached"
+        self.log("goal", f"goal {len(self.goals_reached)} {how}, {1e3 * position:.0f} mm off")
 
     # the planning loop
 
@@ -464,6 +536,9 @@ class Controller:
         if self._no_path:  # the strip leads to the previous goal
             executor.reject(self._no_path)
             return
+        if self._speed == 0.0:
+            executor.reject("the speed is set to 0")
+            return
         waiting, at_rest = self._replan(t), executor.at_rest(t)
         evades = self.planner.evasion is not None and any(o.motion is not None for o in scene)
         if (waiting and at_rest and not evades) or self._rest_of_goal(t, scene):
@@ -472,7 +547,10 @@ class Controller:
         begin = self._begin(t)
         if at_rest and t >= executor.active.end_time + params.settle_time:
             executor.anchor(stationary(self.robot, self.limits, np.array(executor.estimate), begin, params.control_dt))
+        self._look_onward(scene)
         result = self.result = self.plan_tick(t, scene, executor.active, begin)
+        if self.planner.passed is not None:
+            self._pass_goal(*self.planner.passed)
         if result.late:
             executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
         if not waiting:
@@ -525,8 +603,11 @@ class Controller:
                 self.executor.submit(result.motion, result.certificate, at_goal=at_goal, proven=proven)
 
     def _rest_of_goal(self, t: float, scene: Scene) -> bool:
-        """Whether the active trajectory ends at the goal and is still certified: then there is nothing to plan."""
+        """Whether the active trajectory ends at the goal and is still certified: then there is nothing to plan, unless
+        the robot may go on from there."""
         executor = self.executor
+        if self._onward is not None and not executor.at_rest(t):
+            return False
         if not executor.at_goal or executor.at_rest(t):
             return executor.at_goal
         certificate = self.planner.certify(executor.active.tail(self._begin(t)), scene)
@@ -560,16 +641,52 @@ class Controller:
         return True
 
     def _set_out(self, plan: Future[PlanReport]) -> None:
-        """Follow the first strip to another goal."""
+        """Follow the first strip to another goal, from beside it where the robot moves."""
         self._next_plan = None
         try:
             report = plan.result()
         except Exception as error:  # on any error: the present strip leads to another goal
             self._no_path = f"no way to the goal: {error}"
             raise
+        executor = self.executor
+        stands = executor.at_rest(self.time)
+        if stands and self._apart(self._replan_from, executor.active.coordinates[-1]):  # it came to rest meanwhile
+            self._plan_to(self._next_goal, executor.active.coordinates[-1])
+            return
+        self._take_goal(report)
+        start = None if stands else executor.active.at(self._begin(self.time))
+        self.planner.take(report.strip, beside=not stands, start=start)
+
+    def _take_goal(self, report: PlanReport) -> None:
+        """The goal is where a strip ends that is followed from now on."""
         self.executor.log("goal", report.reason)
         self.replanner.begin(report)
-        self.planner.take(report.strip)
+        self.goal_q = report.strip.q[-1]
+        self.goal = self.robot.space.to_coordinates(self.goal_q)
+        self._counted = False
+        self.executor.retarget(self.goal, self.tolerance)
+
+    def _look_onward(self, scene: Scene) -> None:
+        """Plan the strip from the goal to the next one, and let motions go on along it as soon as it is there."""
+        if not self.goals or self.params.stop_at_goals or not self.replanner.flows or self._onward is not None:
+            return
+        if self._onward_plan is None:
+            plan = self.replanner.onward(scene, self.goal_q, self.goals[0])
+            self._onward_plan = self._plans.submit(plan)
+        elif self._onward_plan.done() and self._onward_plan.exception() is None:  # else it is planned at the goal
+            report = self._onward_plan.result()
+            if report.certified:
+                self._onward = report
+                self.planner.lead_on(report.strip, self.tolerance)
+
+    def _pass_goal(self, t: float, at: Array) -> None:
+        """The robot has gone on from the goal to the next one, without a stop."""
+        assert self._onward is not None
+        self._reach(t, at, passed=True)
+        self.planner.passed = None
+        report, self._onward, self._onward_plan, self._replan_task = self._onward, None, None, None
+        self.goals.pop(0)
+        self._take_goal(report)
 
     def _joins_from_beside(self, end: Array, stands: bool) -> bool:
         """Whether the robot joins the strip that is ready from beside it, because it evades.

@@ -17,7 +17,7 @@ from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.space import wrap_angle
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.trajectory.path import integrate_travel
+from elastic_strips.trajectory.braking import brought_to_rest
 from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory
 
 from .lookahead import ObstacleLookahead
@@ -41,9 +41,6 @@ def motion_to(
 ) -> Trajectory | None:
     """A motion that approaches a target speed for a short while and then brakes to rest; the joints only brake.
 
-    Velocities are linear and travels quadratic between samples, so that no limit is exceeded anywhere. Braking keeps
-    the proportion of the speeds: the base stays on its arc.
-
     Args:
         robot: the robot.
         limits: limits of its motors.
@@ -64,19 +61,7 @@ def motion_to(
     nearer[0], nearer[1:] = speed, np.where(rising, change, -change) * dt
     np.cumsum(nearer, axis=0, out=nearer)
     nearer = np.where(rising, np.minimum(nearer, goal), np.maximum(nearer, goal))
-    braking = max(int(np.ceil(float((np.abs(nearer[-1]) / change).max()) / dt - 1e-9)), 1)
-    v = np.concatenate([nearer, nearer[-1] * (1.0 - np.arange(1, braking + 1)[:, None] / braking)])
-    y, a = np.zeros_like(v), np.zeros_like(v)
-    np.cumsum(0.5 * dt * (v[1:] + v[:-1]), axis=0, out=y[1:])
-    a[:-1] = (v[1:] - v[:-1]) / dt
-    coordinates = integrate_travel(robot, limits, start.coordinates, y)
-    base, here = robot.space.base_nv, start.coordinates[robot.space.base_nv :]
-    low, high = np.minimum(robot.space.lower[base:], here), np.maximum(robot.space.upper[base:], here)
-    joints = coordinates[:, base:]
-    if ((joints < low - 1e-6) | (joints > high + 1e-6)).any():
-        return None
-    time = start.time + dt * np.arange(len(v), dtype=float)
-    return Trajectory(robot, limits, time, coordinates, limits.to_tangent(v), limits.to_tangent(a))
+    return brought_to_rest(robot, limits, start, nearer, change * dt, dt)
 
 
 _CONTACT_COST = 40.0

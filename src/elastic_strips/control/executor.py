@@ -115,7 +115,8 @@ class ExecutorLink(Protocol):
         ...
 
     def retarget(self, goal: Array, tolerance: Tolerance) -> None:
-        """At rest, start anew for another goal: its coordinate row (nv,), and how near counts as reached."""
+        """Take another goal: its coordinate row (nv,), and how near counts as reached. The active trajectory goes on,
+        and does not end there."""
         ...
 
     def stop(self, reason: str) -> None:

@@ -85,3 +85,23 @@ class Event:
     time: float
     kind: str
     reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GoalReached:
+    """A goal that was reached.
+
+    Attributes:
+        time: when [s].
+        goal: (nv,) coordinate row of the goal.
+        position, yaw, joints: how far from it the reference came, or the robot came to rest, by its estimate: the base
+            [m], its heading [rad], the joint that is furthest off [rad or m].
+        passed: whether the robot went on without a stop.
+    """
+
+    time: float
+    goal: Array
+    position: float
+    yaw: float
+    joints: float
+    passed: bool

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -17,12 +18,19 @@ from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 
 from .evasion import EvasivePlanner
+from .itinerary import passed_at
+from .joining import curve_onto
 from .pace import Pace
-from .params import DriveParams, Margins
+from .params import DriveParams, Margins, Tolerance
 from .prediction import ArrivalTimes, Outlook
 from .progress import reconnect, trim_passed
 from .strip_timer import PlanOutcome, PlanResult, StripTimer
 
+_CURVE_ENDS = 0.05  # [m in the metric] before the end of a curve onto a strip, the robot is on it
+_LOOKED_BACK, _LOOKED_STEP = 0.5, 0.01
+"""Longest time [s], and its steps, over which it is looked whether the end of a strip was passed."""
+_PASSING_SPEED = 0.3  # part of the speed limits with which a curve from the end of a strip on begins
+_SAME_DIRECTION_COSINE = 0.995  # of the angle by which the end of the strip may turn until the way on is made anew
 BROKEN_STEPS = 4
 """Steps for which a strip that has broken gets new nodes; then other means have to help."""
 _STUCK_EVERY = 4
@@ -45,6 +53,8 @@ class LocalPlanner:
         off_strip: whether the robot has left it to evade, and has not come back.
         report: report of the strip's last tick; None before the first.
         evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
+        passed: when the end of the strip before was passed [s], and the reference (nv,) then; None where the robot has
+            not gone on from one strip to another since :meth:`take`.
     """
 
     def __init__(
@@ -60,10 +70,18 @@ class LocalPlanner:
         self.arrival: ArrivalTimes = ArrivalTimes(robot, limits)
         self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
-            self.evasion = EvasivePlanner(robot, limits, params.evasion, dt=params.sample_dt, hold=self._held)
+            self.evasion = EvasivePlanner(robot, limits, params.evasion, dt=params.sample_dt, hold=self.timer.held)
         self.strip: Strip = strip
         self.off_strip: bool = False
         self.report: DeformReport | None = None
+        self.passed: tuple[float, Array] | None = None
+        self._next: tuple[Strip, Tolerance] | None = None  # how the strip goes on, and how near its end is passed
+        self._curve: Array | None = None  # rows that lead the robot onto the strip, and do not give way
+        self._onward: tuple[Array | None, Array] | None = (
+            None  # such rows from the end of the strip on, and what follows
+        )
+        self._arriving: Array = np.zeros(0)  # direction in which the strip ends, for which they were made
+        self._looked = -np.inf  # [s] until when it is known that the end was not passed
         self._last: PlanResult | None = None
         self._proof: tuple[Trajectory, Outlook] | None = None  # a certified motion, and what against
         self._compared: tuple[Scene, Outlook, bool] | None = None  # whether a scene surprises after an outlook
@@ -72,21 +90,36 @@ class LocalPlanner:
         self._broken = 0  # steps in a row that have left the strip without a certificate
         self._step_took = self._evasion_took = 0.0  # [s] the last time
 
-    @property
-    def _held(self) -> float:
-        """Time [s] for which a manoeuvre is held at least: until after the next one."""
-        return 2 * self.pace.every * self.params.control_dt
-
-    def take(self, strip: Strip, *, beside: bool = False) -> None:
+    def take(self, strip: Strip, *, beside: bool = False, start: ReferenceState | None = None) -> None:
         """Follow another strip from now on.
 
         Args:
             strip: begins where the robot is, or near it.
             beside: whether it begins only near the robot, so that it has to be joined.
+            start: where the robot will be, and how it moves, when it begins to follow the strip; a curve leads from
+                there onto it. None where it rests.
         """
-        self.strip = strip
-        self._last, self._broken = None, 0
-        self.off_strip = beside
+        curve = None
+        if start is not None and start.v.any():
+            weight = self.deformer.spacing_weight
+            curve = curve_onto(self.robot, self.limits, start.coordinates, start.v, strip.coordinates, weight)
+        self._follow(strip.coordinates if curve is None else curve[1], None if curve is None else curve[0])
+        self.off_strip = beside and curve is None
+
+    def _follow(self, coordinates: Array, curve: Array | None) -> None:
+        """Follow rows (K, nv) as the strip, after rows of a curve onto it."""
+        self.strip = Strip.from_coordinates(self.robot, coordinates)
+        self._curve, self._last, self._broken, self.off_strip = curve, None, 0, False
+        self._next = self._onward = self.passed = None
+
+    def lead_on(self, strip: Strip, within: Tolerance) -> None:
+        """Let motions go on from the end of the strip along another one, without a stop where that can be.
+
+        Args:
+            strip: begins where the present one ends.
+            within: how near that end is passed.
+        """
+        self._next, self._onward, self._last = (strip, within), None, None
 
     def allow(self, tracking_error: float) -> None:
         """Plan for another tracking error [m] from now on; motions certified for a smaller one are certified anew."""
@@ -129,7 +162,7 @@ class LocalPlanner:
         last = self._last
         if last is None or scene.names != self._names or self.off_strip:
             return None
-        if last.outcome in (PlanOutcome.ARRIVE, PlanOutcome.EVADE):
+        if last.outcome in (PlanOutcome.ARRIVE, PlanOutcome.JOIN, PlanOutcome.EVADE):
             return None
         self._age += 1
         if self._age >= self.params.motion_every:
@@ -147,6 +180,7 @@ class LocalPlanner:
         """
         start = active.at(begin)
         watch = PhaseClock()
+        self._go_on(active, begin)
         self._age = 0
         outlook = self._outlook(scene)
         if self.pace.slow and self.report is not None and start.v.any():
@@ -154,21 +188,70 @@ class LocalPlanner:
             if brake is not None:
                 return brake
         report = self._deform(now, outlook, start, watch)
-        result = self.timer.motion(start, active, outlook, report, watch, off_strip=self.off_strip)
+        result = self._timed(start, active, outlook, report, watch)
         if not result.accepted and start.v.any():
             result = self._on_active(result, start, active, outlook, watch)
         if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
-            self.evasion.hold = self._held
+            self.evasion.hold = self.timer.held
             before = self.pace.reading()
             result = self.evasion.improved(result, start, active, outlook, self.timer.certify, self.arrival, self.pace)
             self._evasion_took = self.pace.reading() - before
             watch.mark("evasion")
-        self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not result.accepted)
+        on_strip = result.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE)
+        self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not on_strip)
+        if self._curve is not None and not on_strip and start.v.any():
+            self._curve, self.off_strip = None, True
         if result.outcome is PlanOutcome.BRAKE:
             self._proof = None
         elif result.accepted and result.motion is not None:
             self._proof = result.motion, outlook
         return result
+
+    def _timed(
+        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
+    ) -> PlanResult:
+        """A motion along the curve onto the strip, the strip, and what follows, as far as there is any."""
+        lead, onward = self._curve, self._leading_on(report.strip)
+        motion = partial(self.timer.motion, start, active, outlook, report, watch, off_strip=self.off_strip, lead=lead)
+        if onward is None or self._next is None:
+            return motion()
+        curve, rest = onward
+        rows = rest if curve is None else np.vstack([curve, rest[1:]])
+        return motion(onward=rows, passing=self._next[1])
+
+    def _leading_on(self, strip: Strip) -> tuple[Array | None, Array] | None:
+        """Rows of a curve from the end of the strip on, if one is needed, and of what follows; None where the robot ends
+        there."""
+        if self._next is None:
+            return None
+        beyond, _ = self._next
+        last = self.robot.space.difference(*strip.coordinates[-2:])
+        y = self.limits.to_coordinates(last)
+        y /= max(float(np.linalg.norm(y)), 1e-9)
+        if self._onward is None or float(y @ self._arriving) < _SAME_DIRECTION_COSINE:
+            self._arriving, weight, rows = y, self.deformer.spacing_weight, beyond.coordinates
+            v = last * (
+                _PASSING_SPEED / max(float((np.abs(self.limits.to_coordinates(last)) / self.limits.speed).max()), 1e-9)
+            )
+            found = curve_onto(self.robot, self.limits, strip.coordinates[-1], v, rows, weight)
+            self._onward = (None, rows) if found is None else found
+        return self._onward
+
+    def _go_on(self, active: Trajectory, begin: float) -> None:
+        """Follow the next strip where the reference has passed the end of the present one by the time ``begin`` [s]."""
+        since, self._looked = self._looked, begin
+        if self._next is None or self._onward is None:
+            return
+        first = max(since, active.start_time, begin - _LOOKED_BACK)
+        times = np.linspace(first, begin, max(int(np.ceil((begin - first) / _LOOKED_STEP)), 1) + 1)
+        rows = active.coordinates_at(times)
+        k = passed_at(self.robot, rows, self.strip.coordinates[-1], self._next[1])
+        if k is None:
+            return
+        curve, rest = self._onward
+        self._follow(rest, curve)
+        self._next = self._onward = None
+        self.passed = float(times[k]), rows[k]
 
     def _brake(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
@@ -229,11 +312,16 @@ class LocalPlanner:
         params, scene = self.params, outlook.scene
         expected = outlook.expected(params.horizon + now - scene.time)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
-        ahead = reconnect if self.off_strip else trim_passed
-        coordinates, source = ahead(
-            self.robot.space, self.strip.coordinates, start.coordinates, self.deformer.spacing_weight, moving=moving
-        )
-        strip = self.deformer.carry(self.strip, coordinates, source)
+        space, weight, strip = self.robot.space, self.deformer.spacing_weight, self.strip
+        if self._curve is not None:
+            self._curve, _ = trim_passed(space, self._curve, start.coordinates, weight, moving=moving)
+            left = np.sqrt(weight) * space.difference(start.coordinates, self._curve[-1])
+            if len(self._curve) == 2 and float(np.linalg.norm(left)) < _CURVE_ENDS:
+                self._curve = None
+        if self._curve is None:
+            ahead = reconnect if self.off_strip else trim_passed
+            coordinates, source = ahead(space, strip.coordinates, start.coordinates, weight, moving=moving)
+            strip = self.deformer.carry(strip, coordinates, source)
         prediction = None
         if len(expected):
             prediction = partial(self.arrival.prediction, expected, start.time - scene.time)

@@ -181,6 +181,8 @@ class DriveParams(Checked):
         speed_scale, acceleration_scale: parts of the motors' limits that motions are planned with; the rest is used
             where the path changes and these parts are not enough.
         goal_position, goal_angle: tolerance at the goal, of the base [m], and of heading and joints [rad or m].
+        stop_at_goals: whether the robot comes to rest at each of several goals; else it goes on from one to the next
+            without a stop, within the tolerance, where the way leads on.
         time_limit: longest run.
     """
 
@@ -209,6 +211,7 @@ class DriveParams(Checked):
     acceleration_scale: _Part = 0.75
     goal_position: Positive = 0.05
     goal_angle: Positive = 0.05
+    stop_at_goals: bool = False
     time_limit: Positive = 120.0
 
     @staticmethod

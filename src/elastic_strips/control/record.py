@@ -17,7 +17,7 @@ from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.summary import Summary
 
-from .interfaces import Event, RunState
+from .interfaces import Event, GoalReached, RunState
 
 _Array = TypeVar("_Array", bound=np.ndarray)
 
@@ -206,9 +206,9 @@ class Recorder:
         nv, k, n = robot.nv, len(DRIVE_NAMES[robot.base_kind]), len(robot.joint_names)
         self._robot = robot
         self._world = world if isinstance(world, World) else World(world)
-        self._goal = None if goal is None else frozen(np.array(goal, dtype=float))
-        if self._goal is not None and self._goal.shape != (nv,):
-            raise RecordError(f"the goal has shape {self._goal.shape}; a coordinate row of {robot.name!r} has ({nv},)")
+        self._goal: Array | None = None
+        if goal is not None:
+            self.lead_to(goal)
         self._metadata = dict(metadata or {})
         cuts = np.cumsum([0, 1, nv, nv, nv, nv, nv, k, n, k]).tolist()
         self._slices = [slice(a, b) for a, b in pairwise(cuts)]
@@ -222,6 +222,17 @@ class Recorder:
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def lead_to(self, goal: npt.ArrayLike) -> None:
+        """The run leads to another goal, a coordinate row (nv,).
+
+        Raises:
+            RecordError: a goal of the wrong size.
+        """
+        row, nv = np.array(goal, dtype=float), self._robot.nv
+        if row.shape != (nv,):
+            raise RecordError(f"the goal has shape {row.shape}; a coordinate row of {self._robot.name!r} has ({nv},)")
+        self._goal = frozen(row)
 
     def control(
         self,
@@ -379,6 +390,7 @@ class DriveResult(Summary):
         seconds: duration of the run by the wall clock [s].
         compute: what computing cost. ``"free"``: nothing; ``"work"``: the time that is modelled for it; a number: this
             many times the measured processor time; ``"realtime"``: it ran against the wall clock.
+        goals: those that were reached, in order of time.
     """
 
     record: Record
@@ -390,6 +402,7 @@ class DriveResult(Summary):
     statistics: TickStatistics
     seconds: float
     compute: str | float = "free"
+    goals: tuple[GoalReached, ...] = ()
 
     def _summary(self) -> dict[str, object]:
         return {

@@ -7,7 +7,7 @@ back.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,12 +16,13 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.errors import ConfigurationError, ElasticStripsError
-from elastic_strips.planning import PlanReport, StripSet, StripSetParams, StripSetReport, plan_report
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, GoalError
+from elastic_strips.planning import Goal, PlanReport, StripSet, StripSetParams, StripSetReport, plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.strip import DeformParams, Strip
 
+from .itinerary import faced
 from .params import DriveParams
 from .strip_timer import PlanResult
 
@@ -41,7 +42,8 @@ class PlanRequest:
 
     Attributes:
         scene: the obstacles.
-        start, goal: configurations (nq,).
+        start: configuration (nq,).
+        goal: configuration (nq,), or any other goal.
         deform: parameters of the strip.
         path: waypoints (K, 2) [m] that are tried first, or None.
         attempt: how many plans have been made since the first.
@@ -51,7 +53,7 @@ class PlanRequest:
 
     scene: Scene
     start: npt.ArrayLike
-    goal: npt.ArrayLike
+    goal: Goal | Sequence[Goal]
     deform: DeformParams
     path: npt.ArrayLike | None = None
     attempt: int = 0
@@ -89,8 +91,18 @@ class StripPlanner:
 
         Raises:
             ConfigurationError: start or goal is not valid, or in collision.
+            GoalError: no configuration that is free reaches the goal.
         """
+        here = self.robot.space.to_coordinates(self.robot.check_q(asked.start, what="start"))
+        turned = faced(self.robot, here, asked.goal)
+        if turned is not asked.goal:
+            with suppress(GoalError):  # turned like that, it touches something
+                return self._planned(standing(asked.scene), replace(asked, goal=turned), self.seed, _FIRST_TIMEOUT)
         return self._planned(standing(asked.scene), asked, self.seed, _FIRST_TIMEOUT)
+
+    def onward(self, asked: PlanRequest) -> PlanReport:
+        """Plan a strip from one goal to the next, before the robot is there; see :meth:`first`."""
+        return StripPlanner.first(self, asked)
 
     def another(self, asked: PlanRequest) -> Replanned:
         """Plan another strip.
@@ -168,6 +180,8 @@ class Replanner:
 
     pending: bool
     halted: bool
+    flows: bool = True
+    """Whether the robot may go on from one goal to the next without a stop."""
 
     def __init__(
         self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool, planner: StripPlanner | None = None
@@ -184,13 +198,14 @@ class Replanner:
         self._unused = False
 
     def first(
-        self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike, *, path: npt.ArrayLike | None = None
+        self, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, path: npt.ArrayLike | None = None
     ) -> Callable[[], PlanReport]:
         """A function that plans the first strip to a goal; see :meth:`StripPlanner.first`.
 
         Args:
             scene: the obstacles.
-            start, goal: configurations (nq,).
+            start: configuration (nq,).
+            goal: configuration (nq,), or any other goal.
             path: waypoints (K, 2) [m] that are tried first.
         """
         self.pending, self.no_way = False, ""  # what was given up leads to another goal
@@ -198,6 +213,16 @@ class Replanner:
 
     def begin(self, report: PlanReport) -> None:
         """Told of the first strip to a goal: it is followed from now on."""
+
+    def onward(self, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal]) -> Callable[[], PlanReport]:
+        """A function that plans a strip from one goal to the next, before the robot is there; the present strip stays.
+
+        Args:
+            scene: the obstacles.
+            start: configuration (nq,) at the one goal.
+            goal: the next one.
+        """
+        return partial(self.planner.onward, PlanRequest(scene, start, goal, self.deform))
 
     def demand(self, at: float) -> None:
         """Have another strip planned, which may be used from the time ``at`` [s] on."""
@@ -317,7 +342,7 @@ class SwitchingPlanner(StripPlanner):
         first = super().first(asked)
         self.family = StripSet(
             self.robot,
-            asked.goal,
+            first.strip.q[-1],
             params=self._kept,
             deform=asked.deform,
             seed=self.seed,
@@ -393,6 +418,8 @@ class SwitchingReplanner(Replanner):
         robot, params, seed, grid: as of :class:`Replanner`.
         family: parameters of the set of strips.
     """
+
+    flows = False  # its strips lead to one goal
 
     def __init__(
         self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool, family: StripSetParams | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -21,8 +21,10 @@ from elastic_strips.trajectory import (
     TrajectoryCertifier,
 )
 
+from .itinerary import passed_at
+from .joining import steered
 from .pace import Pace
-from .params import DriveParams
+from .params import DriveParams, Tolerance
 from .prediction import Outlook
 from .progress import trim_passed
 
@@ -30,6 +32,9 @@ _TAKEN_OVER_SPACING = 0.04
 """Spacing [m] of nodes that are taken over from the active trajectory."""
 _SHORTEST_MOTION = 1e-3
 """A motion leads nowhere if no coordinate [m or rad] ends further than this from its beginning."""
+_LONGEST_TURN = 4.0  # [s] for which the robot is turned towards a strip; then it stops
+_NEAR_END = 0.3
+"""So near [m] to the end, beyond what it needs to brake, a robot stops and turns at rest."""
 _FOLLOWED_SHARES = (0.5, 1.0)
 """Parts of the active trajectory that are followed first, where the strip bends too sharply."""
 
@@ -39,7 +44,8 @@ class PlanOutcome(Enum):
 
     ``NONE``: no certified motion was found; the active trajectory goes on to its end. ``UNCHANGED``: it is still
     certified, and stays. ``FOLLOW``: a certified motion along the strip replaces it. ``ARRIVE``: one that ends at the
-    goal. ``EVADE``: one that leaves the strip, to avoid moving obstacles. ``BRAKE``: it is no longer certified, as the
+    goal. ``JOIN``: one that turns towards the strip, from a velocity that points away from it. ``EVADE``: one that
+    leaves the strip, to avoid moving obstacles. ``BRAKE``: it is no longer certified, as the
     scene is not what its certificate allowed for; the robot brakes on its path.
     """
 
@@ -47,6 +53,7 @@ class PlanOutcome(Enum):
     UNCHANGED = "unchanged"
     FOLLOW = "follow"
     ARRIVE = "arrive"
+    JOIN = "join"
     EVADE = "evade"
     BRAKE = "brake"
 
@@ -78,7 +85,7 @@ class PlanResult:
     @property
     def accepted(self) -> bool:
         """Whether it has a new certified motion."""
-        return self.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE, PlanOutcome.EVADE)
+        return self.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE, PlanOutcome.JOIN, PlanOutcome.EVADE)
 
 
 class StripTimer:
@@ -117,8 +124,14 @@ class StripTimer:
             settle_time=params.settle_time,
         )
         self.pace: Pace = Pace(params, None) if pace is None else pace
+        self._speeds = params.speeds  # that are tried one after the other
         self._failures = 0
+        self._turning = 0  # motions in a row that turned towards the strip
         self._attempt_took = 0.0  # [s] the last time
+
+    def slow_down(self, part: float) -> None:
+        """Plan motions with a part of the speeds of the parameters from now on."""
+        self._speeds = tuple(part * speed for speed in self.params.speeds)
 
     def motion(
         self,
@@ -129,6 +142,9 @@ class StripTimer:
         watch: PhaseClock,
         *,
         off_strip: bool = False,
+        lead: Array | None = None,
+        onward: Array | None = None,
+        passing: Tolerance | None = None,
     ) -> PlanResult:
         """The fastest certified motion along the strip of a report, or the reason why there is none.
 
@@ -139,8 +155,18 @@ class StripTimer:
             report: of the strip's tick.
             watch: measures the phases.
             off_strip: whether the robot has left the strip, so that the active trajectory does not lead along it.
+            lead: (L, nv) rows that lead from the start onto the strip; None where that begins there.
+            onward: (K, nv) rows from the end of the strip on, along which a motion may go on that passes the end within
+                ``passing``; None where the robot stops there.
+            passing: see ``onward``.
         """
         coordinates = report.strip.coordinates
+        if lead is not None:
+            coordinates = np.vstack([lead, coordinates[1:]])
+        if onward is not None and passing is not None:
+            passes = self._passing(start, active, outlook, coordinates, report, watch, off_strip, onward, passing)
+            if passes is not None:
+                return passes
         speed_now = fastest_drive(self.limits, start.v)
         motion: Trajectory | None = None
         certificate: Certificate | None = None
@@ -150,7 +176,7 @@ class StripTimer:
         def result(outcome: PlanOutcome) -> PlanResult:
             return PlanResult(outcome, motion, certificate, reason, report, speed, watch.phases)
 
-        speeds = self.params.speeds
+        speeds = self._speeds
         if self._failures:  # while it waits or brakes: one a tick, the slowest first
             speeds = (speeds[-1 - (self._failures - 1) % len(speeds)],)
         self._failures += 1
@@ -175,10 +201,89 @@ class StripTimer:
                 if not (arrives or start.v.any()) and self._stays(motion):
                     reason = "the motion along the strip leads nowhere"
                     return result(PlanOutcome.NONE)
-                self._failures, reason = 0, ""
+                self._failures, self._turning, reason = 0, 0, ""
                 return result(PlanOutcome.ARRIVE if arrives else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
         return result(PlanOutcome.NONE)
+
+    def joining(self, failed: PlanResult, start: ReferenceState, outlook: Outlook, watch: PhaseClock) -> PlanResult:
+        """A certified motion that turns towards the strip; the failed result where there is none.
+
+        Args:
+            failed: result of :meth:`motion`, which found none along the strip.
+            start: first state of the motion.
+            outlook: of the tick.
+            watch: measures the phases.
+        """
+        if self._turning * self.pace.every * self.params.control_dt > _LONGEST_TURN:
+            return failed
+        for speed in self._speeds:
+            motion = steered(
+                self.robot,
+                self.limits,
+                start,
+                failed.report.strip.coordinates,
+                self.spacing_weight,
+                hold=self.held,
+                dt=self.params.sample_dt,
+                speed=speed,
+            )
+            watch.mark("retiming")
+            if motion is None:
+                break
+            certificate = self.certify(motion, outlook)
+            watch.mark("motion certificate")
+            if certificate.certified:
+                self._turning, self._failures = self._turning + 1, 0
+                return replace(failed, outcome=PlanOutcome.JOIN, motion=motion, certificate=certificate, speed=speed)
+        return failed
+
+    def far(self, start: ReferenceState, end: Array) -> bool:
+        """Whether a robot in motion is so far from a coordinate row (nv,) that it need not stop for it yet."""
+        way = np.sqrt(self.spacing_weight) * self.robot.space.difference(start.coordinates, end)
+        apart = float(np.linalg.norm(way[:2] if self.limits.drive_dim else way))
+        return apart > _NEAR_END + self._distance(fastest_drive(self.limits, start.v), 0.0)
+
+    def _passing(
+        self,
+        start: ReferenceState,
+        active: Trajectory,
+        outlook: Outlook,
+        coordinates: Array,
+        report: DeformReport,
+        watch: PhaseClock,
+        off_strip: bool,
+        onward: Array,
+        within: Tolerance,
+    ) -> PlanResult | None:
+        """A certified motion at full speed that passes the end of the strip and goes on; None where there is none, or
+        none gets so far."""
+        speed = self._speeds[0]
+        distance = self._distance(fastest_drive(self.limits, start.v), speed)
+        way = np.sqrt(self.spacing_weight) * self.robot.space.difference(coordinates[:-1], coordinates[1:])
+        if float(np.linalg.norm(way, axis=1).sum()) > 2.0 * distance:
+            return None
+        nodes = np.vstack([coordinates, onward[1:]])
+        motion, _ = self._timed(nodes, start, active, distance, speed, off_strip)
+        watch.mark("retiming")
+        if motion is None:
+            return None
+        beyond = self.robot.space.difference(coordinates[-1], motion.coordinates[-1])
+        if float(np.abs(beyond).max(initial=0.0)) < _SHORTEST_MOTION:  # it has to stop there
+            return None
+        if passed_at(self.robot, motion.coordinates, coordinates[-1], within) is None:
+            return None
+        certificate = self.certify(motion, outlook)
+        watch.mark("motion certificate")
+        if not certificate.certified:
+            return None
+        self._failures = self._turning = 0
+        return PlanResult(PlanOutcome.FOLLOW, motion, certificate, "", report, speed, watch.phases)
+
+    @property
+    def held(self) -> float:
+        """Time [s] for which a motion off the strip is held at least: until after the next one."""
+        return 2 * self.pace.every * self.params.control_dt
 
     def certify(self, motion: Trajectory, outlook: Outlook) -> Certificate:
         """Certify a motion from its first sample until it has come to rest."""

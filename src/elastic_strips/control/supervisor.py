@@ -70,9 +70,11 @@ class Supervisor(RunLog):
         self._until = [resting]  # motions up to the active one, which is the last
 
     def restart(self, reason: str, now: float) -> None:
-        """At rest, start anew for another goal; ``reason`` is that of the state, ``now`` the time [s]."""
+        """The active trajectory ends at no goal any more; at rest, ``reason`` is that of the state at the time ``now``
+        [s]."""
         self.at_goal = False
-        self._enter(RunState.STOPPED, reason, now)
+        if self.at_rest(now):
+            self._enter(RunState.STOPPED, reason, now)
 
     def log(self, time: float, kind: str, text: str) -> None:
         """Write down an event at ``time`` [s], unless it equals the last one of its kind, or one of a moment ago."""

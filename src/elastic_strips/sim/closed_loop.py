@@ -15,8 +15,10 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control import DriveParams
 from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
 from elastic_strips.control.interfaces import Command, Measurement
+from elastic_strips.control.itinerary import Goals, goals_in_order
 from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
+from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.trajectory import MotionLimits
@@ -49,7 +51,7 @@ class Simulation(Generic[_Driver]):
         world: the true obstacles over time.
         plant: the machine, at the controller's start.
         perception: what the controller senses of the world.
-        goal: (nv,) coordinate row of the last goal.
+        goal: (nv,) coordinate row of the last goal, for a run that ends before the robot sets out for it.
         watch: called after every planning tick, with this simulation; its exceptions are logged.
         realtime: whether to wait for the wall clock.
         record: whether to record every step; without it a result has a record of the last steps only.
@@ -88,8 +90,8 @@ class Simulation(Generic[_Driver]):
         self.realtime: bool = realtime
         self.computing: Computing = computing or Computing()
         self.time: float = 0.0
-        last = controller.goal if goal is None else goal
-        self._new_recorder = lambda: Recorder(self.robot, world, goal=last, metadata=metadata or {})
+        self._goal = goal
+        self._new_recorder = lambda: Recorder(self.robot, world, metadata=metadata or {})
         self.recorder: Recorder = self._new_recorder()
         self._recording = record
         self._step = 0
@@ -205,6 +207,8 @@ class Simulation(Generic[_Driver]):
 
     def _result(self, seconds: float) -> DriveResult:
         controller = self.controller
+        last = controller.goal if self._goal is None or not controller.goals else self._goal
+        self.recorder.lead_to(last)
         for event in controller.events:
             self.recorder.event(event.time, event.kind, event.reason)
         return DriveResult(
@@ -217,6 +221,7 @@ class Simulation(Generic[_Driver]):
             statistics=controller.statistics,
             seconds=seconds,
             compute=self.computing.label,
+            goals=tuple(controller.goals_reached),
         )
 
 
@@ -269,7 +274,7 @@ def simulation(
     robot: RobotModel,
     world: World | Scene,
     start: ArrayLike,
-    goal: ArrayLike,
+    goal: Goals,
     *,
     limits: MotionLimits | None = None,
     params: DriveParams | None = None,
@@ -292,7 +297,7 @@ def simulation(
         world: the true obstacles over time; those of a :class:`Scene` move by their motions. Obstacles yield in a copy
             of it, ``Simulation.world``, in which the result has to be evaluated.
         start: configuration (nq,).
-        goal: configuration (nq,), or several of them (G, nq), one after the other.
+        goal: as for the :class:`Controller`.
         limits, params, **options: as for the :class:`Controller`.
         plant: the machine; a :class:`KinematicPlant` where None.
         perception: noise and delay of the sensed scene, or a perception of one's own.
@@ -343,7 +348,7 @@ def simulation(
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, params)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
-    last = robot.space.to_coordinates(np.atleast_2d(robot.check_q(goal, what="goal"))[-1])
+    last = goals_in_order(robot, goal)[-1]
     if isinstance(noise, SensorPerception):
         noise.computing = computing
     driven = Simulation(
@@ -351,7 +356,7 @@ def simulation(
         world,
         machine,
         senses,
-        goal=last,
+        goal=None if is_goal_region(last) else robot.space.to_coordinates(robot.check_q(last, what="goal")),  # type: ignore[arg-type]
         watch=watch,
         realtime=realtime,
         record=record,

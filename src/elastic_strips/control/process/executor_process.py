@@ -283,9 +283,11 @@ class ExecutorProcess:
         self._put("log", kind, reason)
 
     def retarget(self, goal: Array, tolerance: Tolerance) -> None:
+        rests = self.at_rest(self.now)
         with self._lock:
             self._sent = (self.now, *self._sent[1:3], False)
-            self.run.state, self.run.reason = RunState.STOPPED, "new goal"
+            if rests:
+                self.run.state, self.run.reason = RunState.STOPPED, "new goal"
         self._put("retarget", goal, tolerance)
 
     def stop(self, reason: str) -> None:

@@ -133,6 +133,8 @@ class PathService(Replanner):
         attempts: paths requested since the last goal.
     """
 
+    flows = False  # the steps of a task are done one after the other
+
     def __init__(self, robot: RobotModel, params: DriveParams, *, seed: int, grid: bool) -> None:
         super().__init__(robot, params, seed=seed, grid=grid)
         self.trouble: str = ""

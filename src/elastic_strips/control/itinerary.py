@@ -1,0 +1,77 @@
+"""Itinerary: goals one after the other, how a base is turned where any heading will do, and where a goal is passed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import atan2, hypot
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ConfigurationError
+from elastic_strips.planning import BasePose, Goal
+from elastic_strips.planning.goals import is_goal_region
+from elastic_strips.robot import BaseKind, RobotModel
+
+from .params import Tolerance
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+Goals: TypeAlias = "Goal | Sequence[Goal | Sequence[Goal]]"
+"""A goal, or several, one after the other; each may be a list of goals of which any will do."""
+
+_SAME_PLACE = 0.1  # [m] within which there is no way from one place to another
+
+
+def goals_in_order(robot: RobotModel, given: Goals) -> list[Goal | Sequence[Goal]]:
+    """The goals, one after the other; configurations (nq,) are checked.
+
+    Raises:
+        ConfigurationError: a configuration that is not valid, or no goal at all.
+    """
+    several = isinstance(given, np.ndarray) and given.ndim > 1
+    if isinstance(given, Sequence) and not isinstance(given, (str, Mapping)):
+        several = len(given) == 0 or is_goal_region(given)
+    goals = list(cast("Sequence[Goal | Sequence[Goal]]", given)) if several else [cast("Goal", given)]
+    if not goals:
+        raise ConfigurationError("goal is an empty list")
+    return [each if is_goal_region(each) else robot.check_q(each, what="goal") for each in goals]  # type: ignore[arg-type]
+
+
+def faced(robot: RobotModel, here: Array, goal: Goal | Sequence[Goal]) -> Goal | Sequence[Goal]:
+    """A base pose of any heading, turned as the base arrives there; any other goal as it is.
+
+    Then a differential drive need not turn at the goal, and goes on from there if it does not end there.
+
+    Args:
+        robot: the robot.
+        here: (nv,) coordinate row from which it comes.
+        goal: the goal.
+    """
+    if not isinstance(goal, BasePose) or goal.yaw is not None or robot.base_kind is not BaseKind.DIFF_DRIVE:
+        return goal
+    x, y = goal.x - float(here[0]), goal.y - float(here[1])
+    return goal if hypot(x, y) < _SAME_PLACE else BasePose(goal.x, goal.y, atan2(y, x), goal.within)
+
+
+def off_goal(robot: RobotModel, rows: Array, goal: Array) -> Array:
+    """(N, 3) how far coordinate rows (N, nv) are off a goal (nv,): the base [m], its heading [rad], and the joint that
+    is furthest off [rad or m]."""
+    off = np.abs(robot.space.difference(rows, np.broadcast_to(goal, rows.shape)))
+    base = robot.space.base_nv
+    out = np.zeros((len(rows), 3))
+    if base:
+        out[:, 0], out[:, 1] = np.hypot(off[:, 0], off[:, 1]), off[:, 2]
+    out[:, 2] = off[:, base:].max(axis=1, initial=0.0)
+    return out
+
+
+def passed_at(robot: RobotModel, rows: Array, goal: Array, within: Tolerance) -> int | None:
+    """Index of the row of a motion (N, nv) that is next to a goal (nv,), where that is within a tolerance, and the
+    motion goes on from there; None where it is not."""
+    most = np.array([within.position, within.yaw, within.joints])
+    share = (off_goal(robot, rows, goal) / most).max(axis=1)
+    nearest = int(share.argmin())
+    return nearest if share[nearest] <= 1.0 and nearest < len(rows) - 1 else None
