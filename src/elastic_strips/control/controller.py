@@ -49,6 +49,8 @@ _STRIP_START_OFFSET = 0.02
 elsewhere."""
 _PLANNING_TIME = 0.1
 """Time [s] that a plan to another goal is given while the robot drives: the strip begins where it will be then."""
+_DRIVES_ON = 0.5
+"""Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
 
@@ -217,6 +219,7 @@ class Controller:
         self._next_goal: Goal | Sequence[Goal] = self.goal_q  # that goal
         self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
         self._onward: PlanReport | None = None  # that plan, where motions go on along its strip
+        self._asked = -np.inf  # [s] when it was asked for
         self._counted = False  # whether the goal was written down as reached
         self._cancelled = ""
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
@@ -368,6 +371,7 @@ class Controller:
         moves = not self.executor.at_rest(self.time)
         begin = self.time + self.pace.latency + _PLANNING_TIME
         at = self.executor.active.at(begin).coordinates if moves else self.reference.coordinates
+        self._asked = self.time
         self._plan_to(goal, at)
 
     def _plan_to(self, goal: Goal | Sequence[Goal], at: Array) -> None:
@@ -558,7 +562,8 @@ class Controller:
             due = self.replanner.watch(t, result, scene, at_rest=at_rest)
             if due:
                 executor.log("replanning", due)
-        if not waiting or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
+        drives_on = self._next_plan is not None and t < self._asked + _DRIVES_ON
+        if not waiting or drives_on or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
 
     def _allow(self) -> None:
@@ -599,7 +604,7 @@ class Controller:
             if result.outcome is PlanOutcome.BRAKE:
                 self.executor.brake(result.reason)
             elif result.motion is not None and result.certificate is not None:
-                at_goal = result.outcome is PlanOutcome.ARRIVE
+                at_goal = result.outcome is PlanOutcome.ARRIVE and self._next_plan is None
                 self.executor.submit(result.motion, result.certificate, at_goal=at_goal, proven=proven)
 
     def _rest_of_goal(self, t: float, scene: Scene) -> bool:
@@ -659,6 +664,7 @@ class Controller:
 
     def _take_goal(self, report: PlanReport) -> None:
         """The goal is where a strip ends that is followed from now on."""
+        self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
         self.executor.log("goal", report.reason)
         self.replanner.begin(report)
         self.goal_q = report.strip.q[-1]

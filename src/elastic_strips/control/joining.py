@@ -40,6 +40,9 @@ _LENGTH_VALUE = 0.8
 _JOINED_AHEAD = (0.5, 0.8, 1.2, 1.8, 2.5)  # [m] along the strip, where they may lead
 _REACHES = (0.12, 0.2, 0.3, 0.4)
 """How far the tangents of a curve reach, as a part of the distance of its ends."""
+_BRAKED_FIRST = (0.0, 0.35, 0.7, 0.95)
+"""Parts of the way to rest for which a base goes straight on and brakes, before it turns."""
+_LINE_SPACING = 0.06  # [m] between the rows of that line
 _SHORTEST_CURVE = 0.1  # [m]
 _SLOW = 0.1  # [m/s] so slow, a base has no bend
 _SAMPLES = 33
@@ -197,7 +200,8 @@ def _curve(limits: MotionLimits, here: Array, v: Array, way: _Way) -> tuple[Arra
     """(R, 3) poses of the fastest curve of a differential drive onto a strip, and the length of the strip where it
     ends; None where it can get onto none of those tried.
 
-    They are Bézier curves of degree 5, with the bend of the present motion at the beginning and none at the end.
+    They are Bézier curves of degree 5, with the bend of the present motion at the beginning and none at the end. Some
+    begin with a line, on which the base brakes.
     """
     now, half = abs(float(v[0])), 0.5 * limits.track
     top = max(_CURVE_SPEED * float(limits.drive_speed.min()), now)
@@ -207,17 +211,20 @@ def _curve(limits: MotionLimits, here: Array, v: Array, way: _Way) -> tuple[Arra
     ends = np.minimum(first + np.array(_JOINED_AHEAD), way.length)
     poses = np.array([way.at(at)[:3] for at in ends.tolist()])
     poses[:, 2] += back
-    which, reach = (grid.ravel() for grid in np.meshgrid(np.arange(len(ends)), _REACHES, indexing="ij"))
+    grids = np.meshgrid(np.arange(len(ends)), _REACHES, _BRAKED_FIRST, indexing="ij")
+    which, reach, braked = (grid.ravel() for grid in grids)
     to, yaw = poses[which], float(here[2]) + back
-    apart = np.hypot(to[:, 0] - here[0], to[:, 1] - here[1])
-    far = (reach * apart)[:, None]
     onward, across = np.array([cos(yaw), sin(yaw)]), np.array([-sin(yaw), cos(yaw)])
+    line = braked * now * now / (2.0 * change)
+    begins = np.sqrt(np.maximum(now * now - 2.0 * change * line, 0.0))
+    p, q = here[:2] + line[:, None] * onward, to[:, :2]
+    apart = np.hypot(*(q - p).T)
+    far = (reach * apart)[:, None]
     arriving = np.column_stack([np.cos(to[:, 2]), np.sin(to[:, 2])])
-    bend = float(v[2]) / max(now, _SLOW) if now > _SLOW else 0.0
-    p, q = here[:2], to[:, :2]
+    bend = np.where(braked == 0.0, float(v[2]) / now if now > _SLOW else 0.0, 0.0)[:, None]
     points = np.stack(
         [
-            np.broadcast_to(p, q.shape),
+            p,
             p + far * onward,
             p + 2.0 * far * onward + 1.25 * bend * far * far * across,
             q - 2.0 * far * arriving,
@@ -235,20 +242,22 @@ def _curve(limits: MotionLimits, here: Array, v: Array, way: _Way) -> tuple[Arra
     speed[:, 1:] = np.minimum(speed[:, 1:], np.sqrt(change / (half * sharper + 1e-9)))
     for i in range(_SAMPLES - 2, -1, -1):
         speed[:, i] = np.minimum(speed[:, i], np.sqrt(speed[:, i + 1] ** 2 + 2.0 * change * step[:, i]))
-    able = speed[:, 0] >= now - 1e-6
-    speed[:, 0] = np.minimum(speed[:, 0], max(now, _SLOW))
+    able = speed[:, 0] >= begins - 1e-6
+    speed[:, 0] = np.minimum(speed[:, 0], np.maximum(begins, _SLOW))
     for i in range(_SAMPLES - 1):
         speed[:, i + 1] = np.minimum(speed[:, i + 1], np.sqrt(speed[:, i] ** 2 + 2.0 * change * step[:, i]))
     time = (2.0 * step / (speed[:, 1:] + speed[:, :-1])).sum(axis=1) - _LENGTH_VALUE * ends[which] / top
-    time += (top - speed[:, -1]) / change * 0.5
+    time += (top - speed[:, -1]) / change * 0.5 + (now - begins) / change
     time[~able | (apart < _SHORTEST_CURVE)] = np.inf
     best = int(time.argmin())
     if not np.isfinite(time[best]):
         return None
-    out = np.empty((_SAMPLES, 3))
-    out[:, :2] = at[best]
-    out[:, 2] = np.unwrap(np.arctan2(slope[best, :, 1], slope[best, :, 0])) - back
-    out[:, 2] += here[2] - out[0, 2]
+    turned = np.unwrap(np.arctan2(slope[best, :, 1], slope[best, :, 0]))
+    out = np.column_stack([at[best], turned + (float(here[2]) - turned[0])])
+    if line[best] > 0.0:
+        steps = np.arange(0.0, 1.0, min(_LINE_SPACING / float(line[best]), 0.5))[:, None]
+        before = np.hstack([here[:2] + steps * float(line[best]) * onward, np.full_like(steps, here[2])])
+        out = np.vstack([before, out])
     return out, float(ends[which[best]])
 
 

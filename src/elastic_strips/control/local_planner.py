@@ -16,6 +16,7 @@ from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
+from elastic_strips.trajectory.trajectory import stationary
 
 from .evasion import EvasivePlanner
 from .itinerary import passed_at
@@ -189,6 +190,12 @@ class LocalPlanner:
                 return brake
         report = self._deform(now, outlook, start, watch)
         result = self._timed(start, active, outlook, report, watch)
+        if not result.accepted and result.certificate is not None:
+            nearer = self._nearer(start, outlook)
+            if nearer is not None:
+                outlook = nearer
+                result = self._timed(start, active, outlook, report, watch)
+        turns = self._turns(result, start)
         if not result.accepted and start.v.any():
             result = self._on_active(result, start, active, outlook, watch)
         if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
@@ -197,6 +204,8 @@ class LocalPlanner:
             result = self.evasion.improved(result, start, active, outlook, self.timer.certify, self.arrival, self.pace)
             self._evasion_took = self.pace.reading() - before
             watch.mark("evasion")
+        if turns and not result.accepted and result.outcome is not PlanOutcome.BRAKE:
+            result = self.timer.joining(result, start, outlook, watch)
         on_strip = result.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE)
         self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not on_strip)
         if self._curve is not None and not on_strip and start.v.any():
@@ -207,7 +216,40 @@ class LocalPlanner:
             self._proof = result.motion, outlook
         return result
 
+    def _nearer(self, start: ReferenceState, outlook: Outlook) -> Outlook | None:
+        """The outlook with the tracking error alone as its clearance, where the robot is nearer than its margin to
+        something already, as where it has braked or was found to be elsewhere; None where it keeps its margin."""
+        still = stationary(self.robot, self.limits, start.coordinates, start.time, self.params.sample_dt)
+        if outlook.margins.margin == 0.0 or self.timer.certify(still, outlook).certified:
+            return None
+        return Outlook(outlook.scene, outlook.possible, replace(outlook.margins, margin=0.0), outlook.assumptions)
+
     def _timed(
+        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
+    ) -> PlanResult:
+        """A motion along the curve onto the strip, the strip, and what follows; or along a new curve, from a velocity
+        that points elsewhere."""
+        result = self._along(start, active, outlook, report, watch)
+        if not self._turns(result, start):
+            return result
+        rows, weight = report.strip.coordinates, self.deformer.spacing_weight
+        found = curve_onto(self.robot, self.limits, start.coordinates, start.v, rows, weight)
+        if found is not None:
+            before = self.strip, self._curve
+            self._curve, rest = found
+            self.strip = Strip.from_coordinates(self.robot, rest)
+            curved = self._along(start, active, outlook, replace(report, strip=self.strip), watch)
+            if curved.accepted:
+                return curved
+            self.strip, self._curve = before
+        return result
+
+    def _turns(self, result: PlanResult, start: ReferenceState) -> bool:
+        """Whether a robot in motion has none along the strip, and has far to go."""
+        timed = result.accepted or result.motion is not None
+        return not timed and bool(start.v.any()) and self.timer.far(start, result.report.strip.coordinates[-1])
+
+    def _along(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
     ) -> PlanResult:
         """A motion along the curve onto the strip, the strip, and what follows, as far as there is any."""
@@ -220,8 +262,7 @@ class LocalPlanner:
         return motion(onward=rows, passing=self._next[1])
 
     def _leading_on(self, strip: Strip) -> tuple[Array | None, Array] | None:
-        """Rows of a curve from the end of the strip on, if one is needed, and of what follows; None where the robot ends
-        there."""
+        """Rows of a curve from the end of the strip on, if one is needed, and of what follows; None where it ends."""
         if self._next is None:
             return None
         beyond, _ = self._next

@@ -17,7 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, GoalError
-from elastic_strips.planning import Goal, PlanReport, StripSet, StripSetParams, StripSetReport, plan_report
+from elastic_strips.planning import (
+    Goal,
+    PlanReport,
+    StripSet,
+    StripSetParams,
+    StripSetReport,
+    check_endpoints,
+    plan_report,
+)
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.strip import DeformParams, Strip
@@ -127,6 +135,33 @@ class StripPlanner:
         return Replanned(None, reason)
 
     def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:
+        """A plan with the clearance that was asked for; from where the robot stands nearer to something than that, as
+        one does that has braked, one with the tracking error alone."""
+        try:
+            return self._satisfying(scene, asked, seed, timeout, line=line)
+        except ConfigurationError as error:
+            if not self._too_close(scene, asked.start, asked.deform):
+                raise
+            nearer = asked.deform.replaced(clearance=max(asked.deform.clearance - self.params.margin, 0.0))
+            try:
+                report = self._satisfying(scene, replace(asked, deform=nearer), seed, timeout, line=line)
+            except ElasticStripsError:
+                raise error from None
+            if self._too_close(scene, report.strip.q[-1], asked.deform):
+                raise
+            return replace(report, reason=f"{report.reason}; with {1e3 * nearer.clearance:.0f} mm, as {error}")
+
+    def _too_close(self, scene: Scene, q: npt.ArrayLike, deform: DeformParams) -> bool:
+        """Whether a configuration is nearer to something than the strip is to be."""
+        try:
+            check_endpoints(self.robot, scene, q, q, deform)
+        except ConfigurationError:
+            return True
+        return False
+
+    def _satisfying(
+        self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True
+    ) -> PlanReport:
         """A plan that satisfies the drive's constraint; where there is none, one that does not, and says so."""
         plan = partial(
             plan_report,
