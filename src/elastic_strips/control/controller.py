@@ -476,8 +476,8 @@ class Controller:
         """Write down that the goal was reached at the coordinate row ``at`` (nv,)."""
         position, yaw, joints = off_goal(self.robot, at[None], self.goal)[0].tolist()
         self.goals_reached.append(GoalReached(t, self.goal, position, yaw, joints, passed))
-        how = "passed" if passed else "reached"
-        self.log("goal", f"goal {len(self.goals_reached)} {how}, {1e3 * position:.0f} mm off")
+        if passed:
+            self.log("passed", f"goal {len(self.goals_reached)}, {1e3 * position:.0f} mm off")
 
     # the planning loop
 
@@ -659,8 +659,7 @@ class Controller:
             self._plan_to(self._next_goal, executor.active.coordinates[-1])
             return
         self._take_goal(report)
-        start = None if stands else executor.active.at(self._begin(self.time))
-        self.planner.take(report.strip, beside=not stands, start=start)
+        self.planner.take(report.strip, beside=not stands)
 
     def _take_goal(self, report: PlanReport) -> None:
         """The goal is where a strip ends that is followed from now on."""

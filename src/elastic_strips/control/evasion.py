@@ -142,7 +142,7 @@ class EvasivePlanner(OneThread):
             pace: how much time there is for further motions where the best is not certified; enough where None.
         """
         scene = outlook.scene
-        if not self.look(outlook, start, result.report.strip.coordinates):
+        if not self.look(outlook, start, result.way):
             return result
         if result.accepted:
             rows = self._followed(result, start, arrival)
@@ -174,7 +174,7 @@ class EvasivePlanner(OneThread):
 
         Where the strip is broken the robot is assumed to stop and wait.
         """
-        strip, speed, times = result.report.strip.coordinates, result.speed, self.time
+        strip, speed, times = result.way, result.speed, self.time
         top = _STRIP_PACE * float(self.limits.drive_speed.max(initial=1.0))
         change = _STRIP_PACE * float(self.limits.drive_acceleration.min(initial=np.inf)) / top
         now = min(fastest_drive(self.limits, start.v) / top, speed)
@@ -183,7 +183,8 @@ class EvasivePlanner(OneThread):
         reached = arrival(strip)
         broken = np.flatnonzero(~result.report.certificate.segments)
         if len(broken):
-            passed = np.minimum(passed, reached[min(int(broken[0]), len(reached) - 1)])
+            before = 0 if result.lead is None else len(result.lead) - 1
+            passed = np.minimum(passed, reached[min(before + int(broken[0]), len(reached) - 1)])
         i = np.clip(np.searchsorted(reached, passed, side="right") - 1, 0, len(strip) - 2)
         s = np.clip((passed - reached[i]) / np.maximum(reached[i + 1] - reached[i], 1e-9), 0.0, 1.0)
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)

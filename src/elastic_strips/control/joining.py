@@ -7,6 +7,7 @@ a motion exists from every state, and the next tick goes on from it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import atan2, ceil, comb, copysign, cos, hypot, pi, sin, sqrt
 
 import numpy as np
@@ -35,6 +36,8 @@ _STRAIGHT_COSINE = 0.9  # of the angle between the directions of two strips that
 _CURVE_SPEED, _CURVE_ACCELERATION, _CURVE_STEP = 0.8, 0.6, 0.05
 """Parts of the limits with which a curve is made that turns a velocity, and time [s] between its rows."""
 _BLEND_STEPS = 4
+_CORNER_TIME = 1.0
+"""Cost [s] of arriving at the strip at a right angle."""
 _LENGTH_VALUE = 0.8
 """What a length of the strip that a curve leads past is worth, by the time that it takes at full speed."""
 _JOINED_AHEAD = (0.5, 0.8, 1.2, 1.8, 2.5)  # [m] along the strip, where they may lead
@@ -107,10 +110,12 @@ def steered(
     return brought_to_rest(robot, limits, start, np.array(rates), change, dt)
 
 
-def curve_onto(
+def curves_onto(
     robot: RobotModel, limits: MotionLimits, here: Array, v: Array, rows: Array, weight: Array
-) -> tuple[Array, Array] | None:
-    """Rows that lead from a velocity onto a strip without a stop, as far as wheels can, to where that takes least time.
+) -> Iterator[tuple[Array, Array]]:
+    """Rows that lead from a velocity onto a strip without a stop, as far as wheels can; the fastest way first.
+
+    There are none where the strip leads on already, or no curve leads onto it.
 
     Args:
         robot, limits: the robot, and the limits of its motors.
@@ -119,9 +124,8 @@ def curve_onto(
         rows: (K, nv) nodes of the strip, K ≥ 2.
         weight: (nv,) metric of the strip.
 
-    Returns:
-        (R, nv) rows, ``here`` first, and (L, nv) the rest of the strip, from the last of these on; None where the
-        strip leads on already, or no curve leads onto it.
+    Yields:
+        (R, nv) rows, ``here`` first, and (L, nv) the rest of the strip, from the last of these on.
     """
     way = _Way(robot.space, rows, np.sqrt(weight))
     left = robot.space.difference(here, way.at(_LEAST_AHEAD))
@@ -129,64 +133,58 @@ def curve_onto(
         side = copysign(1.0, float(v[0]))
         off = max(abs(atan2(side * float(left[1]), side * float(left[0]))), 0.5 * abs(float(left[2])))
         if off < _STRAIGHT_ANGLE or abs(float(v[0])) < _LEAST_ROLLING * limits.track * abs(float(v[2])):
-            return None
+            return
+        found = _rolled(limits, here, v, way)
     else:
         y, to = limits.to_coordinates(v), limits.to_coordinates(left)
         sizes = float(np.linalg.norm(y)) * float(np.linalg.norm(to))
         if sizes < 1e-9 or float(y @ to) > _STRAIGHT_COSINE * sizes:
-            return None
-        return _blended(robot, limits, here, v, rows, way)
-    found = _curve(limits, here, v, way)
-    if found is None:
-        return None
-    poses, at = found
-    end = way.at(at)
-    share = np.linspace(0.0, 1.0, len(poses))[:, None]
-    curve = here + share * (end - here)
-    curve[:, :3] = poses
-    curve[-1] = end
-    return curve, np.vstack([end, rows[way.after(at + 1e-6) :]])
+            return
+        found = _blended(robot, limits, here, v, way)
+    for curve, at in found:
+        end = way.at(at)
+        if limits.drive_dim == 2:
+            row = here + np.linspace(0.0, 1.0, len(curve))[:, None] * (end - here)
+            row[:, :3] = curve
+            curve = row
+        curve[-1] = end
+        yield curve, np.vstack([end, rows[way.after(at + 1e-6) :]])
 
 
 def _blended(
-    robot: RobotModel, limits: MotionLimits, here: Array, v: Array, rows: Array, way: _Way
-) -> tuple[Array, Array] | None:
-    """See :func:`curve_onto`, of robots that can move in any direction: a constant acceleration turns the velocity into
-    one towards a point of the strip."""
+    robot: RobotModel, limits: MotionLimits, here: Array, v: Array, way: _Way
+) -> Iterator[tuple[Array, float]]:
+    """Rows (R, nv), and the length of the strip where they end, of robots that can move in any direction: a constant
+    acceleration turns the velocity into one towards a point of the strip."""
     space, base = robot.space, robot.space.base_nv
     rate = v.copy()
     if base:
         turn = float(here[2])
         rate[:2] = cos(turn) * v[0] - sin(turn) * v[1], sin(turn) * v[0] + cos(turn) * v[1]
     top, change = _CURVE_SPEED * limits.speed, _CURVE_ACCELERATION * limits.acceleration
-    best, chosen = np.inf, None
+    low, high = np.minimum(space.lower, here)[base:], np.maximum(space.upper, here)[base:]
+    tried: list[tuple[float, float, Array, float]] = []
     for ahead in _JOINED_AHEAD:
         at = min(ahead, way.length)
         to = _unwrapped(way.at(at) - here, base)
-        passed = np.zeros_like(to)  # while the velocity turns
+        left, after, turning = to, rate, 0.0
         for _ in range(_BLEND_STEPS):
-            left = to - passed
             after = left / max(float((np.abs(left) / top).max()), 1e-9)
             turning = float((np.abs(after - rate) / change).max())
-            passed = 0.5 * turning * (rate + after)
-        left = to - passed
-        straight = float((np.abs(left) / top).max())
-        if float(left @ after) <= 0.0:
+            left = to - 0.5 * turning * (rate + after)  # beyond where the velocity has turned
+        if float(left @ after) <= 0.0 or turning <= 0.0:
             continue
-        time = turning + straight - at * _LENGTH_VALUE
-        if time < best:
-            best, chosen = time, (at, after, turning)
-    if chosen is None:
-        return None
-    at, after, turning = chosen
-    tau = np.linspace(0.0, turning, max(ceil(turning / _CURVE_STEP), 2) + 1)[:, None]
-    curve = here + rate * tau + (after - rate) * (0.5 / turning) * tau * tau
-    low, high = np.minimum(space.lower, here)[base:], np.maximum(space.upper, here)[base:]
-    if ((curve[:, base:] < low) | (curve[:, base:] > high)).any():
-        return None
-    end = way.at(at)
-    line = curve[-1] + np.linspace(0.0, 1.0, 5)[1:, None] * _unwrapped(end - curve[-1], base)
-    return np.vstack([curve, line[:-1], end]), np.vstack([end, rows[way.after(at + 1e-6) :]])
+        onward = way.direction(at)
+        cosine = float(onward @ after) / max(float(np.linalg.norm(onward) * np.linalg.norm(after)), 1e-9)
+        straight = float((np.abs(left) / top).max())
+        tried.append((turning + straight - _LENGTH_VALUE * at + _CORNER_TIME * (1.0 - cosine), at, after, turning))
+    for _, at, after, turning in sorted(tried, key=lambda each: each[0]):
+        tau = np.linspace(0.0, turning, max(ceil(turning / _CURVE_STEP), 2) + 1)[:, None]
+        curve = here + rate * tau + (after - rate) * (0.5 / turning) * tau * tau
+        if ((curve[:, base:] < low) | (curve[:, base:] > high)).any():
+            continue
+        line = curve[-1] + np.linspace(0.0, 1.0, 5)[1:, None] * _unwrapped(way.at(at) - curve[-1], base)
+        yield np.vstack([curve, line]), at
 
 
 def _unwrapped(to: Array, base: int) -> Array:
@@ -196,9 +194,9 @@ def _unwrapped(to: Array, base: int) -> Array:
     return to
 
 
-def _curve(limits: MotionLimits, here: Array, v: Array, way: _Way) -> tuple[Array, float] | None:
-    """(R, 3) poses of the fastest curve of a differential drive onto a strip, and the length of the strip where it
-    ends; None where it can get onto none of those tried.
+def _rolled(limits: MotionLimits, here: Array, v: Array, way: _Way) -> Iterator[tuple[Array, float]]:
+    """(R, 3) poses of curves of a differential drive onto a strip, and the length of the strip where each ends, the
+    fastest first; of those to one end with one line first, only the fastest.
 
     They are Bézier curves of degree 5, with the bend of the present motion at the beginning and none at the end. Some
     begin with a line, on which the base brakes.
@@ -249,16 +247,19 @@ def _curve(limits: MotionLimits, here: Array, v: Array, way: _Way) -> tuple[Arra
     time = (2.0 * step / (speed[:, 1:] + speed[:, :-1])).sum(axis=1) - _LENGTH_VALUE * ends[which] / top
     time += (top - speed[:, -1]) / change * 0.5 + (now - begins) / change
     time[~able | (apart < _SHORTEST_CURVE)] = np.inf
-    best = int(time.argmin())
-    if not np.isfinite(time[best]):
-        return None
-    turned = np.unwrap(np.arctan2(slope[best, :, 1], slope[best, :, 0]))
-    out = np.column_stack([at[best], turned + (float(here[2]) - turned[0])])
-    if line[best] > 0.0:
-        steps = np.arange(0.0, 1.0, min(_LINE_SPACING / float(line[best]), 0.5))[:, None]
-        before = np.hstack([here[:2] + steps * float(line[best]) * onward, np.full_like(steps, here[2])])
-        out = np.vstack([before, out])
-    return out, float(ends[which[best]])
+    kinds: set[tuple[int, float]] = set()
+    for k in np.argsort(time, kind="stable").tolist():
+        kind = int(which[k]), float(braked[k])
+        if not np.isfinite(time[k]) or kind in kinds:
+            continue
+        kinds.add(kind)
+        turned = np.unwrap(np.arctan2(slope[k, :, 1], slope[k, :, 0]))
+        out = np.column_stack([at[k], turned + (float(here[2]) - turned[0])])
+        if line[k] > 0.0:
+            steps = np.arange(0.0, 1.0, min(_LINE_SPACING / float(line[k]), 0.5))[:, None]
+            before = np.hstack([here[:2] + steps * float(line[k]) * onward, np.full_like(steps, here[2])])
+            out = np.vstack([before, out])
+        yield out, float(ends[which[k]])
 
 
 def _wanted(limits: MotionLimits, left: Array, onward: Array, top: Array, pace: float, room: float) -> Array:
@@ -338,6 +339,11 @@ class _Way:
     def after(self, length: float) -> int:
         """Index of the first node at or after a length; the last one beyond the end."""
         return min(int(np.searchsorted(self._passed, length)), len(self._rows) - 1)
+
+    def direction(self, length: float) -> Array:
+        """(nv,) in which the rows change at a length, in coordinates; none at the end."""
+        i = self.after(length + 1e-9)
+        return _unwrapped(self._rows[i] - self._rows[max(i - 1, 0)], self._space.base_nv) if i else self._rows[0] * 0.0
 
     def at(self, length: float) -> Array:
         """(nv,) row at a length; the last one beyond the end."""

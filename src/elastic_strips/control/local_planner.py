@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from elastic_strips.trajectory.trajectory import stationary
 
 from .evasion import EvasivePlanner
 from .itinerary import passed_at
-from .joining import curve_onto
+from .joining import curves_onto
 from .pace import Pace
 from .params import DriveParams, Margins, Tolerance
 from .prediction import ArrivalTimes, Outlook
@@ -30,6 +31,7 @@ from .strip_timer import PlanOutcome, PlanResult, StripTimer
 _CURVE_ENDS = 0.05  # [m in the metric] before the end of a curve onto a strip, the robot is on it
 _LOOKED_BACK, _LOOKED_STEP = 0.5, 0.01
 """Longest time [s], and its steps, over which it is looked whether the end of a strip was passed."""
+_MOST_CURVES = 4  # onto a strip, that are tried in a tick
 _PASSING_SPEED = 0.3  # part of the speed limits with which a curve from the end of a strip on begins
 _SAME_DIRECTION_COSINE = 0.995  # of the angle by which the end of the strip may turn until the way on is made anew
 BROKEN_STEPS = 4
@@ -91,27 +93,21 @@ class LocalPlanner:
         self._broken = 0  # steps in a row that have left the strip without a certificate
         self._step_took = self._evasion_took = 0.0  # [s] the last time
 
-    def take(self, strip: Strip, *, beside: bool = False, start: ReferenceState | None = None) -> None:
+    def take(self, strip: Strip, *, beside: bool = False) -> None:
         """Follow another strip from now on.
 
         Args:
             strip: begins where the robot is, or near it.
             beside: whether it begins only near the robot, so that it has to be joined.
-            start: where the robot will be, and how it moves, when it begins to follow the strip; a curve leads from
-                there onto it. None where it rests.
         """
-        curve = None
-        if start is not None and start.v.any():
-            weight = self.deformer.spacing_weight
-            curve = curve_onto(self.robot, self.limits, start.coordinates, start.v, strip.coordinates, weight)
-        self._follow(strip.coordinates if curve is None else curve[1], None if curve is None else curve[0])
-        self.off_strip = beside and curve is None
-
-    def _follow(self, coordinates: Array, curve: Array | None) -> None:
-        """Follow rows (K, nv) as the strip, after rows of a curve onto it."""
-        self.strip = Strip.from_coordinates(self.robot, coordinates)
-        self._curve, self._last, self._broken, self.off_strip = curve, None, 0, False
+        self._follow(strip, None)
+        self.off_strip = beside
         self._next = self._onward = self.passed = None
+
+    def _follow(self, strip: Strip, curve: Array | None) -> None:
+        """Follow a strip, after rows (R, nv) of a curve onto it."""
+        self.strip = strip
+        self._curve, self._last, self._broken, self.off_strip = curve, None, 0, False
 
     def lead_on(self, strip: Strip, within: Tolerance) -> None:
         """Let motions go on from the end of the strip along another one, without a stop where that can be.
@@ -229,20 +225,42 @@ class LocalPlanner:
     ) -> PlanResult:
         """A motion along the curve onto the strip, the strip, and what follows; or along a new curve, from a velocity
         that points elsewhere."""
-        result = self._along(start, active, outlook, report, watch)
-        if not self._turns(result, start):
-            return result
-        rows, weight = report.strip.coordinates, self.deformer.spacing_weight
-        found = curve_onto(self.robot, self.limits, start.coordinates, start.v, rows, weight)
-        if found is not None:
-            before = self.strip, self._curve
-            self._curve, rest = found
-            self.strip = Strip.from_coordinates(self.robot, rest)
-            curved = self._along(start, active, outlook, replace(report, strip=self.strip), watch)
-            if curved.accepted:
+        result = None
+        if not (self.off_strip and start.v.any()):
+            result = self._along(start, active, outlook, report, watch)
+            if not self._turns(result, start):
+                return result
+        if self.timer.far(start, report.strip.coordinates[-1]):
+            curved = self._curved(start, active, outlook, report, watch)
+            if curved is not None:
                 return curved
-            self.strip, self._curve = before
-        return result
+        return self._along(start, active, outlook, report, watch) if result is None else result
+
+    def _curved(
+        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
+    ) -> PlanResult | None:
+        """A certified motion along a curve onto the strip, which is followed from now on; None where there is none."""
+        before, began = (self.strip, self._curve), self.pace.reading()
+        curves = curves_onto(
+            self.robot,
+            self.limits,
+            start.coordinates,
+            start.v,
+            report.strip.coordinates,
+            self.deformer.spacing_weight,
+        )
+        for curve, rest in islice(curves, _MOST_CURVES):
+            self._curve, self.strip = curve, Strip.from_coordinates(self.robot, rest)
+            segments = report.certificate.segments[len(report.strip) - len(rest) :]
+            beyond = replace(report, strip=self.strip, certificate=replace(report.certificate, segments=segments))
+            result = self._along(start, active, outlook, beyond, watch)
+            if result.accepted:
+                return result
+            took, began = self.pace.reading() - began, self.pace.reading()
+            if not self.pace.has(took, waits=True):
+                break
+        self.strip, self._curve = before
+        return None
 
     def _turns(self, result: PlanResult, start: ReferenceState) -> bool:
         """Whether a robot in motion has none along the strip, and has far to go."""
@@ -274,8 +292,8 @@ class LocalPlanner:
             v = last * (
                 _PASSING_SPEED / max(float((np.abs(self.limits.to_coordinates(last)) / self.limits.speed).max()), 1e-9)
             )
-            found = curve_onto(self.robot, self.limits, strip.coordinates[-1], v, rows, weight)
-            self._onward = (None, rows) if found is None else found
+            curves = curves_onto(self.robot, self.limits, strip.coordinates[-1], v, rows, weight)
+            self._onward = next(curves, (None, rows))
         return self._onward
 
     def _go_on(self, active: Trajectory, begin: float) -> None:
@@ -290,7 +308,7 @@ class LocalPlanner:
         if k is None:
             return
         curve, rest = self._onward
-        self._follow(rest, curve)
+        self._follow(Strip.from_coordinates(self.robot, rest), curve)
         self._next = self._onward = None
         self.passed = float(times[k]), rows[k]
 

@@ -71,6 +71,7 @@ class PlanResult:
         speed: fraction of full speed that the motion was planned for.
         timings: seconds by phase.
         late: time [s] from its tick until it is ready.
+        lead: (L, nv) rows that lead from the start onto the strip; None where that begins there.
     """
 
     outcome: PlanOutcome
@@ -81,6 +82,13 @@ class PlanResult:
     speed: float
     timings: dict[str, float] = field(default_factory=dict)
     late: float = 0.0
+    lead: Array | None = None
+
+    @property
+    def way(self) -> Array:
+        """(K, nv) rows from the start on along the strip."""
+        rows = self.report.strip.coordinates
+        return rows if self.lead is None else np.vstack([self.lead, rows[1:]])
 
     @property
     def accepted(self) -> bool:
@@ -164,9 +172,11 @@ class StripTimer:
         if lead is not None:
             coordinates = np.vstack([lead, coordinates[1:]])
         if onward is not None and passing is not None:
-            passes = self._passing(start, active, outlook, coordinates, report, watch, off_strip, onward, passing)
+            passes = self._passing(start, active, outlook, coordinates, watch, off_strip, onward, passing)
             if passes is not None:
-                return passes
+                self._failures = self._turning = 0
+                speed = self._speeds[0]
+                return PlanResult(PlanOutcome.FOLLOW, *passes, "", report, speed, watch.phases, lead=lead)
         speed_now = fastest_drive(self.limits, start.v)
         motion: Trajectory | None = None
         certificate: Certificate | None = None
@@ -174,7 +184,7 @@ class StripTimer:
         last = np.inf
 
         def result(outcome: PlanOutcome) -> PlanResult:
-            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.phases)
+            return PlanResult(outcome, motion, certificate, reason, report, speed, watch.phases, lead=lead)
 
         speeds = self._speeds
         if self._failures:  # while it waits or brakes: one a tick, the slowest first
@@ -222,7 +232,7 @@ class StripTimer:
                 self.robot,
                 self.limits,
                 start,
-                failed.report.strip.coordinates,
+                failed.way,
                 self.spacing_weight,
                 hold=self.held,
                 dt=self.params.sample_dt,
@@ -250,12 +260,11 @@ class StripTimer:
         active: Trajectory,
         outlook: Outlook,
         coordinates: Array,
-        report: DeformReport,
         watch: PhaseClock,
         off_strip: bool,
         onward: Array,
         within: Tolerance,
-    ) -> PlanResult | None:
+    ) -> tuple[Trajectory, Certificate] | None:
         """A certified motion at full speed that passes the end of the strip and goes on; None where there is none, or
         none gets so far."""
         speed = self._speeds[0]
@@ -275,10 +284,7 @@ class StripTimer:
             return None
         certificate = self.certify(motion, outlook)
         watch.mark("motion certificate")
-        if not certificate.certified:
-            return None
-        self._failures = self._turning = 0
-        return PlanResult(PlanOutcome.FOLLOW, motion, certificate, "", report, speed, watch.phases)
+        return (motion, certificate) if certificate.certified else None
 
     @property
     def held(self) -> float:
