@@ -26,11 +26,12 @@ from .pace import Pace
 from .params import DriveParams, Margins, Tolerance
 from .prediction import ArrivalTimes, Outlook
 from .progress import reconnect, trim_passed
-from .strip_timer import PlanOutcome, PlanResult, StripTimer
+from .strip_timer import PlanOutcome, PlanResult, StripTimer, fastest_drive
 
 _CURVE_ENDS = 0.05  # [m in the metric] before the end of a curve onto a strip, the robot is on it
 _LOOKED_BACK, _LOOKED_STEP = 0.5, 0.01
 """Longest time [s], and its steps, over which it is looked whether the end of a strip was passed."""
+_SLOW_SHARE = 0.15  # of the speed limits, below which a robot stops and turns at rest
 _MOST_CURVES = 4  # onto a strip, that are tried in a tick
 _PASSING_SPEED = 0.3  # part of the speed limits with which a curve from the end of a strip on begins
 _SAME_DIRECTION_COSINE = 0.995  # of the angle by which the end of the strip may turn until the way on is made anew
@@ -226,14 +227,13 @@ class LocalPlanner:
         """A motion along the curve onto the strip, the strip, and what follows; or along a new curve, from a velocity
         that points elsewhere."""
         result = None
-        if not (self.off_strip and start.v.any()):
+        if not (self.off_strip and self._runs_on(start, report)):
             result = self._along(start, active, outlook, report, watch)
             if not self._turns(result, start):
                 return result
-        if self.timer.far(start, report.strip.coordinates[-1]):
-            curved = self._curved(start, active, outlook, report, watch)
-            if curved is not None:
-                return curved
+        curved = self._curved(start, active, outlook, report, watch)
+        if curved is not None:
+            return curved
         return self._along(start, active, outlook, report, watch) if result is None else result
 
     def _curved(
@@ -265,7 +265,12 @@ class LocalPlanner:
     def _turns(self, result: PlanResult, start: ReferenceState) -> bool:
         """Whether a robot in motion has none along the strip, and has far to go."""
         timed = result.accepted or result.motion is not None
-        return not timed and bool(start.v.any()) and self.timer.far(start, result.report.strip.coordinates[-1])
+        return not timed and self._runs_on(start, result.report)
+
+    def _runs_on(self, start: ReferenceState, report: DeformReport) -> bool:
+        """Whether the robot moves so fast that a stop costs time, and has far to go."""
+        fast = fastest_drive(self.limits, start.v) > _SLOW_SHARE * float(self.limits.drive_speed.max(initial=1.0))
+        return fast and self.timer.far(start, report.strip.coordinates[-1])
 
     def _along(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
@@ -377,6 +382,8 @@ class LocalPlanner:
             left = np.sqrt(weight) * space.difference(start.coordinates, self._curve[-1])
             if len(self._curve) == 2 and float(np.linalg.norm(left)) < _CURVE_ENDS:
                 self._curve = None
+            elif not moving:  # at rest it can turn, and goes straight to the strip
+                self._curve, self.off_strip = None, True
         if self._curve is None:
             ahead = reconnect if self.off_strip else trim_passed
             coordinates, source = ahead(space, strip.coordinates, start.coordinates, weight, moving=moving)
