@@ -17,6 +17,7 @@ from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
     from elastic_strips.control import Controller, DriveResult
+    from elastic_strips.planning import Goal
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.scenarios import DriveOutcome, Scenario
@@ -57,6 +58,14 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
 )
 @options.sensors_option
+@click.option(
+    "--goal",
+    "goals",
+    multiple=True,
+    type=options.GoalText(),
+    help="A goal in place of the scenario's: of the base, with any heading where none is given, or of a frame of the "
+    "robot. May be given again: one after the other, without a stop where the way leads on.",
+)
 @click.option("--time-limit", type=options.Finite(0.1, 36000), help="Longest run [s of simulated time].")
 @options.evade_option
 @click.option(
@@ -111,6 +120,7 @@ def drive(
     seed: int | None,
     plant: str,
     sensors: str | None,
+    goals: tuple[Goal, ...],
     time_limit: float | None,
     evade: bool | None,
     alternatives: int,
@@ -155,6 +165,7 @@ def drive(
         alternatives=alternatives,
         level=level,
         compute="free" if realtime else compute or "1",
+        goals=goals,
     )
     if realtime and (compute or plant != "kinematic"):
         raise click.UsageError(

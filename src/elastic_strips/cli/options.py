@@ -44,6 +44,27 @@ _REPORT_PERIOD = 10.0  # [s] between lines of progress where standard error is n
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
+class GoalText(click.ParamType):
+    """A goal: X,Y[,YAW] of the base [m, rad], or FRAME@X,Y,Z of a frame of the robot [m]."""
+
+    name = "X,Y[,YAW]|FRAME@X,Y,Z"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:
+        frame, at, rest = str(value).rpartition("@")
+        try:
+            numbers = [float(text) for text in rest.split(",")]
+        except ValueError:
+            numbers = []
+        if not all(map(math.isfinite, numbers)) or len(numbers) not in ((3,) if at else (2, 3)):
+            self.fail(f"{value!r} must be {self.name}, numbers in m and rad", param, ctx)
+        from elastic_strips.planning import BasePose, HandPose
+
+        if at:
+            x, y, z = numbers
+            return HandPose(frame, (x, y, z))
+        return BasePose(numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else None)
+
+
 class OutputFile(click.Path):
     """A file that can be written."""
 

@@ -7,12 +7,14 @@ from math import atan2, hypot
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ConfigurationError
-from elastic_strips.planning import BasePose, Goal
+from elastic_strips.errors import ConfigurationError, GoalError
+from elastic_strips.planning import BasePose, Goal, find_goals
 from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.scene import Scene
 
 from .params import Tolerance
 
@@ -54,6 +56,35 @@ def faced(robot: RobotModel, here: Array, goal: Goal | Sequence[Goal]) -> Goal |
         return goal
     x, y = goal.x - float(here[0]), goal.y - float(here[1])
     return goal if hypot(x, y) < _SAME_PLACE else BasePose(goal.x, goal.y, atan2(y, x), goal.within)
+
+
+def configurations(
+    robot: RobotModel, scene: Scene, start: npt.ArrayLike, goals: Sequence[Goal | Sequence[Goal]]
+) -> list[Array]:
+    """Configurations (nq,) at goals, one after the other; of those of a pose, the one next to that before.
+
+    Args:
+        robot: the robot.
+        scene: the obstacles.
+        start: configuration (nq,) before the first.
+        goals: the goals.
+
+    Raises:
+        GoalError: no configuration that is free reaches one of them.
+    """
+    found: list[Array] = [robot.check_q(start, what="start")]
+    for goal in goals:
+        if not is_goal_region(goal):
+            found.append(robot.check_q(goal, what="goal"))  # type: ignore[arg-type]
+            continue
+        here = robot.space.to_coordinates(found[-1])
+        search = find_goals(robot, scene, found[-1], faced(robot, here, goal), count=1)
+        if not len(search.configurations):
+            search = find_goals(robot, scene, found[-1], goal, count=1)
+        if not len(search.configurations):
+            raise GoalError(f"goal {len(found)}: {search.reason}", search)
+        found.append(search.configurations[0])
+    return found[1:]
 
 
 def off_goal(robot: RobotModel, rows: Array, goal: Array) -> Array:

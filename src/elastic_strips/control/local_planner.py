@@ -84,6 +84,7 @@ class LocalPlanner:
         self._onward: tuple[Array | None, Array] | None = (
             None  # such rows from the end of the strip on, and what follows
         )
+        self._joins = False  # whether the strip was taken by a robot in motion, that is not on it yet
         self._arriving: Array = np.zeros(0)  # direction in which the strip ends, for which they were made
         self._looked = -np.inf  # [s] until when it is known that the end was not passed
         self._last: PlanResult | None = None
@@ -102,13 +103,14 @@ class LocalPlanner:
             beside: whether it begins only near the robot, so that it has to be joined.
         """
         self._follow(strip, None)
-        self.off_strip = beside
+        self.off_strip = self._joins = beside
         self._next = self._onward = self.passed = None
 
     def _follow(self, strip: Strip, curve: Array | None) -> None:
         """Follow a strip, after rows (R, nv) of a curve onto it."""
         self.strip = strip
-        self._curve, self._last, self._broken, self.off_strip = curve, None, 0, False
+        self._curve, self._last, self._broken = curve, None, 0
+        self.off_strip = self._joins = False
 
     def lead_on(self, strip: Strip, within: Tolerance) -> None:
         """Let motions go on from the end of the strip along another one, without a stop where that can be.
@@ -186,13 +188,16 @@ class LocalPlanner:
             if brake is not None:
                 return brake
         report = self._deform(now, outlook, start, watch)
-        result = self._timed(start, active, outlook, report, watch)
+        curved = self._joins and self._runs_on(start, report)
+        result = self._curved(start, active, outlook, report, watch) if curved else None
+        if result is None:
+            result = self._along(start, active, outlook, report, watch)
         if not result.accepted and result.certificate is not None:
             nearer = self._nearer(start, outlook)
             if nearer is not None:
                 outlook = nearer
-                result = self._timed(start, active, outlook, report, watch)
-        turns = self._turns(result, start)
+                result = self._along(start, active, outlook, report, watch)
+        timed = result.accepted or result.motion is not None
         if not result.accepted and start.v.any():
             result = self._on_active(result, start, active, outlook, watch)
         if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
@@ -201,9 +206,12 @@ class LocalPlanner:
             result = self.evasion.improved(result, start, active, outlook, self.timer.certify, self.arrival, self.pace)
             self._evasion_took = self.pace.reading() - before
             watch.mark("evasion")
-        if turns and not result.accepted and result.outcome is not PlanOutcome.BRAKE:
-            result = self.timer.joining(result, start, outlook, watch)
+        refused = not result.accepted and result.outcome is not PlanOutcome.BRAKE
+        if refused and not timed and self._runs_on(start, report):  # from a velocity that points elsewhere
+            curve = None if curved else self._curved(start, active, outlook, report, watch)
+            result = self.timer.joining(result, start, outlook, watch) if curve is None else curve
         on_strip = result.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE)
+        self._joins = self._joins and not on_strip and result.outcome is not PlanOutcome.EVADE
         self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not on_strip)
         if self._curve is not None and not on_strip and start.v.any():
             self._curve, self.off_strip = None, True
@@ -220,21 +228,6 @@ class LocalPlanner:
         if outlook.margins.margin == 0.0 or self.timer.certify(still, outlook).certified:
             return None
         return Outlook(outlook.scene, outlook.possible, replace(outlook.margins, margin=0.0), outlook.assumptions)
-
-    def _timed(
-        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
-    ) -> PlanResult:
-        """A motion along the curve onto the strip, the strip, and what follows; or along a new curve, from a velocity
-        that points elsewhere."""
-        result = None
-        if not (self.off_strip and self._runs_on(start, report)):
-            result = self._along(start, active, outlook, report, watch)
-            if not self._turns(result, start):
-                return result
-        curved = self._curved(start, active, outlook, report, watch)
-        if curved is not None:
-            return curved
-        return self._along(start, active, outlook, report, watch) if result is None else result
 
     def _curved(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
@@ -261,11 +254,6 @@ class LocalPlanner:
                 break
         self.strip, self._curve = before
         return None
-
-    def _turns(self, result: PlanResult, start: ReferenceState) -> bool:
-        """Whether a robot in motion has none along the strip, and has far to go."""
-        timed = result.accepted or result.motion is not None
-        return not timed and self._runs_on(start, result.report)
 
     def _runs_on(self, start: ReferenceState, report: DeformReport) -> bool:
         """Whether the robot moves so fast that a stop costs time, and has far to go."""

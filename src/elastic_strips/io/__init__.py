@@ -14,13 +14,22 @@ if TYPE_CHECKING:
     from .path_file import PathFile, load_path, write_path
     from .point_cloud import PointCloud, cloud_scene, read_point_cloud, without_robot
     from .record_file import read_record, record_columns, record_frame, record_robot, write_record
-    from .scene_file import PoseSpec, read_scenario, read_scene, read_scene_file, read_world, write_scene, write_world
+    from .scene_file import (
+        HandSpec,
+        PoseSpec,
+        read_scenario,
+        read_scene,
+        read_scene_file,
+        read_world,
+        write_scene,
+        write_world,
+    )
     from .trajectory_data import trajectory_columns, trajectory_document, trajectory_frame
     from .trajectory_file import write_trajectory
 
 __all__ = [
-    "BagError", "BagReader", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene", "load_nav2_map",
-    "load_path", "read_laser_log", "read_moveit_scene", "read_octomap", "read_point_cloud", "read_record",
+    "BagError", "BagReader", "HandSpec", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene",
+    "load_nav2_map", "load_path", "read_laser_log", "read_moveit_scene", "read_octomap", "read_point_cloud", "read_record",
     "read_scenario", "read_scene", "read_scene_file", "read_world", "record_columns", "record_frame", "record_robot",
     "trajectory_columns", "trajectory_document", "trajectory_frame", "without_robot", "write_bag", "write_path",
     "write_record", "write_scene", "write_trajectory", "write_world",
@@ -37,7 +46,16 @@ _MODULES = {  # a scene file needs nothing of what records need
     "point_cloud": ("PointCloud", "cloud_scene", "read_point_cloud", "without_robot"),
     "record_file": ("read_record", "record_columns", "record_frame", "record_robot", "write_record"),
     "scene_file": (
-        *("PoseSpec", "read_scenario", "read_scene", "read_scene_file", "read_world", "write_scene", "write_world"),
+        *(
+            "HandSpec",
+            "PoseSpec",
+            "read_scenario",
+            "read_scene",
+            "read_scene_file",
+            "read_world",
+            "write_scene",
+            "write_world",
+        ),
     ),
     "trajectory_data": ("trajectory_columns", "trajectory_document", "trajectory_frame"),
     "trajectory_file": ("write_trajectory",),

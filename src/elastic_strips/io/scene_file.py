@@ -54,7 +54,7 @@ _ROBOTS = (".urdf", ".xacro")
 _PRESETS = ("default", "paper")
 _ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs", "visual_as_collision")
 _SCENARIO_KEYS = (
-    "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "seed",
+    "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "via", "seed",
 )  # fmt: skip
 
 
@@ -357,12 +357,31 @@ class PoseSpec:
         x, y: Position of the base [m], world frame.
         yaw: Heading of the base [rad].
         joints: Joint values by name [rad or m].
+        any_yaw: Whether any heading will do, with the joints as they are: a place on the way.
     """
 
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
     joints: Mapping[str, float] = field(default_factory=dict)
+    any_yaw: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class HandSpec:
+    """Where a frame of the robot is to be.
+
+    Attributes:
+        frame: Name of the frame.
+        at: Its position in the world [m].
+        turned: Its orientation (x, y, z, w), or None where any will do.
+        within: How far it may be off along each axis [m].
+    """
+
+    frame: str
+    at: tuple[float, float, float]
+    turned: tuple[float, float, float, float] | None = None
+    within: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,6 +400,7 @@ class ScenarioSpec:
         world: All obstacles, and when they appear and vanish.
         start: Start of the strip.
         goal: Goal of the strip.
+        via: Goals of a drive on the way there, one after the other.
         seed: Seed of everything random.
         path: The file.
         source: Everything in the scene's files.
@@ -395,9 +415,10 @@ class ScenarioSpec:
     scene: Scene
     world: World
     start: PoseSpec
-    goal: PoseSpec
+    goal: PoseSpec | HandSpec
     seed: int
     path: Path
+    via: tuple[PoseSpec | HandSpec, ...] = ()
     robot_options: LoadOptions = field(default_factory=LoadOptions)
     source: SceneFile | None = None
 
@@ -427,11 +448,32 @@ def read_scenario(path: str | os.PathLike[str]) -> ScenarioSpec:
         scene=found.world.at(found.world.scene.time),
         world=found.world,
         start=_pose_on(entries["start"], found),
-        goal=_pose_on(entries["goal"], found),
+        goal=_goal_on(entries["goal"], found),
+        via=tuple(_goal_on(item, found, on_the_way=True) for item in entries["via"].items())
+        if "via" in entries
+        else (),
         seed=entries["seed"].integer(low=0, high=2**32 - 1) if "seed" in entries else 0,
         path=file,
         source=found,
     )
+
+
+def _goal_on(node: Node, found: SceneFile, *, on_the_way: bool = False) -> PoseSpec | HandSpec:
+    """A pose of the base, which has to be on the map where there is one, or of the hand."""
+    if isinstance(node.value, dict) and "hand" in node.value:
+        entries = node.mapping(("hand", "at", "turned", "within"), needed=("hand", "at"), what="a pose of a hand")
+        x, y, z = entries["at"].vector(3).tolist()
+        turned = within = None
+        if "turned" in entries:
+            a, b, c, w = entries["turned"].vector(4).tolist()
+            turned = a, b, c, w
+        if "within" in entries:
+            p, q, r = entries["within"].vector(3).tolist()
+            within = p, q, r
+        return HandSpec(entries["hand"].text(), (x, y, z), turned, within or (0.0, 0.0, 0.0))
+    pose = _pose_on(node, found)
+    free = on_the_way and isinstance(node.value, dict) and not node.value.keys() & {"yaw", "joints"}
+    return replace(pose, any_yaw=free)
 
 
 def _pose_on(node: Node, found: SceneFile) -> PoseSpec:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from time import monotonic, sleep
@@ -16,13 +16,14 @@ from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
+from elastic_strips.control.itinerary import configurations
 from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.process.executor_process import ExecutorProcess
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
 from elastic_strips.errors import ParameterError, RobotError, ScenarioError, nearest_name
-from elastic_strips.planning import StripSetParams
+from elastic_strips.planning import Goal, StripSetParams
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import World
+from elastic_strips.scene import Scene, World
 from elastic_strips.sim import Perception, PerceptionParams, SensorPerception
 from elastic_strips.sim.closed_loop import MACHINE, Simulation, prepare, simulation
 from elastic_strips.sim.evaluation import Contact, Evaluation, evaluate, protective_separation
@@ -127,6 +128,7 @@ class DriveSetup:
         faults: injected faults.
         perception: noise and delay of a known scene.
         compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
+        goals: goals in place of the scenario's, one after the other.
 
     Raises:
         InputError: a value of another type, an unknown plant, a negative seed.
@@ -144,6 +146,7 @@ class DriveSetup:
     faults: Iterable[Fault] = ()
     perception: PerceptionParams | None = None
     compute: str | float = "free"
+    goals: Sequence[Goal] = ()
 
     def __post_init__(self) -> None:
         check_type("robot", self.robot, RobotModel, RobotError, none=True)
@@ -193,7 +196,7 @@ def make_simulation(
         problem.robot,
         problem.world,
         problem.start,
-        problem.goal,
+        problem.goals,
         params=params,
         limits=problem.limits,
         plant=problem.machine,
@@ -248,11 +251,12 @@ def make_realtime(
     if log is None:
         number, log = tempfile.mkstemp(prefix="elastic-strips-", suffix=".jsonl")
         os.close(number)
-    executor = ExecutorProcess(model, problem.start, problem.goal, params=params, limits=limits, log=log)
+    goals = configurations(model, senses.known() or Scene([]), problem.start, problem.goals)
+    executor = ExecutorProcess(model, problem.start, goals[0], params=params, limits=limits, log=log)
     controller = Controller(
         model,
         problem.start,
-        problem.goal,
+        goals,
         senses.known(),
         params=params,
         limits=limits,
@@ -303,7 +307,7 @@ class DrivenProblem:
     robot: RobotModel
     world: World
     start: Array
-    goal: Array
+    goals: list[Goal]
     limits: MotionLimits
     machine: Plant
     seed: int
@@ -323,12 +327,13 @@ class DrivenProblem:
             machine = MujocoPlant(robot, limits, scenario.world, seed=seed)
         else:
             machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
-        start, goal = scenario.ends(robot)
+        start = scenario.start_of(robot)
+        goals = list(setup.goals) or scenario.goals(robot)
         params = setup.params or drive_params(scenario, evade=setup.evade, sensors=setup.sensors)
         if setup.level:
             params = replace(params, constraint=OrientationConstraint.from_configuration(robot, start, setup.level))
         metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": setup.plant}
-        return cls(setup, robot, scenario.world, start, goal, limits, machine, seed, params, metadata)
+        return cls(setup, robot, scenario.world, start, goals, limits, machine, seed, params, metadata)
 
     def seen(self) -> Perception | None:
         """The perception where sensors are given."""

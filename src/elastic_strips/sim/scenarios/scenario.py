@@ -9,10 +9,12 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.control.itinerary import configurations
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError, SceneError
-from elastic_strips.io import PoseSpec
+from elastic_strips.io import HandSpec, PoseSpec
 from elastic_strips.io.scene_file import ScenarioSpec
 from elastic_strips.io.scene_source import SceneFile
+from elastic_strips.planning import BasePose, Goal, HandPose
 from elastic_strips.robot import BaseKind, LoadOptions, RobotModel, load_robot
 from elastic_strips.robot.reach import highest_reach
 from elastic_strips.scene import Scene, World
@@ -28,7 +30,7 @@ class Scenario(Summary):
     Attributes:
         name, summary: its name and description.
         scene: the obstacles that exist at its time.
-        start, goal: base poses and joint values.
+        start, goal: base poses and joint values; a goal may be a hand's pose.
         robot: name or URDF path of the robot that it was made for.
         robot_options: further arguments of ``load_robot``.
         base: base kind, or None for the robot's own.
@@ -42,13 +44,14 @@ class Scenario(Summary):
             use :attr:`world`.
         speed_class: bound of the speeds of moving obstacles [m/s], or None where none is stated.
         source: everything in the files that the scene was read from, or None.
+        via: goals of a drive on the way to ``goal``, one after the other.
     """
 
     name: str
     summary: str
     scene: Scene
     start: PoseSpec
-    goal: PoseSpec
+    goal: PoseSpec | HandSpec
     robot: str = "silvermate"
     base: str | None = None
     preset: str = "default"
@@ -60,6 +63,7 @@ class Scenario(Summary):
     speed_class: float | None = None
     robot_options: LoadOptions = field(default_factory=LoadOptions)
     source: SceneFile | None = None
+    via: tuple[PoseSpec | HandSpec, ...] = ()
 
     @property
     def world(self) -> World:
@@ -91,6 +95,7 @@ class Scenario(Summary):
             timeline=spec.world,
             robot_options=spec.robot_options,
             source=spec.source,
+            via=spec.via,
         )
 
     def load_robot(
@@ -149,18 +154,41 @@ class Scenario(Summary):
             )
 
     def ends(self, robot: RobotModel) -> tuple[Array, Array]:
-        """Start and goal configurations (nq,) of a robot.
+        """Start and goal configurations (nq,) of a robot; of a hand's pose, the one next to the start.
 
         Raises:
             ConfigurationError: a joint that the robot does not plan (for the robot that the scenario was made for).
+            GoalError: no configuration that is free has the hand at the goal.
         """
-        ends = []
-        for what, pose in (("start", self.start), ("goal", self.goal)):
-            try:
-                ends.append(self._configuration(robot, pose))
-            except ConfigurationError as error:
-                raise ConfigurationError(f"scenario {self.name!r}, {what}: {error}") from None
-        return ends[0], ends[1]
+        start = self.start_of(robot)
+        return start, configurations(robot, self.scene, start, [self._said("goal", robot, self.goal)])[0]
+
+    def start_of(self, robot: RobotModel) -> Array:
+        """The start's configuration (nq,) of a robot.
+
+        Raises:
+            ConfigurationError: as for :meth:`ends`.
+        """
+        return np.asarray(self._said("start", robot, self.start), dtype=float)
+
+    def goals(self, robot: RobotModel) -> list[Goal]:
+        """The goals of a drive, one after the other.
+
+        Raises:
+            ConfigurationError: as for :meth:`ends`.
+        """
+        places = [(f"via[{k}]", pose) for k, pose in enumerate(self.via)]
+        return [self._said(what, robot, pose) for what, pose in (*places, ("goal", self.goal))]
+
+    def _said(self, what: str, robot: RobotModel, pose: PoseSpec | HandSpec) -> Goal:
+        if isinstance(pose, HandSpec):
+            return HandPose(pose.frame, pose.at, pose.turned, pose.within)
+        if pose.any_yaw:
+            return BasePose(pose.x, pose.y)
+        try:
+            return self._configuration(robot, pose)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"scenario {self.name!r}, {what}: {error}") from None
 
     def _configuration(self, robot: RobotModel, pose: PoseSpec) -> Array:
         joints = dict(pose.joints)
