@@ -307,6 +307,9 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         output.verdict(end, outcome.reached),
         why,
     )
+    if len(result.goals) > 1:
+        passed = sum(goal.passed for goal in result.goals)
+        output.say(f"  {len(result.goals)} goals, {passed} of them passed without a stop")
     ticks = result.statistics.percentiles()
     clearance = "none" if evaluation.closest is None else f"{evaluation.min_clearance_m:.3f} m"
     output.say(

@@ -293,13 +293,6 @@ def test_a_strip_that_comes_too_late_for_its_goal_is_not_taken(silvermate):
     np.testing.assert_allclose(wheels.coordinates[:2], 0.0, atol=0.05)
 
 
-def test_a_robot_that_moves_takes_no_other_goal(silvermate):
-    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
-    drive(controller, Wheels(silvermate), 100, still())
-    with refused(ConfigurationError, "moves"):
-        controller.retarget(silvermate.home())
-
-
 def test_a_contact_between_two_planning_ticks_counts(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
     wheels = Wheels(silvermate)

@@ -234,7 +234,7 @@ def test_what_cannot_stop_in_time_is_not_tried_at_lower_speeds(silvermate, monke
     for retimer in (ride.planner.timer.easy, ride.planner.timer.hard):
         monkeypatch.setattr(retimer, "horizon", none)
     result = ride.tick()
-    assert not result.accepted
+    assert result.outcome not in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE)
     assert "no room to brake" in result.reason
     assert len(tried) > 1
     assert set(tried) <= {1.0, PARAMS.speed_scale}

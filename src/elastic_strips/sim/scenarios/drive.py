@@ -446,6 +446,16 @@ def drive_document(outcome: DriveOutcome) -> Document:
         "time_s": evaluation.time_s,
         "path_m": evaluation.path_m,
         "stops": [{"time_s": time, "reason": reason} for time, reason in result.stops],
+        "goals": [
+            {
+                "time_s": goal.time,
+                "passed": goal.passed,
+                "position_m": goal.position,
+                "yaw_rad": goal.yaw,
+                "joints": goal.joints,
+            }
+            for goal in result.goals
+        ],
         "replans": result.replans,
         "tick_ms": {k: _number(v) for k, v in result.statistics.percentiles().items()},
         "ticks": len(result.statistics.seconds),
