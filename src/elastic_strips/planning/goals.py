@@ -1,4 +1,4 @@
-"""Goals as people state them: a hand's pose, a base's pose, a few joints, a region, alternatives; configurations there.
+"""Goals as people state them: a pose of a hand, of two, of the base, a few joints, alternatives; configurations there.
 
 Configurations are looked for near the start first, with the joints alone before the base, and must keep the
 clearance. Where none is found, a :class:`GoalSearch` says why, as data: how far out of reach, or what is touched.
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.inverse_kinematics import PoseSearch, rotation_of
+from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseTarget, rotation_of
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams
 from elastic_strips.summary import Summary
@@ -134,8 +134,55 @@ class BasePose(Checked):
         return f"base at ({self.x:g}, {self.y:g}) m" + ("" if self.yaw is None else f", {self.yaw:g} rad")
 
 
-Goal: TypeAlias = npt.ArrayLike | HandPose | BasePose | Mapping[str, float]
-"""A configuration (nq,), a pose of hand or base, or some coordinates by name: ``x``, ``y``, ``yaw`` and joints."""
+@dataclass(frozen=True, slots=True, init=False)
+class AllOf:
+    """Several poses at once: of two hands, or of a hand and the base.
+
+    Attributes:
+        goals: what is to be reached together: poses of different frames, and one of the base at most.
+
+    Raises:
+        ParameterError: no goals, something else than poses, or two of them for one frame or for the base.
+    """
+
+    goals: tuple[HandPose | BasePose, ...]
+
+    def __init__(self, *goals: HandPose | BasePose) -> None:
+        object.__setattr__(self, "goals", goals)
+        if not goals:
+            raise ParameterError("AllOf() is empty: it takes HandPoses of different frames, and one BasePose at most")
+        for goal in goals:
+            if not isinstance(goal, (HandPose, BasePose)):
+                raise ParameterError(f"AllOf takes HandPoses and one BasePose, not a {type(goal).__name__}")
+        for what, count in Counter(_moved(goal) for goal in goals).items():
+            if count > 1:
+                raise ParameterError(
+                    f"AllOf has {count} poses of {what}, which can be at one place only; goals of which any will do "
+                    "are a list"
+                )
+
+    @property
+    def hands(self) -> tuple[HandPose, ...]:
+        """The poses of frames."""
+        return tuple(goal for goal in self.goals if isinstance(goal, HandPose))
+
+    @property
+    def base(self) -> BasePose | None:
+        """The pose of the base, if there is one."""
+        return next((goal for goal in self.goals if isinstance(goal, BasePose)), None)
+
+    def __str__(self) -> str:
+        return " and ".join(map(str, self.goals))
+
+
+def _moved(goal: HandPose | BasePose) -> str:
+    return f"frame {goal.frame!r}" if isinstance(goal, HandPose) else "the base"
+
+
+Goal: TypeAlias = npt.ArrayLike | HandPose | BasePose | AllOf | Mapping[str, HandPose | npt.ArrayLike]
+"""A configuration (nq,); a pose of a hand or the base, or several at once (:class:`AllOf`); some coordinates by name:
+``x``, ``y``, ``yaw`` and joints; or poses by frame, at once too: a :class:`HandPose`, a position (3,) or a pose
+(4, 4)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -147,6 +194,8 @@ class GoalSearch(Summary):
         reason: what happened, in words.
         distance: least distance by which a hand misses the goal [m]; 0 where it reaches it.
         angle: angle by which it is turned differently there [rad].
+        misses: by how far each of the goal's frames misses its pose, (distance [m], angle [rad]) by name, where it is
+            out of reach; of several frames ``distance`` and ``angle`` are the largest.
         touching: what is in the way of configurations that reach the goal, the most frequent first: "link and
             obstacle".
     """
@@ -155,6 +204,7 @@ class GoalSearch(Summary):
     reason: str
     distance: float = 0.0
     angle: float = 0.0
+    misses: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     touching: tuple[str, ...] = ()
 
     def _summary(self) -> dict[str, object]:
@@ -163,13 +213,65 @@ class GoalSearch(Summary):
 
 def is_goal_region(goal: object) -> bool:
     """Whether a goal is something other than one configuration."""
-    if isinstance(goal, (HandPose, BasePose, Mapping)):
+    if isinstance(goal, (HandPose, BasePose, AllOf, Mapping)):
         return True
     return (
         isinstance(goal, Sequence)
         and not isinstance(goal, str)
-        and (len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray)))
+        and (len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, AllOf, Mapping, Sequence, np.ndarray)))
     )
+
+
+def _by_name(goal: Mapping[str, object]) -> AllOf | Mapping[str, float]:
+    """What a mapping means: coordinates by name, or poses by frame.
+
+    Raises:
+        ParameterError: it has both, or a pose that is none, or is of another frame.
+    """
+    numbers = {name for name, value in goal.items() if not isinstance(value, HandPose) and np.ndim(value) == 0}  # type: ignore[arg-type]
+    if len(numbers) == len(goal):
+        return goal  # type: ignore[return-value]
+    if numbers:
+        raise ParameterError(
+            f"goal has coordinates ({', '.join(sorted(numbers))}) and poses of frames "
+            f"({', '.join(sorted(set(goal) - numbers))}) in one mapping; "
+            "poses together are AllOf(HandPose(…), BasePose(…))"
+        )
+    return AllOf(*(_pose_of(frame, value) for frame, value in goal.items()))
+
+
+def _pose_of(frame: str, value: object) -> HandPose:
+    if isinstance(value, HandPose):
+        if value.frame != frame:
+            raise ParameterError(f"goal[{frame!r}] is a pose of another frame, {value.frame!r}")
+        return value
+    given = np.asarray(value, dtype=object)
+    if given.shape == (3,):
+        x, y, z = check_array(f"goal[{frame!r}]", value, (3,)).tolist()  # type: ignore[arg-type]
+        return HandPose(frame, (x, y, z))
+    if given.shape != (4, 4):
+        raise ParameterError(
+            f"goal[{frame!r}] has shape {given.shape}; a HandPose, a position (3,) or a pose (4, 4) is one"
+        )
+    pose = check_array(f"goal[{frame!r}]", value, (4, 4))  # type: ignore[arg-type]
+    x, y, z = pose[:3, 3].tolist()
+    qx, qy, qz, qw = pin.Quaternion(rotation_of(pose[:3, :3], f"goal[{frame!r}]")).coeffs().tolist()
+    return HandPose(frame, (x, y, z), (qx, qy, qz, qw))
+
+
+def _of_several_frames(goals: Sequence[Goal]) -> None:
+    """Refuse a list of poses of different frames: whether any or all of them are meant is not clear.
+
+    Raises:
+        ParameterError: it is one.
+    """
+    frames = list(dict.fromkeys(goal.frame for goal in goals if isinstance(goal, HandPose)))
+    if len(frames) > 1:
+        raise ParameterError(
+            f"goal is a list of poses of different frames ({', '.join(map(repr, frames))}), and of a list any one will "
+            "do: AllOf(HandPose(…), HandPose(…)) has them all reached at once; where one of them is enough, the list "
+            "is to have AllOf(HandPose(…)) of each"
+        )
 
 
 def find_goals(
@@ -193,7 +295,7 @@ def find_goals(
         robot: the robot.
         scene: the obstacles.
         start: configuration (nq,).
-        goal: a goal, or several of which any will do.
+        goal: a goal, or several of which any will do; HandPoses in a list are of one frame.
         count: largest number of configurations.
         seed: seed of random starts.
         params: parameters with the clearance to keep; 1 mm where None.
@@ -205,12 +307,13 @@ def find_goals(
     Raises:
         RobotError: a frame that the robot does not have.
         ConfigurationError: the start, or a goal that is a configuration, is not valid; a goal for a base that is fixed.
-        ParameterError: something that is not a goal.
+        ParameterError: something that is not a goal; a list of poses of different frames.
     """
     start = robot.check_q(start, what="start")
     several: Sequence[Goal] = goal if isinstance(goal, Sequence) and is_goal_region(goal) else [goal]  # type: ignore[list-item]
     if not several:
         raise ParameterError("goal is an empty list")
+    _of_several_frames(several)
     search = _Search(robot, scene, start, params, base)
     sources = [_Source(search, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
     most = None if rounds is None else check_count("rounds", rounds, low=1)
@@ -231,7 +334,8 @@ class _Source:
     """
 
     def __init__(self, search: _Search, goal: Goal, rng: np.random.Generator) -> None:
-        self.goal, self.rng = goal, rng
+        self.goal: Goal = _by_name(cast("Mapping[str, object]", goal)) if isinstance(goal, Mapping) else goal
+        self.rng = rng
         self.free: list[Array] = []
         self.narrow: list[Array] = []
         self.touching: list[Array] = []
@@ -256,41 +360,45 @@ class _Source:
         """The goal in words."""
         if isinstance(self.goal, Mapping):
             return ", ".join(f"{k} = {v:g}" for k, v in self.goal.items())
-        return str(self.goal) if isinstance(self.goal, (HandPose, BasePose)) else "the configuration"
+        return str(self.goal) if isinstance(self.goal, (HandPose, BasePose, AllOf)) else "the configuration"
 
     def _batches(self) -> Iterator[Sequence[Array] | Array]:
         robot, goal = self._search.robot, self.goal
         if isinstance(goal, HandPose):
-            return self._hands(goal)
+            return self._hands((goal,), None)
+        if isinstance(goal, AllOf):
+            return self._bases(goal.base) if goal.base and not goal.hands else self._hands(goal.hands, goal.base)
         if isinstance(goal, BasePose):
             return self._bases(goal)
         if isinstance(goal, Mapping):
-            return iter([[self._named(goal)]])
+            return iter([[self._named(cast("Mapping[str, float]", goal))]])
         try:
             q = robot.check_q(goal, what="goal")
         except ConfigurationError:
             if np.asarray(goal, dtype=object).ndim == 0:
-                kinds = "a configuration, HandPose, BasePose, joints by name, or a list of them"
+                kinds = (
+                    "a configuration, HandPose, BasePose, AllOf of these, joints or poses by name, or a list of them"
+                )
                 raise ParameterError(f"goal is a {type(goal).__name__}; it must be {kinds}") from None
             raise
         return iter([[robot.space.to_coordinates(q)]])
 
-    def _hands(self, goal: HandPose) -> Iterator[Array]:
+    def _hands(self, hands: Sequence[HandPose], base: BasePose | None) -> Iterator[Array]:
         """By the joints alone, and with the base, where it may move and nothing is found without."""
-        robot = self._search.robot
-        self.hand = hand = PoseSearch(
-            robot,
-            goal.frame,
-            goal.position,
-            goal.orientation,
-            near=self._search.start,
-            within=goal.within,
-            rng=self.rng,
-        )
+        robot, near = self._search.robot, self._search.start
+        targets = [PoseTarget.of(hand.frame, hand.position, hand.orientation, hand.within) for hand in hands]
+        moves, stands = robot.space.planar and self._search.base, True
+        if base is not None:
+            rows = next(self._bases(base))  # refuses a base that is fixed
+            near = robot.space.from_coordinates(np.array(rows))[0]
+            moves = base.yaw is None or any(base.within)
+            stands = not moves
+            if moves:
+                targets.append(_target_of_base(robot, base))
+        self.hand = hand = PoseSearch(robot, targets, near=near, rng=self.rng)
 
         def rounds() -> Iterator[Array]:
-            moves = robot.space.planar and self._search.base
-            for k in range(_JOINT_ROUNDS):
+            for k in range(_JOINT_ROUNDS if stands else 0):
                 if moves and (self.free or self.narrow) and k > 0:
                     return
                 if moves and k >= _HOPELESS_ROUNDS and hand.distance > _HOPELESS_MISS:
@@ -384,7 +492,7 @@ class _Search:
         if not source.touching:
             assert source.hand is not None
             hand = source.hand
-            return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle)
+            return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle, hand.by_frame())
         counted: Counter[str] = Counter()
         work = Deformer(self.robot, self.params).workspace
         for row in source.touching[:_MOST_ASKED]:
@@ -422,6 +530,13 @@ def goal_configurations(
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations
+
+
+def _target_of_base(robot: RobotModel, base: BasePose) -> PoseTarget:
+    """The base's place as a target of the frame of its joint, whose height does not count."""
+    turn = None if base.yaw is None else pin.rpy.rpyToMatrix(0.0, 0.0, base.yaw)
+    within = np.array((*base.within, np.inf))
+    return PoseTarget(robot.model.names[1], np.array((base.x, base.y, 0.0)), turn, within)
 
 
 def _check_box(what: str, value: Sequence[float], count: int) -> None:

@@ -65,9 +65,10 @@ def plan_report(
         robot: the robot.
         scene: the obstacles, standing still.
         start: configuration (nq,).
-        goal: configuration (nq,); or a :class:`HandPose`, a :class:`BasePose`, coordinates by name, or a list of goals
-            of which any will do: then :func:`find_goals` finds configurations, and they are planned to in turns, the
-            nearest to the start first, until there is a plan.
+        goal: configuration (nq,); or a :class:`HandPose`, a :class:`BasePose`, several of them at once
+            (:class:`AllOf`), coordinates or poses by name, or a list of goals of which any will do: then
+            :func:`find_goals` finds configurations, and they are planned to in turns, the nearest to the start first,
+            until there is a plan.
         count: largest number of strips; with more than one they are the report's ``alternatives``.
         seed: seed of the planner's random numbers.
         params: parameters of the relaxation, with the clearances to prove. Where None, the default preset, which asks

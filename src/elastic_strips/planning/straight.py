@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.inverse_kinematics import PoseSolver
+from elastic_strips.robot.inverse_kinematics import PoseSolver, PoseTarget
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, Strip
 from elastic_strips.validation import check_array, check_choice
@@ -112,7 +112,8 @@ def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]
     for k in range(1, count + 1):
         begin = rows[-1] + (rows[-1] - rows[-2] if len(rows) > 1 else 0.0)
         begin = np.clip(begin, space.lower, space.upper)
-        found, size = solver.solve(begin[None], position + k / count * offset, turn, exact, free, _MOST_ITERATIONS)
+        target = PoseTarget(solver.frames[0], position + k / count * offset, turn, exact)
+        found, size = solver.solve(begin[None], [target], free, _MOST_ITERATIONS)
         jump = float(np.abs(space.difference(rows[-1][None], found)).max())
         if size[0] > _LINE_TOLERANCE or jump > _LARGEST_JOINT_STEP:
             return np.array(rows if len(rows) > 1 else [here, here]), length * (1.0 - (k - 1) / count)
