@@ -150,7 +150,7 @@ def _workspaces(robot: RobotModel) -> list[OneThread]:
         Certifier(bodies, bounds, obstacles, own), MotionCertifier(bodies, bounds, robot.self_pairs),
         TrajectoryCertifier(robot, clearance=0.05, self_clearance=0.01), StripSet(robot, robot.home(x=2.0)),
         Deformer(robot).workspace, ValidityChecker(robot, Scene(), margin=0.0),
-        SatisfyingChecker(ValidityChecker(robot, Scene(), margin=0.0), level), Displacement(robot),
+        SatisfyingChecker(ValidityChecker(robot, Scene(), margin=0.0), level), level, Displacement(robot),
         PlanarFootprint(robot), PoseSolver(robot, "hand_frame"),
         PoseSearch(robot, [PoseTarget("hand_frame", np.ones(3), None, np.zeros(3))], near=None, rng=rng),
         EvasivePlanner(robot, MotionLimits.for_robot(robot), EvasionParams(), dt=0.1, hold=0.1),

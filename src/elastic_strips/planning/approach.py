@@ -15,7 +15,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSolver
 from elastic_strips.scene import Scene
-from elastic_strips.strip import DeformParams, OrientationConstraint
+from elastic_strips.strip import AxisConstraint, DeformParams
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_choice, check_number
 
@@ -73,7 +73,7 @@ def plan_approach(
     beyond: Scene | None = None,
     params: DeformParams | None = None,
     near: DeformParams | None = None,
-    constraint: OrientationConstraint | None = None,
+    constraint: AxisConstraint | None = None,
     seed: int = 0,
     work: float = 10.0,
     timeout: float = math.inf,

@@ -20,7 +20,8 @@ from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseTarget, rotation_of
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams
+from elastic_strips.strip import AxisConstraint, Deformer, DeformParams
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.summary import Summary
 from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields
 
@@ -34,6 +35,7 @@ _GOAL_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much r
 _LEAST_GOAL_MARGIN = 1e-3  # [m] that they keep at least, where no clearance is given
 _ENOUGH_CONFIGURATIONS = 6  # configurations of a goal
 _JOINT_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
+_POSTURE_ROUNDS = 4  # of 16 starts, of the joints at a base's place where a constraint asks for them
 _MOST_ASKED = 24  # configurations that touch something, of which it is asked what
 _ROUNDS_IN_ALL = 400  # where work is bounded
 _YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
@@ -286,6 +288,7 @@ def find_goals(
     timeout: float = _LONGEST_GOAL_SEARCH,
     rounds: int | None = None,
     base: bool = True,
+    constraint: AxisConstraint | None = None,
 ) -> GoalSearch:
     """Configurations that reach a goal and touch nothing, the nearest to the start first.
 
@@ -303,8 +306,11 @@ def find_goals(
         rounds: largest number of rounds of 16 starts each, for all goals together; None where only time bounds them.
             With that and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
         base: whether a base that can move may be moved for a hand's pose that is out of the arm's reach.
+        constraint: what the configurations satisfy besides: with poses of hands all joints see to it, with one of the
+            base those that move the constraint's frame. What is stated by itself, joint by joint, has to satisfy it.
 
     Raises:
+        SceneError: a constraint that names an obstacle that is not there.
         RobotError: a frame that the robot does not have.
         ConfigurationError: the start, or a goal that is a configuration, is not valid; a goal for a base that is fixed.
         ParameterError: something that is not a goal; a list of poses of different frames.
@@ -314,7 +320,8 @@ def find_goals(
     if not several:
         raise ParameterError("goal is an empty list")
     _of_several_frames(several)
-    search = _Search(robot, scene, start, params, base)
+    force = None if constraint is None else ConstraintForce(robot, constraint)
+    search = _Search(robot, scene, start, params, base, force)
     sources = [_Source(search, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
     most = None if rounds is None else check_count("rounds", rounds, low=1)
     deadline, going, done = Deadline(timeout), list(sources), 0
@@ -367,9 +374,9 @@ class _Source:
         if isinstance(goal, HandPose):
             return self._hands((goal,), None)
         if isinstance(goal, AllOf):
-            return self._bases(goal.base) if goal.base and not goal.hands else self._hands(goal.hands, goal.base)
+            return self._stood(goal.base) if goal.base and not goal.hands else self._hands(goal.hands, goal.base)
         if isinstance(goal, BasePose):
-            return self._bases(goal)
+            return self._stood(goal)
         if isinstance(goal, Mapping):
             return iter([[self._named(cast("Mapping[str, float]", goal))]])
         try:
@@ -395,7 +402,7 @@ class _Source:
             stands = not moves
             if moves:
                 targets.append(_target_of_base(robot, base))
-        self.hand = hand = PoseSearch(robot, targets, near=near, rng=self.rng)
+        self.hand = hand = PoseSearch(robot, targets, near=near, rng=self.rng, also=self._search.force)
 
         def rounds() -> Iterator[Array]:
             for k in range(_JOINT_ROUNDS if stands else 0):
@@ -427,6 +434,23 @@ class _Source:
             row[k] = named[k]
         return row
 
+    def _stood(self, goal: BasePose) -> Iterator[Sequence[Array] | Array]:
+        """At the base's places, with the joints as at the start, or as a constraint asks for them."""
+        robot, force = self._search.robot, self._search.force
+        if force is None:
+            return self._bases(goal)
+
+        def rounds() -> Iterator[Array]:
+            for (row,) in self._bases(goal):
+                near = robot.space.from_coordinates(row[None])[0]
+                self.hand = PoseSearch(robot, [], near=near, rng=self.rng, also=force)
+                for _ in range(_POSTURE_ROUNDS):
+                    if self.free:
+                        break
+                    yield self.hand.round(base=False)
+
+        return rounds()
+
     def _bases(self, goal: BasePose) -> Iterator[list[Array]]:
         """The middle of the place first, the yaw next to the start's first."""
         here = self._search.here
@@ -454,8 +478,18 @@ class _Source:
 class _Search:
     """What configurations of goals are measured against, and what becomes of them."""
 
-    def __init__(self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool) -> None:
-        self.robot, self.scene, self.start, self.base = robot, scene, start, base
+    def __init__(
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        start: Array,
+        params: DeformParams | None,
+        base: bool,
+        force: ConstraintForce | None,
+    ) -> None:
+        self.robot, self.scene, self.start, self.base, self.force = robot, scene, start, base, force
+        if force is not None:
+            force.find(scene)
         self.params: DeformParams = params or DeformParams()
         self.here: Array = robot.space.to_coordinates(start)
         clearance = _LEAST_GOAL_MARGIN if params is None else params.clearance
@@ -516,6 +550,7 @@ def goal_configurations(
     params: DeformParams | None,
     deadline: Deadline,
     count: int = _ENOUGH_CONFIGURATIONS,
+    constraint: AxisConstraint | None = None,
 ) -> Array:
     """Configurations (K, nq) of a goal, to be planned to one after the other; looked for in a few seconds, or rounds
     where the deadline bounds work.
@@ -525,7 +560,16 @@ def goal_configurations(
     """
     timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_LONGEST_GOAL_SEARCH, None)
     search = find_goals(
-        robot, scene, start, goal, count=count, seed=seed, params=params, timeout=timeout, rounds=rounds
+        robot,
+        scene,
+        start,
+        goal,
+        count=count,
+        seed=seed,
+        params=params,
+        timeout=timeout,
+        rounds=rounds,
+        constraint=constraint,
     )
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)

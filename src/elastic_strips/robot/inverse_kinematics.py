@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +20,6 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array
 
 from .kinematics import Kinematics, find_frame
-from .space import wrap_angle
 from .value import RobotValue
 
 _ANGLE_LEVER = 0.3  # [m/rad] weight of an angle against a distance
@@ -87,27 +87,51 @@ class PoseTarget:
         return PoseTarget(frame, check_array("position", position, (3,)), turn, about)
 
 
+class Residual(Protocol):
+    """Something that is to be 0 besides, as a constraint is."""
+
+    @property
+    def moving(self) -> Mask:
+        """(nv,) the coordinates that change it."""
+        ...
+
+    @property
+    def enough(self) -> float:
+        """Largest of :meth:`errors` [rad] that will do."""
+        ...
+
+    def residual(self, kin: Kinematics) -> tuple[Array, Array]:
+        """What is to be 0 at each node, (N, 3) [rad], and its derivatives (N, 3, nv)."""
+        ...
+
+    def errors(self, kin: Kinematics) -> Array:
+        """(N,) how far each node is off [rad]."""
+        ...
+
+
 class PoseSolver(OneThread):
     """Workspace: brings one or several frames of a robot to poses.
 
     Args:
         robot: the robot.
         frames: names of its frames.
+        also: what is to be 0 besides.
 
     Raises:
         RobotError: an unknown frame, or one that does not move.
     """
 
-    def __init__(self, robot: RobotValue, *frames: str) -> None:
+    def __init__(self, robot: RobotValue, *frames: str, also: Residual | None = None) -> None:
         self.robot: RobotValue = robot
         self.frames: tuple[str, ...] = frames
+        self.also: Residual | None = also
         self._frames = [_carried(robot, frame) for frame in frames]
         self._kin = Kinematics(robot.tree, _ROUND_STARTS)
         space = robot.space
         self.lower: Array = np.maximum(space.lower, -np.pi)
         self.upper: Array = np.minimum(space.upper, np.pi)
-        moving = np.any([robot.tree.moving(joint) for joint, _, _ in self._frames], axis=0)
-        self._weight = np.where(moving, 1.0, 0.0)
+        moving = [robot.tree.moving(joint) for joint, _, _ in self._frames] + ([] if also is None else [also.moving])
+        self._weight = np.where(np.any(moving, axis=0), 1.0, 0.0)
         self._weight[: space.base_nv] *= _BASE_WEIGHT
 
     def place(self, rows: Array, frame: int = 0) -> tuple[Array, Array]:
@@ -147,16 +171,11 @@ class PoseSolver(OneThread):
         rows = rng.uniform(self.lower, self.upper, (count, self.robot.nv))
         if b and not base:
             rows[:, :b] = here[:b]
-        elif b:
+        elif b and targets:
             rows[:, :2], rows[:, 2] = 0.0, rng.uniform(-np.pi, np.pi, count)
             self._kin.update(rows)
             at = np.array([self._placed(k)[0][:, :2] for k in range(len(targets))])
             wanted = np.array([target.position[:2] for target in targets])
-            if len(targets) > 1:
-                turns = _flat_turns(at, wanted)
-                rows[:, 2] = wrap_angle(rows[:, 2] + turns)
-                c, s = np.cos(turns), np.sin(turns)
-                at = np.stack((c * at[..., 0] - s * at[..., 1], s * at[..., 0] + c * at[..., 1]), axis=2)
             rows[:, :2] = wanted.mean(axis=0) - at.mean(axis=0)  # below the target, wherever the arm holds the hand
         return rows
 
@@ -179,14 +198,7 @@ class PoseSolver(OneThread):
         active = np.arange(len(rows))
         for _ in range(iterations):
             x = rows[active]
-            e = np.concatenate(
-                [
-                    part
-                    for target, (off, angle) in zip(targets, self.errors(x, targets), strict=True)
-                    for part in ((off,) if target.turn is None else (off, _ANGLE_LEVER * angle))
-                ],
-                axis=1,
-            )
+            e = self._weighted(x, targets)
             norm = np.sqrt((e * e).sum(axis=1))
             better = norm < size[active]
             best[active[better]], size[active[better]] = x[better], norm[better]
@@ -210,8 +222,24 @@ class PoseSolver(OneThread):
             rows[active] = np.clip(space.integrate(x, step), low, high)
         return best, size
 
+    def _weighted(self, rows: Array, targets: Sequence[PoseTarget]) -> Array:
+        """All errors (N, M) [m] at rows (N, nv), angles by the lever."""
+        parts: list[Array] = []
+        for target, (off, angle) in zip(targets, self.errors(rows, targets), strict=True):
+            parts += (off,) if target.turn is None else (off, _ANGLE_LEVER * angle)
+        if self.also is not None:
+            parts.append(-_ANGLE_LEVER * self.also.residual(self._kin)[0])
+        return np.concatenate(parts, axis=1)
+
+    def also_off(self, rows: Array) -> Array:
+        """(N,) how far what is to be 0 besides is off at rows (N, nv) [rad]; 0 where there is nothing."""
+        if self.also is None:
+            return np.zeros(len(rows))
+        self._kin.update(rows)
+        return self.also.errors(self._kin)
+
     def _jacobians(self, n: int, turned: Sequence[bool]) -> Array:
-        """Jacobians (n, 3 or 6 of each frame, nv) at the rows that were placed last; angles count by the lever."""
+        """Jacobians (n, 3 or 6 of each frame, and 3, nv) at the rows placed last; angles count by the lever."""
         kin, blocks = self._kin, []
         for (joint, _, translation), with_angle in zip(self._frames, turned, strict=True):
             T = kin.T[joint, :n]
@@ -220,6 +248,8 @@ class PoseSolver(OneThread):
             blocks.append(columns[:, :, :3] + np.cross(columns[:, :, 3:], at[:, None, :]))
             if with_angle:
                 blocks.append(_ANGLE_LEVER * columns[:, :, 3:])
+        if self.also is not None:
+            blocks.append(_ANGLE_LEVER * self.also.residual(kin)[1].transpose(0, 2, 1))
         return np.concatenate(blocks, axis=2).transpose(0, 2, 1)
 
 
@@ -234,13 +264,6 @@ def _carried(robot: RobotValue, frame: str) -> tuple[int, Array, Array]:
         raise RobotError(f"frame {frame!r} of {robot.name!r} does not move")
     placement = robot.tree.to_aligned(joint, robot.model.frames[index].placement.homogeneous)
     return joint, placement[:3, :3], placement[:3, 3]
-
-
-def _flat_turns(at: Array, wanted: Array) -> Array:
-    """Angles (N,) about the vertical that turn places (K, N, 2) as near to those wanted (K, 2) as a shift then lets."""
-    here, there = at - at.mean(axis=0), (wanted - wanted.mean(axis=0))[:, None]
-    sine = (here[..., 0] * there[..., 1] - here[..., 1] * there[..., 0]).sum(axis=0)
-    return np.arctan2(sine, (here * there).sum(axis=(0, 2)))
 
 
 def inverse_kinematics(
@@ -294,9 +317,10 @@ class PoseSearch(OneThread):
 
     Args:
         robot: the robot.
-        targets: at least one; each of another frame.
+        targets: each of another frame.
         near: as for :func:`inverse_kinematics`.
         rng: random numbers of the random starts.
+        also: what is to be 0 besides.
 
     Attributes:
         misses: by how far the best so far misses each of the targets: distance [m] and angle [rad].
@@ -306,11 +330,18 @@ class PoseSearch(OneThread):
     """
 
     def __init__(
-        self, robot: RobotValue, targets: Sequence[PoseTarget], *, near: ArrayLike | None, rng: np.random.Generator
+        self,
+        robot: RobotValue,
+        targets: Sequence[PoseTarget],
+        *,
+        near: ArrayLike | None,
+        rng: np.random.Generator,
+        also: Residual | None = None,
     ) -> None:
         self.robot: RobotValue = robot
         self.misses: list[tuple[float, float]] = [(np.inf, 0.0)] * len(targets)
-        self._solver = PoseSolver(robot, *(target.frame for target in targets))
+        self._solver = PoseSolver(robot, *(target.frame for target in targets), also=also)
+        self._also_off = 0.0
         self._targets = targets
         self._here = robot.space.to_coordinates(robot.home_q if near is None else robot.check_q(near, what="near"))
         self._rng, self._least, self._rounds = rng, np.inf, {False: 0, True: 0}
@@ -318,12 +349,12 @@ class PoseSearch(OneThread):
     @property
     def distance(self) -> float:
         """The largest distance of a frame from its target [m], of the best so far."""
-        return max(distance for distance, _ in self.misses)
+        return max((distance for distance, _ in self.misses), default=0.0)
 
     @property
     def angle(self) -> float:
         """The largest angle by which a frame is turned differently [rad], of the best so far."""
-        return max(angle for _, angle in self.misses)
+        return max((angle for _, angle in self.misses), default=0.0)
 
     def by_frame(self) -> dict[str, tuple[float, float]]:
         """The misses by the frames' names."""
@@ -343,12 +374,15 @@ class PoseSearch(OneThread):
                 rows[: _ROUND_STARTS // 2, space.base_nv :] = here[space.base_nv :]
         self._rounds[base] += 1
         rows, size = solver.solve(rows, self._targets, free)
-        off = np.array([[np.linalg.norm(e, axis=1) for e in each] for each in solver.errors(rows, self._targets)])
+        missed = [[np.linalg.norm(e, axis=1) for e in each] for each in solver.errors(rows, self._targets)]
+        off, also = np.array(missed).reshape(-1, 2, len(rows)), solver.also_off(rows)
         k = int(np.argmin(size))
         if size[k] < self._least:
-            self._least = float(size[k])
+            self._least, self._also_off = float(size[k]), float(also[k])
             self.misses = [(float(distance), float(angle)) for distance, angle in off[:, :, k]]
         reached = (off <= np.array((_POSITION_TOLERANCE, _ANGLE_TOLERANCE))[:, None]).all(axis=(0, 1))
+        if solver.also is not None:
+            reached &= also <= solver.also.enough
         return self.sorted(rows[reached])
 
     def sorted(self, rows: Array) -> Array:
@@ -366,6 +400,9 @@ class PoseSearch(OneThread):
                 said.append(f"{distance:.3g} m out of reach of {frame!r}")
             elif angle > _ANGLE_TOLERANCE:
                 said.append(f"{frame!r} gets there, but turned by {angle:.3g} rad from what is asked")
+        also = self._solver.also
+        if also is not None and self._also_off > also.enough:
+            said.append(f"the constraint stays {self._also_off:.3g} rad off")
         return " and ".join(said)
 
 
