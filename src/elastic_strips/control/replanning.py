@@ -316,8 +316,10 @@ class SwitchingPlanner(StripPlanner):
         """Plan several strips and return the cheapest; where there are none, as :meth:`StripPlanner.first`."""
         first = super().first(asked)
         constraint = self.params.constraint
-        with suppress(SceneError):  # what is not there yet is looked at once it is
+        try:
             constraint = None if constraint is None else constraint.in_scene(asked.scene)
+        except SceneError:  # what is not there yet is looked at once it is
+            constraint = None
         self.family = StripSet(
             self.robot,
             asked.goal,
