@@ -171,6 +171,7 @@ class ConstraintForce(OneThread):
 
     Raises:
         RobotError: the robot has no such frame, or none of its joints turns it.
+        ParameterError: another kind of constraint.
     """
 
     def __init__(self, robot: RobotModel, constraint: AxisConstraint) -> None:
@@ -193,7 +194,9 @@ class ConstraintForce(OneThread):
         if isinstance(constraint, OrientationConstraint):
             direction = np.asarray(constraint.direction, dtype=float)
             self._target = direction / np.linalg.norm(direction)
-        elif isinstance(constraint, LookAt) and not isinstance(constraint.at, str):
+        elif not isinstance(constraint, LookAt):
+            raise ParameterError("constraint is an AxisConstraint; it must be an OrientationConstraint or a LookAt")
+        elif not isinstance(constraint.at, str):
             self._place = np.array(constraint.at, dtype=float)
         turns = robot.tree.support[self._joint] * np.abs(robot.tree.rate)
         turns[robot.tree.motion[robot.tree.prismatic]] = 0.0

@@ -14,7 +14,7 @@ from elastic_strips.collision.candidates import NodePrediction
 from elastic_strips.errors import ParameterError, SceneError
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.scene import Box, Scene, Sphere
-from elastic_strips.strip import Deformer, LookAt, OrientationConstraint, Strip
+from elastic_strips.strip import AxisConstraint, Deformer, LookAt, OrientationConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.solver import System
 
@@ -179,3 +179,8 @@ def test_what_is_not_there_is_said(silvermate, caplog):
 def test_wrong_ones_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         LookAt(**{"frame": "hand_frame", "at": (1.0, 0.0, 0.0), **values})
+
+
+def test_a_constraint_without_a_target_is_none(silvermate):
+    with refused(ParameterError, "LookAt"):
+        Deformer(silvermate, constraint=AxisConstraint(frame="hand_frame"))
