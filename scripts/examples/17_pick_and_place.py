@@ -5,6 +5,7 @@ from dataclasses import replace
 import pinocchio as pin
 
 import elastic_strips as es
+from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams
 from elastic_strips.planning import HandPose, PlanReport, plan_approach, plan_straight
 from elastic_strips.sim import PlantParams, drive_plan
@@ -30,13 +31,21 @@ def drive(what: str, plan: PlanReport | None, world: es.Scene, params: DrivePara
 rolls = [pin.rpy.rpyToMatrix(roll, 0.0, 0.0) for roll in (0.0, 1.57, 3.14, -1.57)]
 grasps = HandPose.around(hand, can.pose[:3, 3], held=held, rotations=rolls)
 with_can = scene.with_obstacle(can)
+lift = (0.0, 0.0, 0.1)
+
+
+def holding(q: Array) -> es.RobotModel:
+    return robot.attached(can, hand, q=q, mass=0.4)
+
+
 to_can = plan_approach(
-    robot, scene, robot.home(), grasps, (0.2, 0.0, 0.0), beyond=with_can, params=far.strip, near=near.strip
-)
+    robot, scene, robot.home(), grasps, (0.2, 0.0, 0.0), then=lift, holding=holding, beyond=with_can,
+    params=far.strip, near=near.strip,
+)  # fmt: skip
 drive("drive", to_can.drive, with_can, far)
 q = drive("reach in", to_can.reach, scene, near)
-laden = robot.attached(can, hand, q=q, mass=0.4)
-q = drive("lift", plan_straight(laden, scene, q, hand, (0.0, 0.0, 0.1), params=near.strip), scene, near)
+laden = holding(q)
+q = drive("lift", plan_straight(laden, scene, q, hand, lift, params=near.strip), scene, near)
 back = plan_straight(laden, scene, q, hand, (-0.2, 0.0, 0.0), axes="hand", params=near.strip)
 q = drive("draw back", back, scene, near)
 level = OrientationConstraint.from_configuration(laden, q, hand)  # nothing is spilt

@@ -37,7 +37,7 @@ from elastic_strips.planning.homotopy.strip_set import StripSet
 from elastic_strips.planning.keeper import StripKeeper
 from elastic_strips.planning.validity import SatisfyingChecker, ValidityChecker
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
-from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseSolver
+from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseSolver, PoseTarget
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import Deformer, OrientationConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
@@ -150,9 +150,9 @@ def _workspaces(robot: RobotModel) -> list[OneThread]:
         Certifier(bodies, bounds, obstacles, own), MotionCertifier(bodies, bounds, robot.self_pairs),
         TrajectoryCertifier(robot, clearance=0.05, self_clearance=0.01), StripSet(robot, robot.home(x=2.0)),
         Deformer(robot).workspace, ValidityChecker(robot, Scene(), margin=0.0),
-        SatisfyingChecker(ValidityChecker(robot, Scene(), margin=0.0), level), Displacement(robot),
+        SatisfyingChecker(ValidityChecker(robot, Scene(), margin=0.0), level), level, Displacement(robot),
         PlanarFootprint(robot), PoseSolver(robot, "hand_frame"),
-        PoseSearch(robot, "hand_frame", (0.5, 0.0, 1.0), None, near=None, within=np.zeros(3), rng=rng),
+        PoseSearch(robot, [PoseTarget("hand_frame", np.ones(3), None, np.zeros(3))], near=None, rng=rng),
         EvasivePlanner(robot, MotionLimits.for_robot(robot), EvasionParams(), dt=0.1, hold=0.1),
         StripKeeper(robot, Scene(), strip, params=None, period=0.05),
     ]  # fmt: skip

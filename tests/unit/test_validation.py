@@ -20,7 +20,7 @@ from elastic_strips.control.tasks import DriveAndReach, DriveTo, ReachHand
 from elastic_strips.errors import ParameterError
 from elastic_strips.planning import BasePose, HandPose
 from elastic_strips.sim import Fault
-from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip import AxisConstraint, LookAt, OrientationConstraint
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import Bound, Count, Finite, Fraction, NonNegative, Positive, Whole, check_fields
 
@@ -123,7 +123,9 @@ NEEDED: dict[type, dict[str, Any]] = {
     HandPose: {"frame": "hand_frame", "position": (0.0, 0.0, 1.0)},
     BasePose: {"x": 0.0, "y": 0.0},
     DriveAndReach: {"drive": DriveTo(0.0, 0.0, 0.0), "reach": ReachHand((0.0, 0.0, 1.0))},
+    AxisConstraint: {"frame": "hand_frame"},
     OrientationConstraint: {"frame": "hand_frame"},
+    LookAt: {"frame": "hand_frame", "at": (1.0, 0.0, 1.0)},
     MotionLimits: {
         "track": 0.4, "wheel_radius": 0.1, "drive_speed": (1.0, 1.0), "drive_acceleration": (1.0, 1.0),
         "joint_speed": (1.0,), "joint_acceleration": (1.0,),

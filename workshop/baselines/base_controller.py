@@ -12,7 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control.controller import Controller, Tick
 from elastic_strips.control.estimation import PoseBuffer, StateEstimator
-from elastic_strips.control.interfaces import Command, Event, Measurement, RunState
+from elastic_strips.control.interfaces import Command, Event, GoalReached, Measurement, RunState
 from elastic_strips.control.params import DriveParams, Tolerance
 from elastic_strips.control.record import TickStatistics
 from elastic_strips.control.supervisor import RunLog
@@ -115,6 +115,8 @@ class BaseController:
         self.sensing_took: float = 0.0
         self.result: None = None
         self.replans: int = 0
+        self.goals: list[Array] = []
+        self.goals_reached: list[GoalReached] = []
         self.plans_next: bool = True
         self._steps = 0
         self.goal: Array = robot.space.to_coordinates(robot.check_q(goal, what="goal"))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from elastic_strips.errors import ParameterError
-from elastic_strips.strip import DeformParams, OrientationConstraint
+from elastic_strips.strip import AxisConstraint, DeformParams
 from elastic_strips.validation import Bound, Checked, Count, Fraction, NonNegative, Positive, Whole, check_fields
 
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
@@ -190,7 +190,7 @@ class DriveParams(Checked):
     assumptions: ObstacleAssumptions = field(default_factory=ObstacleAssumptions)
     monitor: MonitorParams = field(default_factory=MonitorParams)
     evasion: EvasionParams | None = field(default_factory=EvasionParams)
-    constraint: OrientationConstraint | None = None
+    constraint: AxisConstraint | None = None
     backward: bool = True
     control_dt: Positive = 0.01
     plan_every: Count = 5

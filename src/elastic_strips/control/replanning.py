@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.errors import ConfigurationError, ElasticStripsError, GoalError
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, GoalError, SceneError
 from elastic_strips.planning import (
     Goal,
     PlanReport,
@@ -179,9 +179,9 @@ class StripPlanner:
         constraint = self.params.constraint
         if constraint is None:
             return plan(timeout=timeout)
-        try:
-            report = plan(timeout=0.5 * timeout, constraint=constraint)
-        except ConfigurationError as error:  # start or goal does not satisfy it, or is wrong for both
+        try:  # what moves is not among what stands, but is looked at where it is
+            report = plan(timeout=0.5 * timeout, constraint=constraint.in_scene(asked.scene))
+        except (ConfigurationError, SceneError) as error:  # start or goal does not satisfy it, or is wrong for both
             why = str(error)
         else:
             if report.certified:
@@ -375,13 +375,18 @@ class SwitchingPlanner(StripPlanner):
     def first(self, asked: PlanRequest) -> PlanReport:
         """Plan several strips and return the cheapest; where there are none, as :meth:`StripPlanner.first`."""
         first = super().first(asked)
+        constraint = self.params.constraint
+        try:
+            constraint = None if constraint is None else constraint.in_scene(asked.scene)
+        except SceneError:  # what is not there yet is looked at once it is
+            constraint = None
         self.family = StripSet(
             self.robot,
             first.strip.q[-1],
             params=self._kept,
             deform=asked.deform,
             seed=self.seed,
-            constraint=self.params.constraint,
+            constraint=constraint,
         )
         try:
             found = self.family.plan(standing(asked.scene, _BLOCKING_SPEED), asked.start)

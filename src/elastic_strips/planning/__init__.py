@@ -1,7 +1,7 @@
 """Planning: an initial strip, or several on different sides of the obstacles, and sets of them kept in a scene."""
 
 from .approach import ApproachReport, plan_approach
-from .goals import BasePose, Goal, GoalSearch, HandPose, find_goals
+from .goals import AllOf, BasePose, Goal, GoalSearch, HandPose, find_goals
 from .grid_path import grid_path
 from .homotopy.alternatives import Alternative
 from .homotopy.strip_set import StripSet, StripSetParams, StripSetReport
@@ -13,6 +13,7 @@ from .report import PlanReport
 from .straight import plan_straight
 
 __all__ = [
+    "AllOf",
     "Alternative",
     "ApproachReport",
     "BasePose",

@@ -1,4 +1,4 @@
-"""Goals as people state them: a hand's pose, a base's pose, a few joints, a region, alternatives; configurations there.
+"""Goals as people state them: a pose of a hand, of two, of the base, a few joints, alternatives; configurations there.
 
 Configurations are looked for near the start first, with the joints alone before the base, and must keep the
 clearance. Where none is found, a :class:`GoalSearch` says why, as data: how far out of reach, or what is touched.
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,10 @@ import pinocchio as pin
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.inverse_kinematics import PoseSearch, rotation_of
+from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseTarget, rotation_of
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams
+from elastic_strips.strip import AxisConstraint, Deformer, DeformParams
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.summary import Summary
 from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields
 
@@ -34,6 +35,7 @@ _GOAL_MARGIN = 0.03  # [m] that goals keep to obstacles where there is so much r
 _LEAST_GOAL_MARGIN = 1e-3  # [m] that they keep at least, where no clearance is given
 _ENOUGH_CONFIGURATIONS = 6  # configurations of a goal
 _JOINT_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
+_POSTURE_ROUNDS = 4  # of 16 starts, of the joints at a base's place where a constraint asks for them
 _MOST_ASKED = 24  # configurations that touch something, of which it is asked what
 _ROUNDS_IN_ALL = 400  # where work is bounded
 _YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
@@ -134,8 +136,55 @@ class BasePose(Checked):
         return f"base at ({self.x:g}, {self.y:g}) m" + ("" if self.yaw is None else f", {self.yaw:g} rad")
 
 
-Goal: TypeAlias = npt.ArrayLike | HandPose | BasePose | Mapping[str, float]
-"""A configuration (nq,), a pose of hand or base, or some coordinates by name: ``x``, ``y``, ``yaw`` and joints."""
+@dataclass(frozen=True, slots=True, init=False)
+class AllOf:
+    """Several poses at once: of two hands, or of a hand and the base.
+
+    Attributes:
+        goals: what is to be reached together: poses of different frames, and one of the base at most.
+
+    Raises:
+        ParameterError: no goals, something else than poses, or two of them for one frame or for the base.
+    """
+
+    goals: tuple[HandPose | BasePose, ...]
+
+    def __init__(self, *goals: HandPose | BasePose) -> None:
+        object.__setattr__(self, "goals", goals)
+        if not goals:
+            raise ParameterError("AllOf() is empty: it takes HandPoses of different frames, and one BasePose at most")
+        for goal in goals:
+            if not isinstance(goal, (HandPose, BasePose)):
+                raise ParameterError(f"AllOf takes HandPoses and one BasePose, not a {type(goal).__name__}")
+        for what, count in Counter(_moved(goal) for goal in goals).items():
+            if count > 1:
+                raise ParameterError(
+                    f"AllOf has {count} poses of {what}, which can be at one place only; goals of which any will do "
+                    "are a list"
+                )
+
+    @property
+    def hands(self) -> tuple[HandPose, ...]:
+        """The poses of frames."""
+        return tuple(goal for goal in self.goals if isinstance(goal, HandPose))
+
+    @property
+    def base(self) -> BasePose | None:
+        """The pose of the base, if there is one."""
+        return next((goal for goal in self.goals if isinstance(goal, BasePose)), None)
+
+    def __str__(self) -> str:
+        return " and ".join(map(str, self.goals))
+
+
+def _moved(goal: HandPose | BasePose) -> str:
+    return f"frame {goal.frame!r}" if isinstance(goal, HandPose) else "the base"
+
+
+Goal: TypeAlias = npt.ArrayLike | HandPose | BasePose | AllOf | Mapping[str, HandPose | npt.ArrayLike]
+"""A configuration (nq,); a pose of a hand or the base, or several at once (:class:`AllOf`); some coordinates by name:
+``x``, ``y``, ``yaw`` and joints; or poses by frame, at once too: a :class:`HandPose`, a position (3,) or a pose
+(4, 4)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -147,6 +196,8 @@ class GoalSearch(Summary):
         reason: what happened, in words.
         distance: least distance by which a hand misses the goal [m]; 0 where it reaches it.
         angle: angle by which it is turned differently there [rad].
+        misses: by how far each of the goal's frames misses its pose, (distance [m], angle [rad]) by name, where it is
+            out of reach; of several frames ``distance`` and ``angle`` are the largest.
         touching: what is in the way of configurations that reach the goal, the most frequent first: "link and
             obstacle".
     """
@@ -155,6 +206,7 @@ class GoalSearch(Summary):
     reason: str
     distance: float = 0.0
     angle: float = 0.0
+    misses: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     touching: tuple[str, ...] = ()
 
     def _summary(self) -> dict[str, object]:
@@ -163,13 +215,65 @@ class GoalSearch(Summary):
 
 def is_goal_region(goal: object) -> bool:
     """Whether a goal is something other than one configuration."""
-    if isinstance(goal, (HandPose, BasePose, Mapping)):
+    if isinstance(goal, (HandPose, BasePose, AllOf, Mapping)):
         return True
     return (
         isinstance(goal, Sequence)
         and not isinstance(goal, str)
-        and (len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, Mapping, Sequence, np.ndarray)))
+        and (len(goal) == 0 or isinstance(goal[0], (HandPose, BasePose, AllOf, Mapping, Sequence, np.ndarray)))
     )
+
+
+def _by_name(goal: Mapping[str, object]) -> AllOf | Mapping[str, float]:
+    """What a mapping means: coordinates by name, or poses by frame.
+
+    Raises:
+        ParameterError: it has both, or a pose that is none, or is of another frame.
+    """
+    numbers = {name for name, value in goal.items() if not isinstance(value, HandPose) and np.ndim(value) == 0}  # type: ignore[arg-type]
+    if len(numbers) == len(goal):
+        return goal  # type: ignore[return-value]
+    if numbers:
+        raise ParameterError(
+            f"goal has coordinates ({', '.join(sorted(numbers))}) and poses of frames "
+            f"({', '.join(sorted(set(goal) - numbers))}) in one mapping; "
+            "poses together are AllOf(HandPose(…), BasePose(…))"
+        )
+    return AllOf(*(_pose_of(frame, value) for frame, value in goal.items()))
+
+
+def _pose_of(frame: str, value: object) -> HandPose:
+    if isinstance(value, HandPose):
+        if value.frame != frame:
+            raise ParameterError(f"goal[{frame!r}] is a pose of another frame, {value.frame!r}")
+        return value
+    given = np.asarray(value, dtype=object)
+    if given.shape == (3,):
+        x, y, z = check_array(f"goal[{frame!r}]", value, (3,)).tolist()  # type: ignore[arg-type]
+        return HandPose(frame, (x, y, z))
+    if given.shape != (4, 4):
+        raise ParameterError(
+            f"goal[{frame!r}] has shape {given.shape}; a HandPose, a position (3,) or a pose (4, 4) is one"
+        )
+    pose = check_array(f"goal[{frame!r}]", value, (4, 4))  # type: ignore[arg-type]
+    x, y, z = pose[:3, 3].tolist()
+    qx, qy, qz, qw = pin.Quaternion(rotation_of(pose[:3, :3], f"goal[{frame!r}]")).coeffs().tolist()
+    return HandPose(frame, (x, y, z), (qx, qy, qz, qw))
+
+
+def _of_several_frames(goals: Sequence[Goal]) -> None:
+    """Refuse a list of poses of different frames: whether any or all of them are meant is not clear.
+
+    Raises:
+        ParameterError: it is one.
+    """
+    frames = list(dict.fromkeys(goal.frame for goal in goals if isinstance(goal, HandPose)))
+    if len(frames) > 1:
+        raise ParameterError(
+            f"goal is a list of poses of different frames ({', '.join(map(repr, frames))}), and of a list any one will "
+            "do: AllOf(HandPose(…), HandPose(…)) has them all reached at once; where one of them is enough, the list "
+            "is to have AllOf(HandPose(…)) of each"
+        )
 
 
 def find_goals(
@@ -184,6 +288,7 @@ def find_goals(
     timeout: float = _LONGEST_GOAL_SEARCH,
     rounds: int | None = None,
     base: bool = True,
+    constraint: AxisConstraint | None = None,
 ) -> GoalSearch:
     """Configurations that reach a goal and touch nothing, the nearest to the start first.
 
@@ -193,7 +298,7 @@ def find_goals(
         robot: the robot.
         scene: the obstacles.
         start: configuration (nq,).
-        goal: a goal, or several of which any will do.
+        goal: a goal, or several of which any will do; HandPoses in a list are of one frame.
         count: largest number of configurations.
         seed: seed of random starts.
         params: parameters with the clearance to keep; 1 mm where None.
@@ -201,17 +306,22 @@ def find_goals(
         rounds: largest number of rounds of 16 starts each, for all goals together; None where only time bounds them.
             With that and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
         base: whether a base that can move may be moved for a hand's pose that is out of the arm's reach.
+        constraint: what the configurations satisfy besides: with poses of hands all joints see to it, with one of the
+            base those that move the constraint's frame. What is stated by itself, joint by joint, has to satisfy it.
 
     Raises:
+        SceneError: a constraint that names an obstacle that is not there.
         RobotError: a frame that the robot does not have.
         ConfigurationError: the start, or a goal that is a configuration, is not valid; a goal for a base that is fixed.
-        ParameterError: something that is not a goal.
+        ParameterError: something that is not a goal; a list of poses of different frames.
     """
     start = robot.check_q(start, what="start")
     several: Sequence[Goal] = goal if isinstance(goal, Sequence) and is_goal_region(goal) else [goal]  # type: ignore[list-item]
     if not several:
         raise ParameterError("goal is an empty list")
-    search = _Search(robot, scene, start, params, base)
+    _of_several_frames(several)
+    force = None if constraint is None else ConstraintForce(robot, constraint)
+    search = _Search(robot, scene, start, params, base, force)
     sources = [_Source(search, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
     most = None if rounds is None else check_count("rounds", rounds, low=1)
     deadline, going, done = Deadline(timeout), list(sources), 0
@@ -231,7 +341,8 @@ class _Source:
     """
 
     def __init__(self, search: _Search, goal: Goal, rng: np.random.Generator) -> None:
-        self.goal, self.rng = goal, rng
+        self.goal: Goal = _by_name(cast("Mapping[str, object]", goal)) if isinstance(goal, Mapping) else goal
+        self.rng = rng
         self.free: list[Array] = []
         self.narrow: list[Array] = []
         self.touching: list[Array] = []
@@ -256,41 +367,45 @@ class _Source:
         """The goal in words."""
         if isinstance(self.goal, Mapping):
             return ", ".join(f"{k} = {v:g}" for k, v in self.goal.items())
-        return str(self.goal) if isinstance(self.goal, (HandPose, BasePose)) else "the configuration"
+        return str(self.goal) if isinstance(self.goal, (HandPose, BasePose, AllOf)) else "the configuration"
 
     def _batches(self) -> Iterator[Sequence[Array] | Array]:
         robot, goal = self._search.robot, self.goal
         if isinstance(goal, HandPose):
-            return self._hands(goal)
+            return self._hands((goal,), None)
+        if isinstance(goal, AllOf):
+            return self._stood(goal.base) if goal.base and not goal.hands else self._hands(goal.hands, goal.base)
         if isinstance(goal, BasePose):
-            return self._bases(goal)
+            return self._stood(goal)
         if isinstance(goal, Mapping):
-            return iter([[self._named(goal)]])
+            return iter([[self._named(cast("Mapping[str, float]", goal))]])
         try:
             q = robot.check_q(goal, what="goal")
         except ConfigurationError:
             if np.asarray(goal, dtype=object).ndim == 0:
-                kinds = "a configuration, HandPose, BasePose, joints by name, or a list of them"
+                kinds = (
+                    "a configuration, HandPose, BasePose, AllOf of these, joints or poses by name, or a list of them"
+                )
                 raise ParameterError(f"goal is a {type(goal).__name__}; it must be {kinds}") from None
             raise
         return iter([[robot.space.to_coordinates(q)]])
 
-    def _hands(self, goal: HandPose) -> Iterator[Array]:
+    def _hands(self, hands: Sequence[HandPose], base: BasePose | None) -> Iterator[Array]:
         """By the joints alone, and with the base, where it may move and nothing is found without."""
-        robot = self._search.robot
-        self.hand = hand = PoseSearch(
-            robot,
-            goal.frame,
-            goal.position,
-            goal.orientation,
-            near=self._search.start,
-            within=goal.within,
-            rng=self.rng,
-        )
+        robot, near = self._search.robot, self._search.start
+        targets = [PoseTarget.of(hand.frame, hand.position, hand.orientation, hand.within) for hand in hands]
+        moves, stands = robot.space.planar and self._search.base, True
+        if base is not None:
+            rows = next(self._bases(base))  # refuses a base that is fixed
+            near = robot.space.from_coordinates(np.array(rows))[0]
+            moves = base.yaw is None or any(base.within)
+            stands = not moves
+            if moves:
+                targets.append(_target_of_base(robot, base))
+        self.hand = hand = PoseSearch(robot, targets, near=near, rng=self.rng, also=self._search.force)
 
         def rounds() -> Iterator[Array]:
-            moves = robot.space.planar and self._search.base
-            for k in range(_JOINT_ROUNDS):
+            for k in range(_JOINT_ROUNDS if stands else 0):
                 if moves and (self.free or self.narrow) and k > 0:
                     return
                 if moves and k >= _HOPELESS_ROUNDS and hand.distance > _HOPELESS_MISS:
@@ -319,6 +434,23 @@ class _Source:
             row[k] = named[k]
         return row
 
+    def _stood(self, goal: BasePose) -> Iterator[Sequence[Array] | Array]:
+        """At the base's places, with the joints as at the start, or as a constraint asks for them."""
+        robot, force = self._search.robot, self._search.force
+        if force is None:
+            return self._bases(goal)
+
+        def rounds() -> Iterator[Array]:
+            for (row,) in self._bases(goal):
+                near = robot.space.from_coordinates(row[None])[0]
+                self.hand = PoseSearch(robot, [], near=near, rng=self.rng, also=force)
+                for _ in range(_POSTURE_ROUNDS):
+                    if self.free:
+                        break
+                    yield self.hand.round(base=False)
+
+        return rounds()
+
     def _bases(self, goal: BasePose) -> Iterator[list[Array]]:
         """The middle of the place first, the yaw next to the start's first."""
         here = self._search.here
@@ -346,8 +478,18 @@ class _Source:
 class _Search:
     """What configurations of goals are measured against, and what becomes of them."""
 
-    def __init__(self, robot: RobotModel, scene: Scene, start: Array, params: DeformParams | None, base: bool) -> None:
-        self.robot, self.scene, self.start, self.base = robot, scene, start, base
+    def __init__(
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        start: Array,
+        params: DeformParams | None,
+        base: bool,
+        force: ConstraintForce | None,
+    ) -> None:
+        self.robot, self.scene, self.start, self.base, self.force = robot, scene, start, base, force
+        if force is not None:
+            force.find(scene)
         self.params: DeformParams = params or DeformParams()
         self.here: Array = robot.space.to_coordinates(start)
         clearance = _LEAST_GOAL_MARGIN if params is None else params.clearance
@@ -384,7 +526,7 @@ class _Search:
         if not source.touching:
             assert source.hand is not None
             hand = source.hand
-            return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle)
+            return GoalSearch(none, f"{source.said}: {hand.missed()}", hand.distance, hand.angle, hand.by_frame())
         counted: Counter[str] = Counter()
         work = Deformer(self.robot, self.params).workspace
         for row in source.touching[:_MOST_ASKED]:
@@ -408,6 +550,7 @@ def goal_configurations(
     params: DeformParams | None,
     deadline: Deadline,
     count: int = _ENOUGH_CONFIGURATIONS,
+    constraint: AxisConstraint | None = None,
 ) -> Array:
     """Configurations (K, nq) of a goal, to be planned to one after the other; looked for in a few seconds, or rounds
     where the deadline bounds work.
@@ -417,11 +560,27 @@ def goal_configurations(
     """
     timeout, rounds = (deadline.time_left, _ROUNDS_IN_ALL) if deadline.of_work else (_LONGEST_GOAL_SEARCH, None)
     search = find_goals(
-        robot, scene, start, goal, count=count, seed=seed, params=params, timeout=timeout, rounds=rounds
+        robot,
+        scene,
+        start,
+        goal,
+        count=count,
+        seed=seed,
+        params=params,
+        timeout=timeout,
+        rounds=rounds,
+        constraint=constraint,
     )
     if len(search.configurations) == 0:
         raise GoalError(f"goal: {search.reason}", search)
     return search.configurations
+
+
+def _target_of_base(robot: RobotModel, base: BasePose) -> PoseTarget:
+    """The base's place as a target of the frame of its joint, whose height does not count."""
+    turn = None if base.yaw is None else pin.rpy.rpyToMatrix(0.0, 0.0, base.yaw)
+    within = np.array((*base.within, np.inf))
+    return PoseTarget(robot.model.names[1], np.array((base.x, base.y, 0.0)), turn, within)
 
 
 def _check_box(what: str, value: Sequence[float], count: int) -> None:

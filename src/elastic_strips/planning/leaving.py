@@ -106,6 +106,10 @@ class Departure(Summary):
         }
 
 
+_Pair = tuple[int, int, int]
+"""A body and, of the scene, a part and a box in it; or (body, body, −1) of the robot."""
+
+
 def leave_contact(
     robot: RobotModel, scene: Scene, start: Array, depth: float, params: DeformParams
 ) -> Departure | None:
@@ -124,22 +128,15 @@ def leave_contact(
     """
     near = _Distances(robot, scene, params)
     rows = [robot.space.to_coordinates(start)]
-    begin = near.at(rows[0])
-    tight = {pair: d for pair, d in begin.items() if d <= near.needed(pair)}
+    here = near.at(rows[0])
+    contacts, tight = _contacts(near, here, depth)
     if not tight:
         return None
-    contacts = tuple(Contact(*near.names(p), d, near.needed(p)) for p, d in sorted(tight.items(), key=lambda e: e[1]))
     first = contacts[0]
-    if -first.distance > depth:
-        raise ConfigurationError(
-            f"start is in collision: {first.one!r} is {-1e3 * first.distance:.1f} mm deep in {first.two!r}, more than "
-            f"start_depth = {1e3 * depth:g} mm, which it may be to be left"
-        )
-    here = begin
     for _ in range(_MOST_STEPS):
-        if all(d > near.needed(pair) + _FREE_MARGIN for pair, d in here.items() if pair in tight):
+        if _free(near, here, tight):
             break
-        found = _step(near, rows[-1], here, set(tight))
+        found = _step(near, rows[-1], here, tight)
         if found is None:
             raise ConfigurationError(
                 f"start touches ({first.one!r} is {-1e3 * first.distance:.1f} mm deep in {first.two!r}), and no small "
@@ -149,15 +146,73 @@ def leave_contact(
         here = found[1]
     else:
         raise ConfigurationError(f"start touches: {first.one!r} is not free of {first.two!r} after {_MOST_STEPS} steps")
-    strip = Strip.from_coordinates(
-        robot, np.array(rows), ends=np.stack((start, robot.space.from_coordinates(rows[-1])))
-    )
-    tolerance = _checked(near, strip, set(tight))
-    return Departure(strip, contacts, max(0.0, -first.distance), tolerance, float(near.moved(strip.coordinates).sum()))
+    ends = np.stack((start, robot.space.from_coordinates(rows[-1])))
+    return _departure(near, Strip.from_coordinates(robot, np.array(rows), ends=ends), contacts, tight)
 
 
-_Pair = tuple[int, int, int]
-"""A body and, of the scene, a part and a box in it; or (body, body, −1) of the robot."""
+def leave_along(strip: Strip, scene: Scene, depth: float, params: DeformParams) -> tuple[Departure | None, Strip]:
+    """The beginning of a given strip as a way out of its start, which touches by at most ``depth`` [m]; and the rest of
+    it, from the first place on that is free. The departure is None where nothing is too near at the start.
+
+    Args:
+        strip: along which the start is left, as it is.
+        scene: the obstacles, standing still.
+        depth: largest depth [m] that may be left.
+        params: parameters with the required clearances.
+
+    Raises:
+        ConfigurationError: something is deeper, or does not get farther all the way until it is free, or something else
+            comes too near meanwhile; the message names the pair.
+    """
+    robot, rows = strip.robot, strip.coordinates
+    near, space = _Distances(robot, scene, params), robot.space
+    here = near.at(rows[0])
+    contacts, tight = _contacts(near, here, depth)
+    if not tight:
+        return None, strip
+    out = [rows[0]]
+    for k, way in enumerate(near.moved(rows)):
+        v, parts = space.difference(rows[k : k + 1], rows[k + 1 : k + 2]), max(1, int(np.ceil(way / _LARGEST_STEP)))
+        for j in range(1, parts + 1):
+            out.append(space.integrate(rows[k : k + 1], j / parts * v)[0])
+            if not _free(near, near.at(out[-1], list(tight)), tight):
+                continue
+            q = space.from_coordinates(out[-1])
+            left = Strip.from_coordinates(robot, np.array(out), ends=np.stack((strip.q[0], q)))
+            after = rows[k + 1 :] if j < parts else rows[k + 2 :]
+            if len(after) == 0:
+                break
+            rest = Strip.from_coordinates(robot, np.vstack((out[-1:], after)), ends=np.stack((q, strip.q[-1])))
+            return _departure(near, left, contacts, tight), rest
+    first = contacts[0]
+    raise ConfigurationError(f"start touches: {first.one!r} is not free of {first.two!r} where the way ends")
+
+
+def _contacts(near: _Distances, here: dict[_Pair, float], depth: float) -> tuple[tuple[Contact, ...], set[_Pair]]:
+    """What is too near at the start, the deepest first, and the pairs of it.
+
+    Raises:
+        ConfigurationError: something is deeper than ``depth`` [m].
+    """
+    tight = {pair: d for pair, d in here.items() if d <= near.needed(pair)}
+    contacts = tuple(Contact(*near.names(p), d, near.needed(p)) for p, d in sorted(tight.items(), key=lambda e: e[1]))
+    if contacts and -contacts[0].distance > depth:
+        first = contacts[0]
+        raise ConfigurationError(
+            f"start is in collision: {first.one!r} is {-1e3 * first.distance:.1f} mm deep in {first.two!r}, more than "
+            f"start_depth = {1e3 * depth:g} mm, which it may be to be left"
+        )
+    return contacts, set(tight)
+
+
+def _free(near: _Distances, here: dict[_Pair, float], tight: set[_Pair]) -> bool:
+    """Whether what was too near at the start is as far as needed, and a little more."""
+    return all(d > near.needed(pair) + _FREE_MARGIN for pair, d in here.items() if pair in tight)
+
+
+def _departure(near: _Distances, strip: Strip, contacts: tuple[Contact, ...], tight: set[_Pair]) -> Departure:
+    tolerance, depth = _checked(near, strip, tight), max(0.0, -contacts[0].distance)
+    return Departure(strip, contacts, depth, tolerance, float(near.moved(strip.coordinates).sum()))
 
 
 class _Distances:

@@ -19,7 +19,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import GoalError, ParameterError, PlanningError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, DeformStatus, OrientationConstraint, Strip
+from elastic_strips.strip import AxisConstraint, Deformer, DeformParams, DeformReport, DeformStatus, Strip
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.validation import check_count, check_number
 
@@ -52,7 +52,7 @@ def plan_report(
     path: npt.ArrayLike | None = None,
     grid: bool = True,
     backward: bool = True,
-    constraint: OrientationConstraint | None = None,
+    constraint: AxisConstraint | None = None,
     start_depth: float = 0.0,
     watch: Callable[[DeformReport], object] | None = None,
 ) -> PlanReport:
@@ -65,9 +65,10 @@ def plan_report(
         robot: the robot.
         scene: the obstacles, standing still.
         start: configuration (nq,).
-        goal: configuration (nq,); or a :class:`HandPose`, a :class:`BasePose`, coordinates by name, or a list of goals
-            of which any will do: then :func:`find_goals` finds configurations, and they are planned to in turns, the
-            nearest to the start first, until there is a plan.
+        goal: configuration (nq,); or a :class:`HandPose`, a :class:`BasePose`, several of them at once
+            (:class:`AllOf`), coordinates or poses by name, or a list of goals of which any will do: then
+            :func:`find_goals` finds configurations, and they are planned to in turns, the nearest to the start first,
+            until there is a plan.
         count: largest number of strips; with more than one they are the report's ``alternatives``.
         seed: seed of the planner's random numbers.
         params: parameters of the relaxation, with the clearances to prove. Where None, the default preset, which asks
@@ -86,14 +87,15 @@ def plan_report(
         backward: whether a differential drive may go along the straight line backwards, where it turns less then. Paths
             over the grid always go forwards; those of OMPL, the last resort, may back up.
         constraint: constraint that every configuration on the way, between the nodes too, satisfies within its
-            tolerance, such as a hand that stays level; not together with a deformer, which has its own.
+            tolerance: a hand that stays level (:class:`OrientationConstraint`), or a camera that looks at something
+            (:class:`LookAt`); not together with a deformer, which has its own.
         start_depth: a start that touches by at most this much [m] is left along growing distance, and the planned and
             certified strip begins where the robot is free: see ``departure`` of the report, which is then not certified
             as a whole. With 0 such a start is refused. It is for one strip only, without a constraint.
         watch: called with every tick's report.
 
     Raises:
-        RobotError, SceneError: not a robot, or not a scene.
+        RobotError, SceneError: not a robot, or not a scene; a constraint that names an obstacle that is not there.
         ConfigurationError: start or goal is not valid, in collision, too far away or outside the bounds, or does not
             satisfy the constraint; the message names the pair, or the distance.
         GoalError: no configuration reaches the goal, or every such configuration touches something.
@@ -130,9 +132,12 @@ def plan_report(
             return _after(report, departure, deformer or Deformer(robot, leaving))
     if is_goal_region(goal):
         deadline = Deadline(timeout, work)
-        goals = goal_configurations(robot, scene, start, goal, seed=seed, params=asked, deadline=deadline)
-        force = deformer.constraint if isinstance(deformer, Deformer) else None
-        goals = _satisfying(robot, goals, force if constraint is None else ConstraintForce(robot, constraint))
+        own = deformer.constraint if isinstance(deformer, Deformer) else None
+        kept = constraint if own is None else own.constraint
+        goals = goal_configurations(
+            robot, scene, start, goal, seed=seed, params=asked, deadline=deadline, constraint=kept
+        )
+        goals = _satisfying(robot, scene, goals, kept)
         return _in_turns(partial(plan_anew, start), goals, deadline)
     problem = PlanningProblem(
         robot,
@@ -211,11 +216,13 @@ def _after(report: PlanReport, departure: Departure, deformer: Deformer) -> Plan
     )
 
 
-def _satisfying(robot: RobotModel, goals: Array, force: ConstraintForce | None) -> Array:
+def _satisfying(robot: RobotModel, scene: Scene, goals: Array, constraint: AxisConstraint | None) -> Array:
     """The configurations (K, nq) of a goal that satisfy a constraint, if there is one."""
-    if force is None:
+    if constraint is None:
         return goals
-    off, constraint = force.errors_at(robot.space.to_coordinates(goals)), force.constraint
+    force = ConstraintForce(robot, constraint)
+    force.find(scene)
+    off = force.errors_at(robot.space.to_coordinates(goals))
     if off.min() > constraint.tolerance:
         raise GoalError(
             f"goal: none of its {len(goals)} configurations satisfies the constraint: {constraint.frame!r} is at least "
@@ -272,7 +279,7 @@ def plan(
     params: DeformParams | None = None,
     timeout: float = 10.0,
     bounds: npt.ArrayLike | None = None,
-    constraint: OrientationConstraint | None = None,
+    constraint: AxisConstraint | None = None,
     start_depth: float = 0.0,
     certified: bool = False,
 ) -> Strip:

@@ -17,7 +17,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.ownership import exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import OrientationConstraint, Strip
+from elastic_strips.strip import AxisConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.params import DeformParams
@@ -145,7 +145,7 @@ class PlanningProblem:
         eased: a phrase that says how much less than the default clearance is asked for, and why; else empty.
 
     Raises:
-        RobotError, SceneError: not a robot, or not a scene.
+        RobotError, SceneError: not a robot, or not a scene; a constraint that names an obstacle that is not there.
         ConfigurationError: start or goal is not valid, in collision, too far away or outside the bounds, or does not
             satisfy the constraint; names the pair, or the distance.
         ParameterError: a seed, timeout or bounds outside its range, something that is not a deformer of this robot, or
@@ -169,7 +169,7 @@ class PlanningProblem:
         timeout: float = 10.0,
         work: float | None = None,
         backward: bool = True,
-        constraint: OrientationConstraint | None = None,
+        constraint: AxisConstraint | None = None,
     ) -> None:
         self.seed: int = check_count("seed", seed)
         self.backward: bool = backward
@@ -184,6 +184,8 @@ class PlanningProblem:
         own = DeformParams() if robot.space.planar else ARM
         self.deformer: Deformer = deformer or Deformer(robot, own if params is None else params, constraint=constraint)
         self.constraint: ConstraintForce | None = self.deformer.constraint
+        if self.constraint is not None:
+            self.constraint.find(scene)
         self.params: DeformParams = self.deformer.params
         self.start, self.goal = _checked_ends(robot, start, goal, self.params)
         self.endpoints: Array = np.stack((self.start, self.goal))
@@ -225,9 +227,7 @@ class PlanningProblem:
         """Rows (N, nv), the inner ones moved to where they satisfy the constraint if there is one."""
         if self.constraint is None:
             return coordinates
-        rows, _ = self.constraint.project(coordinates)
-        rows[[0, -1]] = coordinates[[0, -1]]
-        return rows
+        return self.constraint.project_path(coordinates)
 
     def missed(self, report: DeformReport) -> str:
         """A phrase that says where a strip misses the constraint, and by how much; empty where it does not."""
@@ -256,7 +256,7 @@ def _checked_seconds(what: str, given: float) -> float:
     return float(given)
 
 
-def _check_deformer(deformer: Deformer, robot: RobotModel, constraint: OrientationConstraint | None) -> None:
+def _check_deformer(deformer: Deformer, robot: RobotModel, constraint: AxisConstraint | None) -> None:
     if not isinstance(deformer, Deformer):
         raise ParameterError(f"deformer is a {type(deformer).__name__}; it must be a Deformer of the same robot")
     if not robot.same_as(deformer.robot):

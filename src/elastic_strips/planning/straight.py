@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.inverse_kinematics import PoseSolver
+from elastic_strips.robot.inverse_kinematics import PoseSolver, PoseTarget
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, Strip
-from elastic_strips.validation import check_array, check_choice
+from elastic_strips.strip import Deformer, DeformParams, DeformStatus, Strip
+from elastic_strips.validation import check_array, check_choice, check_number
 
+from .leaving import MOST_DEPTH, joined, leave_along
 from .problem import ARM, check_kinds, ease, nearest_things
 from .report import PlanReport
 
@@ -34,6 +37,7 @@ def plan_straight(
     *,
     axes: str = "world",
     params: DeformParams | None = None,
+    start_depth: float = 0.0,
 ) -> PlanReport:
     """A strip along which a frame of the robot moves straight and is not turned; the base stands.
 
@@ -48,7 +52,11 @@ def plan_straight(
         by: (3,) how far it moves [m].
         axes: axes of that motion: those of the ``"world"``, or the hand's own (``"hand"``).
         params: parameters with the clearances to prove; where None, those of :func:`plan_report`, but no more than half
-            of what both ends have.
+            of what both ends have, or the last where the start is left.
+        start_depth: a start that touches by at most this much [m], as what stands on a table does, is left along the
+            line if all that is too near gets farther all the way; as for :func:`plan_report`, the report's
+            ``departure`` is that part, the report is not certified as a whole, and ``departure.rest`` is the certified
+            strip from where everything is free.
 
     Returns:
         The report. It is not certified, and gives the reason, where the joints end before the line does or something is
@@ -57,9 +65,10 @@ def plan_straight(
     Raises:
         RobotError, SceneError: not a robot, or not a scene; an unknown frame.
         ConfigurationError: the start is not valid.
-        ParameterError: ``by`` is not three numbers, or unknown axes.
+        ParameterError: ``by`` is not three numbers, unknown axes, or a start_depth outside its range.
     """
     check_choice("axes", axes, AXES)
+    start_depth = check_number("start_depth", start_depth, low=0.0, high=MOST_DEPTH, unit="m")
     began = perf_counter()
     check_kinds(robot, scene)
     offset = check_array("by", by, (3,))
@@ -71,25 +80,37 @@ def plan_straight(
     ends = np.stack((q, robot.space.from_coordinates(rows[-1])))
     strip = Strip.from_coordinates(robot, rows, ends=ends)
     deformer = Deformer(robot, ARM if params is None else params)
-    eased = ""
+    eased, departure, rest, why = "", None, strip, ""
     if params is None:
         nearest = nearest_things(deformer.workspace, robot, scene, (ends[0], ends[1]))
-        eased = ease(deformer, nearest)
-    report = deformer.assess(strip, scene)
+        eased = ease(deformer, [near for near in nearest if start_depth == 0.0 or near.what == "goal"])
+    if start_depth > 0.0 and left == 0.0:
+        try:
+            departure, rest = leave_along(strip, scene, start_depth, deformer.params)
+        except ConfigurationError as error:
+            why = str(error)
+    report = deformer.assess(rest, scene)
     length = float(np.linalg.norm(offset))
     reason = f"straight by {length:g} m"
     if left > 0.0:
         reason = f"{frame!r} gets no further than {length - left:.3g} m of {length:g} m: the joints end, or would jump"
-    elif not report.usable:
-        reason = report.reason
+    elif why or not report.usable:
+        reason = why or report.reason
     elif eased:
         reason = f"{reason}; {eased}"
-    done = left == 0.0 and report.usable
+    done = left == 0.0 and report.usable and not why
+    if departure is not None:
+        departure = replace(departure, rest=rest if done else None)
+        said = "certified" if done else "not certified"
+        reason = f"{departure}; {said} from node {len(departure.strip) - 1} on: {reason}"
+        strip = joined(departure, rest)
+        report = replace(deformer.assess(strip, scene), status=DeformStatus.BROKEN, reason=reason)
+        done = False
     return PlanReport(
         strip,
         strip,
         done,
-        "straight" if done else "none",
+        "straight" if done or (departure is not None and departure.rest is not None) else "none",
         reason,
         scene,
         deformer.params,
@@ -97,6 +118,7 @@ def plan_straight(
         attempts=0,
         ticks=0,
         seconds=perf_counter() - began,
+        departure=departure,
     )
 
 
@@ -112,7 +134,8 @@ def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]
     for k in range(1, count + 1):
         begin = rows[-1] + (rows[-1] - rows[-2] if len(rows) > 1 else 0.0)
         begin = np.clip(begin, space.lower, space.upper)
-        found, size = solver.solve(begin[None], position + k / count * offset, turn, exact, free, _MOST_ITERATIONS)
+        target = PoseTarget(solver.frames[0], position + k / count * offset, turn, exact)
+        found, size = solver.solve(begin[None], [target], free, _MOST_ITERATIONS)
         jump = float(np.abs(space.difference(rows[-1][None], found)).max())
         if size[0] > _LINE_TOLERANCE or jump > _LARGEST_JOINT_STEP:
             return np.array(rows if len(rows) > 1 else [here, here]), length * (1.0 - (k - 1) / count)

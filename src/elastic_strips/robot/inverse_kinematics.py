@@ -6,7 +6,9 @@ The damping is that of Sugihara (2011): half of the squared error, which is robu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -55,72 +57,140 @@ class ReachResult(Summary):
         return {"reached": self.q is not None, "solutions": len(self.solutions), "reason": self.reason}
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseTarget:
+    """Where a frame is to be, and how it is to be turned.
+
+    Attributes:
+        frame: name of the frame.
+        position: (3,) its position in the world [m].
+        turn: (3, 3) its rotation in the world; None leaves it free.
+        within: (3,) how far it may be off along the world's axes [m]; infinite where an axis does not count.
+    """
+
+    frame: str
+    position: Array
+    turn: Array | None
+    within: Array
+
+    @staticmethod
+    def of(frame: str, position: ArrayLike, orientation: ArrayLike | None, within: ArrayLike) -> PoseTarget:
+        """A target as people state it: see :func:`inverse_kinematics`.
+
+        Raises:
+            ParameterError: an array of another shape, what is no rotation, or a negative ``within``.
+        """
+        about = check_array("within", within, (3,))
+        if (about < 0.0).any():
+            raise ParameterError(f"within={about.tolist()} must not be negative")
+        turn = None if orientation is None else rotation_of(orientation)
+        return PoseTarget(frame, check_array("position", position, (3,)), turn, about)
+
+
+class Residual(Protocol):
+    """Something that is to be 0 besides, as a constraint is."""
+
+    @property
+    def moving(self) -> Mask:
+        """(nv,) the coordinates that change it."""
+        ...
+
+    @property
+    def enough(self) -> float:
+        """Largest of :meth:`errors` [rad] that will do."""
+        ...
+
+    def residual(self, kin: Kinematics) -> tuple[Array, Array]:
+        """What is to be 0 at each node, (N, 3) [rad], and its derivatives (N, 3, nv)."""
+        ...
+
+    def errors(self, kin: Kinematics) -> Array:
+        """(N,) how far each node is off [rad]."""
+        ...
+
+
 class PoseSolver(OneThread):
-    """Workspace: brings a frame of a robot to poses.
+    """Workspace: brings one or several frames of a robot to poses.
 
     Args:
         robot: the robot.
-        frame: name of its frame.
+        frames: names of its frames.
+        also: what is to be 0 besides.
 
     Raises:
         RobotError: an unknown frame, or one that does not move.
     """
 
-    def __init__(self, robot: RobotValue, frame: str) -> None:
-        index = find_frame(robot.model, frame)
-        if index is None:
-            names = [f.name for f in robot.model.frames]
-            raise RobotError(f"{robot.name!r} has no frame {frame!r}{nearest_name(frame, names)}")
+    def __init__(self, robot: RobotValue, *frames: str, also: Residual | None = None) -> None:
         self.robot: RobotValue = robot
-        self.frame: str = frame
-        self.joint: int = int(robot.model.frames[index].parentJoint)
-        if not robot.tree.moving(self.joint).any():
-            raise RobotError(f"frame {frame!r} of {robot.name!r} does not move")
-        placement = robot.tree.to_aligned(self.joint, robot.model.frames[index].placement.homogeneous)
-        self._rotation, self._translation = placement[:3, :3], placement[:3, 3]
+        self.frames: tuple[str, ...] = frames
+        self.also: Residual | None = also
+        self._frames = [_carried(robot, frame) for frame in frames]
         self._kin = Kinematics(robot.tree, _ROUND_STARTS)
         space = robot.space
         self.lower: Array = np.maximum(space.lower, -np.pi)
         self.upper: Array = np.minimum(space.upper, np.pi)
-        self._weight = np.where(robot.tree.moving(self.joint), 1.0, 0.0)
+        moving = [robot.tree.moving(joint) for joint, _, _ in self._frames] + ([] if also is None else [also.moving])
+        self._weight = np.where(np.any(moving, axis=0), 1.0, 0.0)
         self._weight[: space.base_nv] *= _BASE_WEIGHT
 
-    def place(self, rows: Array) -> tuple[Array, Array]:
-        """Positions (N, 3) [m] and rotations (N, 3, 3) of the frame at coordinate rows (N, nv)."""
-        kin = self._kin
-        kin.update(rows)
-        T = kin.T[self.joint, : kin.n]
-        return T[:, :, :3] @ self._translation + T[:, :, 3], T[:, :, :3] @ self._rotation
+    def place(self, rows: Array, frame: int = 0) -> tuple[Array, Array]:
+        """Positions (N, 3) [m] and rotations (N, 3, 3) of one of the frames at coordinate rows (N, nv)."""
+        self._kin.update(rows)
+        return self._placed(frame)
 
-    def error(self, rows: Array, position: Array, turn: Array | None, within: Array) -> tuple[Array, Array]:
-        """Errors of the frame's position (N, 3) [m] and rotation (N, 3) [rad] in the world, at rows (N, nv)."""
-        at, rotation = self.place(rows)
-        off = position - at
-        off -= np.clip(off, -within, within)
-        return off, np.zeros_like(off) if turn is None else _rotation_vectors(turn @ rotation.transpose(0, 2, 1))
+    def _placed(self, frame: int) -> tuple[Array, Array]:
+        joint, rotation, translation = self._frames[frame]
+        T = self._kin.T[joint, : self._kin.n]
+        return T[:, :, :3] @ translation + T[:, :, 3], T[:, :, :3] @ rotation
 
-    def random_rows(self, count: int, rng: np.random.Generator, around: Array, base: bool, here: Array) -> Array:
-        """Rows (count, nv) to begin with: joints anywhere, a base that may move about the target ``around`` (3,)."""
+    def errors(self, rows: Array, targets: Sequence[PoseTarget]) -> list[tuple[Array, Array]]:
+        """Errors of each frame's position (N, 3) [m] and rotation (N, 3) [rad] in the world, at rows (N, nv).
+
+        Args:
+            rows: coordinate rows.
+            targets: one for each of the frames, in their order.
+        """
+        self._kin.update(rows)
+        out = []
+        for k, target in enumerate(targets):
+            at, rotation = self._placed(k)
+            off = target.position - at
+            off -= np.clip(off, -target.within, target.within)
+            turn = target.turn
+            angle = np.zeros_like(off) if turn is None else _rotation_vectors(turn @ rotation.transpose(0, 2, 1))
+            out.append((off, angle))
+        return out
+
+    def random_rows(
+        self, count: int, rng: np.random.Generator, targets: Sequence[PoseTarget], base: bool, here: Array
+    ) -> Array:
+        """Rows (count, nv) to begin with: joints anywhere, and a base that may move where it has the frames
+        at their targets on the average."""
         b = self.robot.space.base_nv
         rows = rng.uniform(self.lower, self.upper, (count, self.robot.nv))
         if b and not base:
             rows[:, :b] = here[:b]
-        elif b:
+        elif b and targets:
             rows[:, :2], rows[:, 2] = 0.0, rng.uniform(-np.pi, np.pi, count)
-            rows[:, :2] = around[:2] - self.place(rows)[0][:, :2]  # below the target, wherever the arm holds the hand
+            self._kin.update(rows)
+            at = np.array([self._placed(k)[0][:, :2] for k in range(len(targets))])
+            wanted = np.array([target.position[:2] for target in targets])
+            rows[:, :2] = wanted.mean(axis=0) - at.mean(axis=0)  # below the target, wherever the arm holds the hand
         return rows
 
     @exclusive
     def solve(
-        self,
-        rows: Array,
-        position: Array,
-        turn: Array | None,
-        within: Array,
-        free: Array,
-        iterations: int = _ROUND_ITERATIONS,
+        self, rows: Array, targets: Sequence[PoseTarget], free: Array, iterations: int = _ROUND_ITERATIONS
     ) -> tuple[Array, Array]:
-        """Rows (N, nv) moved towards a pose, and the weighted error [m] of each."""
+        """Rows (N, nv) moved towards all targets together, and the weighted error [m] of each.
+
+        Args:
+            rows: where to begin.
+            targets: one for each of the frames, in their order.
+            free: (nv,) 1 for coordinates that may move, 0 for others.
+            iterations: largest number of steps.
+        """
         space, low, high = self.robot.space, self.robot.space.lower, self.robot.space.upper
         rows, size = rows.copy(), np.full(len(rows), np.inf)
         best, weight = rows.copy(), self._weight * free
@@ -128,8 +198,7 @@ class PoseSolver(OneThread):
         active = np.arange(len(rows))
         for _ in range(iterations):
             x = rows[active]
-            off, angle = self.error(x, position, turn, within)
-            e = off if turn is None else np.concatenate((off, _ANGLE_LEVER * angle), axis=1)
+            e = self._weighted(x, targets)
             norm = np.sqrt((e * e).sum(axis=1))
             better = norm < size[active]
             best[active[better]], size[active[better]] = x[better], norm[better]
@@ -141,8 +210,8 @@ class PoseSolver(OneThread):
                 active, x, e, norm = active[going], x[going], e[going], norm[going]
                 if len(active) == 0:
                     break
-                self.place(x)
-            J = self._jacobians(len(x), turn is not None)
+                self._kin.update(x)
+            J = self._jacobians(len(x), [target.turn is not None for target in targets])
             g = np.einsum("nij,ni->nj", J, e)
             W = np.where((x <= low) & (g < 0.0) | (x >= high) & (g > 0.0), 0.0, weight)
             A = np.einsum("nij,nj,nkj->nik", J, W, J)
@@ -153,16 +222,48 @@ class PoseSolver(OneThread):
             rows[active] = np.clip(space.integrate(x, step), low, high)
         return best, size
 
-    def _jacobians(self, n: int, turned: bool) -> Array:
-        """Jacobians (n, 3 or 6, nv) of the frame at the rows that were placed last; angles count by the lever."""
-        kin = self._kin
-        T = kin.T[self.joint, :n]
-        at = T[:, :, :3] @ self._translation + T[:, :, 3]
-        columns = kin.columns(self.joint)
-        linear = columns[:, :, :3] + np.cross(columns[:, :, 3:], at[:, None, :])
-        if not turned:
-            return linear.transpose(0, 2, 1)
-        return np.concatenate((linear, _ANGLE_LEVER * columns[:, :, 3:]), axis=2).transpose(0, 2, 1)
+    def _weighted(self, rows: Array, targets: Sequence[PoseTarget]) -> Array:
+        """All errors (N, M) [m] at rows (N, nv), angles by the lever."""
+        parts: list[Array] = []
+        for target, (off, angle) in zip(targets, self.errors(rows, targets), strict=True):
+            parts += (off,) if target.turn is None else (off, _ANGLE_LEVER * angle)
+        if self.also is not None:
+            parts.append(-_ANGLE_LEVER * self.also.residual(self._kin)[0])
+        return np.concatenate(parts, axis=1)
+
+    def also_off(self, rows: Array) -> Array:
+        """(N,) how far what is to be 0 besides is off at rows (N, nv) [rad]; 0 where there is nothing."""
+        if self.also is None:
+            return np.zeros(len(rows))
+        self._kin.update(rows)
+        return self.also.errors(self._kin)
+
+    def _jacobians(self, n: int, turned: Sequence[bool]) -> Array:
+        """Jacobians (n, 3 or 6 of each frame, and 3, nv) at the rows placed last; angles count by the lever."""
+        kin, blocks = self._kin, []
+        for (joint, _, translation), with_angle in zip(self._frames, turned, strict=True):
+            T = kin.T[joint, :n]
+            at = T[:, :, :3] @ translation + T[:, :, 3]
+            columns = kin.columns(joint)
+            blocks.append(columns[:, :, :3] + np.cross(columns[:, :, 3:], at[:, None, :]))
+            if with_angle:
+                blocks.append(_ANGLE_LEVER * columns[:, :, 3:])
+        if self.also is not None:
+            blocks.append(_ANGLE_LEVER * self.also.residual(kin)[1].transpose(0, 2, 1))
+        return np.concatenate(blocks, axis=2).transpose(0, 2, 1)
+
+
+def _carried(robot: RobotValue, frame: str) -> tuple[int, Array, Array]:
+    """The joint of a frame, and its rotation (3, 3) and place (3,) [m] in that joint's aligned frame."""
+    index = find_frame(robot.model, frame)
+    if index is None:
+        names = [f.name for f in robot.model.frames]
+        raise RobotError(f"{robot.name!r} has no frame {frame!r}{nearest_name(frame, names)}")
+    joint = int(robot.model.frames[index].parentJoint)
+    if not robot.tree.moving(joint).any():
+        raise RobotError(f"frame {frame!r} of {robot.name!r} does not move")
+    placement = robot.tree.to_aligned(joint, robot.model.frames[index].placement.homogeneous)
+    return joint, placement[:3, :3], placement[:3, 3]
 
 
 def inverse_kinematics(
@@ -197,7 +298,8 @@ def inverse_kinematics(
     """
     if count < 1:
         raise ParameterError(f"count={count!r} must be at least 1")
-    search = PoseSearch(robot, frame, position, orientation, near=near, within=within, rng=np.random.default_rng(seed))
+    target = PoseTarget.of(frame, position, orientation, within)
+    search = PoseSearch(robot, [target], near=near, rng=np.random.default_rng(seed))
     found = np.zeros((0, robot.nv))
     for _ in range(_MOST_ROUNDS * (1 if count == 1 else 4)):
         found = search.sorted(np.concatenate((found, search.round(base=base))))
@@ -210,63 +312,78 @@ def inverse_kinematics(
 
 
 class PoseSearch(OneThread):
-    """Workspace: looks for configurations with a frame of the robot at a pose, one round of starts after another.
+    """Workspace: looks for configurations with frames of the robot at their targets, all at once, one round of starts
+    after another.
 
     Args:
         robot: the robot.
-        frame: name of its frame.
-        position, orientation, near, within: as for :func:`inverse_kinematics`.
+        targets: each of another frame.
+        near: as for :func:`inverse_kinematics`.
         rng: random numbers of the random starts.
+        also: what is to be 0 besides.
 
     Attributes:
-        distance, angle: how far the best so far is from the target [m], [rad].
+        misses: by how far the best so far misses each of the targets: distance [m] and angle [rad].
 
     Raises:
-        RobotError, ConfigurationError, ParameterError: as for :func:`inverse_kinematics`.
+        RobotError, ConfigurationError: as for :func:`inverse_kinematics`.
     """
 
     def __init__(
         self,
         robot: RobotValue,
-        frame: str,
-        position: ArrayLike,
-        orientation: ArrayLike | None,
+        targets: Sequence[PoseTarget],
         *,
         near: ArrayLike | None,
-        within: ArrayLike,
         rng: np.random.Generator,
+        also: Residual | None = None,
     ) -> None:
         self.robot: RobotValue = robot
-        self.distance: float = np.inf
-        self.angle: float = 0.0
-        self._solver = PoseSolver(robot, frame)
-        self._position = check_array("position", position, (3,))
-        self._within = check_array("within", within, (3,))
-        if (self._within < 0.0).any():
-            raise ParameterError(f"within={self._within.tolist()} must not be negative")
-        self._turn = None if orientation is None else rotation_of(orientation)
+        self.misses: list[tuple[float, float]] = [(np.inf, 0.0)] * len(targets)
+        self._solver = PoseSolver(robot, *(target.frame for target in targets), also=also)
+        self._also_off = 0.0
+        self._targets = targets
         self._here = robot.space.to_coordinates(robot.home_q if near is None else robot.check_q(near, what="near"))
         self._rng, self._least, self._rounds = rng, np.inf, {False: 0, True: 0}
 
+    @property
+    def distance(self) -> float:
+        """The largest distance of a frame from its target [m], of the best so far."""
+        return max((distance for distance, _ in self.misses), default=0.0)
+
+    @property
+    def angle(self) -> float:
+        """The largest angle by which a frame is turned differently [rad], of the best so far."""
+        return max((angle for _, angle in self.misses), default=0.0)
+
+    def by_frame(self) -> dict[str, tuple[float, float]]:
+        """The misses by the frames' names."""
+        return dict(zip(self._solver.frames, self.misses, strict=True))
+
     @exclusive
     def round(self, *, base: bool) -> Array:
-        """Coordinate rows (K, nv) of another round that reach the target, the nearest first; ``base``: it may move."""
+        """Coordinate rows (K, nv) of another round that reach the targets, the nearest first; ``base``: it may move."""
         solver, space, here = self._solver, self.robot.space, self._here
         free = np.ones(self.robot.nv)
         if not base:
             free[: space.base_nv] = 0.0
-        rows = solver.random_rows(_ROUND_STARTS, self._rng, self._position, base, here)
+        rows = solver.random_rows(_ROUND_STARTS, self._rng, self._targets, base, here)
         if self._rounds[base] == 0:
             rows[0] = here
             if space.planar and base:
                 rows[: _ROUND_STARTS // 2, space.base_nv :] = here[space.base_nv :]
         self._rounds[base] += 1
-        rows, size = solver.solve(rows, self._position, self._turn, self._within, free)
-        off, angle = (np.linalg.norm(e, axis=1) for e in solver.error(rows, self._position, self._turn, self._within))
+        rows, size = solver.solve(rows, self._targets, free)
+        missed = [[np.linalg.norm(e, axis=1) for e in each] for each in solver.errors(rows, self._targets)]
+        off, also = np.array(missed).reshape(-1, 2, len(rows)), solver.also_off(rows)
         k = int(np.argmin(size))
         if size[k] < self._least:
-            self._least, self.distance, self.angle = float(size[k]), float(off[k]), float(angle[k])
-        return self.sorted(rows[(off <= _POSITION_TOLERANCE) & (angle <= _ANGLE_TOLERANCE)])
+            self._least, self._also_off = float(size[k]), float(also[k])
+            self.misses = [(float(distance), float(angle)) for distance, angle in off[:, :, k]]
+        reached = (off <= np.array((_POSITION_TOLERANCE, _ANGLE_TOLERANCE))[:, None]).all(axis=(0, 1))
+        if solver.also is not None:
+            reached &= also <= solver.also.enough
+        return self.sorted(rows[reached])
 
     def sorted(self, rows: Array) -> Array:
         """The rows (N, nv) that differ from each other, the nearest to where the search began first."""
@@ -276,15 +393,21 @@ class PoseSearch(OneThread):
         return rows[np.argsort(np.linalg.norm(space.difference(here, rows), axis=1), kind="stable")]
 
     def missed(self) -> str:
-        """Why nothing was found, in words."""
-        frame = self._solver.frame
-        if self.distance > _POSITION_TOLERANCE:
-            return f"{self.distance:.3g} m out of reach of {frame!r}"
-        return f"{frame!r} gets there, but turned by {self.angle:.3g} rad from what is asked"
+        """Why nothing was found, in words: of each frame that misses its target."""
+        said = []
+        for frame, (distance, angle) in zip(self._solver.frames, self.misses, strict=True):
+            if distance > _POSITION_TOLERANCE:
+                said.append(f"{distance:.3g} m out of reach of {frame!r}")
+            elif angle > _ANGLE_TOLERANCE:
+                said.append(f"{frame!r} gets there, but turned by {angle:.3g} rad from what is asked")
+        also = self._solver.also
+        if also is not None and self._also_off > also.enough:
+            said.append(f"the constraint stays {self._also_off:.3g} rad off")
+        return " and ".join(said)
 
 
-def rotation_of(orientation: ArrayLike) -> Array:
-    """A rotation (3, 3) of a quaternion (x, y, z, w) or of itself.
+def rotation_of(orientation: ArrayLike, what: str = "orientation") -> Array:
+    """A rotation (3, 3) of a quaternion (x, y, z, w) or of itself; ``what`` is its name in messages.
 
     Raises:
         ParameterError: neither of them, or not of unit length, or not a rotation.
@@ -292,11 +415,11 @@ def rotation_of(orientation: ArrayLike) -> Array:
     given = np.asarray(orientation, dtype=float)
     if given.shape == (4,):
         if not 0.99 < np.linalg.norm(given) < 1.01:
-            raise ParameterError(f"orientation={given.tolist()} is a quaternion whose length is not 1")
+            raise ParameterError(f"{what}={given.tolist()} is a quaternion whose length is not 1")
         return pin.Quaternion(given).normalized().matrix()
-    R = check_array("orientation", given, (3, 3))
+    R = check_array(what, given, (3, 3))
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0.0:
-        raise ParameterError(f"orientation={R.tolist()} is not a rotation")
+        raise ParameterError(f"{what}={R.tolist()} is not a rotation")
     return R
 
 

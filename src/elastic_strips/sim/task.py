@@ -13,7 +13,7 @@ from elastic_strips.control.tasks.hybrid import ConstraintEvent
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
-from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip import AxisConstraint
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_able
 
@@ -73,7 +73,7 @@ class TaskSimulation:
         start: ArrayLike,
         task: Task,
         *,
-        keep: OrientationConstraint | None = None,
+        keep: AxisConstraint | None = None,
         params: DriveParams | None = None,
         perception: PerceptionParams | Perception | None = None,
         seed: int = 0,

@@ -1,6 +1,6 @@
 """Strip room: elastic strips and their deformation; :mod:`elastic_strips.strip.paper` has the paper's own equations."""
 
-from .constraint import OrientationConstraint
+from .constraint import AxisConstraint, LookAt, OrientationConstraint
 from .deformer import Deformer
 from .params import DeformParams
 from .repair import RepairReport, displacement, repair
@@ -8,10 +8,12 @@ from .report import DeformReport, DeformStatus
 from .strip import Strip, strip_clearance
 
 __all__ = [
+    "AxisConstraint",
     "DeformParams",
     "DeformReport",
     "DeformStatus",
     "Deformer",
+    "LookAt",
     "OrientationConstraint",
     "RepairReport",
     "Strip",

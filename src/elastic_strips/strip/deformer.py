@@ -17,7 +17,7 @@ from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.validation import check_type
 
-from .constraint import ConstraintForce, OrientationConstraint
+from .constraint import AxisConstraint, ConstraintForce
 from .forces import FORCES, Acting, repulsive_magnitude
 from .params import DeformParams
 from .recovery import Intrusions, hold_joints, own_distances_to_keep
@@ -75,7 +75,8 @@ class Deformer(OneThread):
     Args:
         robot: the robot of the strips.
         params: parameters.
-        constraint: a constraint that the strips are to satisfy as well.
+        constraint: a constraint that the strips are to satisfy as well. What it looks at is taken from each tick's
+            scene, where the prediction has it when a node is reached.
 
     Attributes:
         workspace: what is known of the current nodes.
@@ -88,11 +89,11 @@ class Deformer(OneThread):
     """
 
     def __init__(
-        self, robot: RobotModel, params: DeformParams | None = None, *, constraint: OrientationConstraint | None = None
+        self, robot: RobotModel, params: DeformParams | None = None, *, constraint: AxisConstraint | None = None
     ) -> None:
         params = DeformParams() if params is None else params
         check_type("params", params, DeformParams, ParameterError)
-        check_type("constraint", constraint, OrientationConstraint, none=True)
+        check_type("constraint", constraint, AxisConstraint, none=True)
         self_reach = max(params.self_influence, _SELF_REACH, 2.0 * params.self_clearance)
         self.workspace: Workspace = Workspace(
             robot,
@@ -107,6 +108,8 @@ class Deformer(OneThread):
         self.clock: PhaseClock = self.workspace.clock
         self._params: DeformParams = params
         self.constraint: ConstraintForce | None = None if constraint is None else ConstraintForce(robot, constraint)
+        if self.constraint is not None:
+            self.share_with(self.constraint)
         space = robot.space
         b = space.base_nv
         lever = np.ones(space.nv)
@@ -259,6 +262,8 @@ class Deformer(OneThread):
             ConfigurationError: the strip belongs to another robot.
         """
         self.workspace.begin(strip, scene, prediction)
+        if self.constraint is not None:
+            self.constraint.see(scene, prediction)
         slip = float(strip.lateral_slip.max(initial=0.0)) if self._rolling else 0.0
         result = TickResult(self.workspace.certify(scene), slip, 0.0, {}, StripForces.none())
         return self._report(_Request(scene, _CONTROL, detail), result, 0)
@@ -301,6 +306,8 @@ class Deformer(OneThread):
         work = self.workspace
         already, known = work.queries, work.holds(strip)
         work.begin(strip, asked.scene, prediction, budget=budget, to_move=True)
+        if self.constraint is not None:
+            self.constraint.see(asked.scene, prediction)
         self._proof = self._to_keep(strip, asked.scene, known)
         result = work.iterate(lambda: self._iterate(asked), budget)
         if nodes and (budget is None or self.clock.elapsed <= budget):

@@ -13,7 +13,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.planning.keeper import StripKeeper
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.inverse_kinematics import PoseSolver, rotation_of
+from elastic_strips.robot.inverse_kinematics import PoseSolver, PoseTarget, rotation_of
 from elastic_strips.robot.space import wrap_angle
 from elastic_strips.scene import Scene
 from elastic_strips.strip import DeformParams, DeformReport, Strip
@@ -322,7 +322,8 @@ class _Hand:
 
     def reached(self, row: Array, pose: Array) -> Array:
         """Coordinates (nv,) that come as near to a pose (4, 4) as the joints do from those of ``row``."""
-        rows, _ = self._solver.solve(row[None], pose[:3, 3], pose[:3, :3], np.zeros(3), self._free)
+        target = PoseTarget(self._solver.frames[0], pose[:3, 3], pose[:3, :3], np.zeros(3))
+        rows, _ = self._solver.solve(row[None], [target], self._free)
         return rows[0]
 
 

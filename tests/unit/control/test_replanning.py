@@ -10,9 +10,10 @@ from brute_force import link_distances
 
 from elastic_strips.collision import BrokenSegment
 from elastic_strips.control import DriveParams
-from elastic_strips.control.replanning import Replanner, standing
+from elastic_strips.control.replanning import Replanner, SwitchingReplanner, standing
+from elastic_strips.planning import BasePose, find_goals
 from elastic_strips.scene import Box, Cylinder, Scene, Twist
-from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip import LookAt, OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce
 
 pytestmark = pytest.mark.usefixtures("own_time")
@@ -92,6 +93,25 @@ def test_what_cannot_be_satisfied_does_not_stop_the_robot(silvermate):
     strip, text = plan_anew(replanner, SCENE, start, tilted)
     assert strip is not None
     assert "it does not satisfy the constraint, for: goal does not satisfy" in text
+
+
+@pytest.mark.parametrize("kind", [Replanner, SwitchingReplanner])
+def test_what_moves_is_looked_at_where_it_is_and_what_is_not_there_is_said(silvermate, kind):
+    """Planners leave out what moves."""
+    look = LookAt(frame="hand_frame", axis=(1.0, 0.0, 0.0), at="walker")
+    start, goal = (
+        find_goals(silvermate, SCENE, silvermate.home(), BasePose(x, 0.0, 0.0), constraint=look).configurations[0]
+        for x in (-1.0, 1.0)
+    )
+    first = kind(silvermate, DriveParams(constraint=look), seed=0, grid=True).first(SCENE, start, goal)()
+    assert first.certified, first.reason
+    seen = ConstraintForce(silvermate, look)
+    seen.find(SCENE)
+    assert seen.missed(first.strip) == ""
+    nobody = LookAt(frame="hand_frame", axis=(1.0, 0.0, 0.0), at="nobody")
+    first = kind(silvermate, DriveParams(constraint=nobody), seed=0, grid=True).first(SCENE, start, goal)()
+    assert first.certified
+    assert "nobody" in first.reason
 
 
 def test_a_goal_in_collision_is_no_crash(replanner, silvermate):

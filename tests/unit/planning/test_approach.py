@@ -11,10 +11,10 @@ from brute_force import link_distances
 from cases import refused
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError, RobotError
-from elastic_strips.planning import BasePose, HandPose, initial_strip, plan_approach, problem
+from elastic_strips.planning import BasePose, HandPose, initial_strip, plan_approach, plan_straight, problem
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Box, Scene
-from elastic_strips.strip import Deformer, DeformParams, OrientationConstraint
+from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.strip import Deformer, DeformParams, OrientationConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
 
 HAND = "hand_frame"
@@ -107,6 +107,133 @@ def test_how_busy_a_machine_is_changes_nothing(silvermate, monkeypatch):
         found.append((report.drive.strip.q, report.reach.strip.q, report.reason))
     for one, two in zip(*found, strict=True):
         np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("then", [(-0.3, 0.0, 0.0), [(0.0, 0.0, 0.08), (0.0, -0.4, 0.0)]], ids=str)
+def test_the_configuration_is_one_from_which_the_hand_can_go_on(silvermate, then):
+    scene, start, at = Scene([TABLE]), silvermate.home(), places(silvermate, (2.55, 0.0, 0.95))
+    by = (0.0, 0.0, -0.1)
+    without = plan_approach(silvermate, scene, start, at, by, axes="world")
+    assert without.reach is not None
+    motions, q = np.atleast_2d(then), without.reach.strip.q[-1]
+    went = []
+    for motion in motions:
+        went.append(plan_straight(silvermate, scene, q, HAND, motion))
+        q = went[-1].strip.q[-1]
+    assert not all(report.certified for report in went), "the first that gets there does not get on"
+    report = plan_approach(silvermate, scene, start, at, by, axes="world", then=then)
+    assert report.certified, report.reason
+    assert report.reach is not None
+    assert len(report.then) == len(motions)
+    assert sum(report.failures.values()) >= 1
+    assert sum("then" in what for what in report.failures) == 1
+    q = report.reach.strip.q[-1]
+    for motion, plan in zip(motions, report.then, strict=True):
+        assert plan.certified
+        np.testing.assert_array_equal(plan.strip.q[0], q)
+        assert min(link_distances(silvermate, scene, row).min() for row in plan.strip.sample(0.1)) > 0.0
+        way = placed(silvermate, plan.strip.q[-1]).translation - placed(silvermate, q).translation
+        np.testing.assert_allclose(way, motion, atol=3e-4)
+        q = plan.strip.q[-1]
+
+
+def test_where_no_configuration_can_go_on_it_says_how_many_could_not(silvermate):
+    report = plan_approach(
+        silvermate, Scene([TABLE]), silvermate.home(), places(silvermate, (2.55, 0.0, 0.95)), (0.0, 0.0, -0.1),
+        axes="world", then=[(0.0, 0.0, 0.05), (0.0, 0.0, 0.65)],
+    )  # fmt: skip
+    assert not report.certified
+    (what,) = (what for what in report.failures if "2 of 2" in what)
+    assert f"{report.failures[what]} failed at {what}" in report.reason
+    assert len(report.then) == 2
+    assert report.then[0].certified
+    assert not report.then[1].certified
+
+
+def standing_can(gap: float) -> Cylinder:
+    """On the table, by a gap [m], about where the hand of :func:`places` holds."""
+    return Cylinder(0.03, 0.12, at=(2.55, 0.0, 0.7 + 0.06 + gap), name="can")
+
+
+def test_what_stands_on_the_table_is_lifted_out_of_contact_or_refused(silvermate):
+    scene, start, at = Scene([TABLE]), silvermate.home(), places(silvermate, (2.55, 0.0, 0.95))
+
+    def approach(gap: float, depth: float):
+        def laden(q: np.ndarray) -> RobotModel:
+            return silvermate.attached(standing_can(gap), HAND, q=q, mass=0.4)
+
+        return plan_approach(
+            silvermate, scene, start, at, (0.0, 0.0, -0.1), axes="world", then=[(0.0, 0.0, 0.08), (-0.05, 0.0, 0.0)],
+            holding=laden, start_depth=depth,
+        )  # fmt: skip
+
+    free = approach(0.02, 0.0)
+    assert free.certified, free.reason
+    assert all(plan.certified and "can" in str(plan.strip.robot.geometries[-1].name) for plan in free.then)
+    touching = approach(0.0, 0.0)
+    assert not touching.certified
+    assert "can" in touching.reason
+    assert "table" in touching.reason
+    left = approach(0.0, 0.002)
+    assert left.certified, left.reason
+    lift, back = left.then
+    assert back.certified
+    assert not lift.certified, "of contact nothing is certified"
+    assert lift.departure is not None
+    assert lift.departure.rest is not None
+    assert [(contact.one, contact.two) for contact in lift.departure.contacts] == [("can", "table")]
+    laden = lift.strip.robot
+    heights = [link_distances(laden, scene, q)[-1].min() for q in lift.departure.strip.q]
+    assert (np.diff(heights[1:]) > 0.0).all(), "the can gets farther from the table, step by step"
+    assert min(link_distances(laden, scene, q).min() for q in lift.departure.rest.sample(0.1)) > 0.0
+    alone = Strip(silvermate, lift.strip.q)
+    assert Deformer(silvermate, lift.params).certify(alone, scene).certified, "the robot itself is, from end to end"
+    deep = approach(-0.005, 0.002)
+    assert not deep.certified
+    assert "start_depth" in deep.reason
+
+
+def test_what_was_set_down_stays_there(silvermate):
+    """The hand goes away without it."""
+    scene, start = Scene([TABLE]), silvermate.home()
+    can = Cylinder(0.03, 0.12, at=(0.0, 0.0, -0.16), name="can")
+    laden = silvermate.attached(can, HAND)
+    report = plan_approach(
+        laden, scene, start, places(silvermate, (2.55, 0.0, 0.97)), (0.0, 0.0, -0.1), axes="world",
+        then=(0.0, 0.0, 0.1), holding=silvermate,
+    )  # fmt: skip
+    assert report.certified, report.reason
+    assert report.reach is not None
+    assert len(report.reach.strip.robot.geometries) > len(report.then[0].strip.robot.geometries)
+
+
+def test_what_the_hand_cannot_hold_there_is_a_failure_of_that_configuration(silvermate):
+    def laden(q: np.ndarray) -> RobotModel:
+        board = Box((3.0, 3.0, 0.05), at=(2.55, 0.0, 0.4), name="board")  # through the robot, wherever it stands
+        return silvermate.attached(board, HAND, q=q)
+
+    report = plan_approach(
+        silvermate, Scene([TABLE]), silvermate.home(), places(silvermate, (2.55, 0.0, 0.95))[:1], (0.0, 0.0, -0.1),
+        axes="world", then=(0.0, 0.0, 0.08), holding=laden,
+    )  # fmt: skip
+    assert not report.certified
+    assert "board" in report.reason
+
+
+def test_wrong_motions_are_refused(silvermate, bridge_arm):
+    one, by = HandPose(HAND, (2.0, 0.0, 0.9)), (0.1, 0.0, 0.0)
+    scene, start = Scene([]), silvermate.home()
+    for wrong in ((0.0, 0.1), [(0.0, 0.0, 0.1), (0.0, 0.1)], (0.0, np.nan, 0.0), "up", [[[0.0, 0.0, 0.1]]]):
+        with refused(ParameterError, "then"):
+            plan_approach(silvermate, scene, start, one, by, then=wrong)  # type: ignore[arg-type]
+    with refused(ParameterError, "holding"):
+        plan_approach(silvermate, scene, start, one, by, then=(0.0, 0.0, 0.1), holding="can")  # type: ignore[arg-type]
+    with refused(ParameterError, "holding"):
+        plan_approach(silvermate, scene, start, one, by, holding=silvermate)
+    with refused(ParameterError, "start_depth"):
+        plan_approach(silvermate, scene, start, one, by, then=(0.0, 0.0, 0.1), start_depth=0.5)
+    with refused(RobotError, "holding", "'bridge-arm'"):
+        plan_approach(silvermate, scene, start, one, by, then=(0.0, 0.0, 0.1), holding=bridge_arm)
 
 
 def test_wrong_input_is_refused(silvermate):

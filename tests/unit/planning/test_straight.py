@@ -110,3 +110,49 @@ def test_wrong_input_is_refused(panda, start):
         plan_straight(panda, Scene(), start, HAND, (0.0, 0.1))
     with refused(ConfigurationError, "start"):
         plan_straight(panda, Scene(), start[:3], HAND, (0.0, 0.0, 0.1))
+
+
+def on_a_table(panda: RobotModel, start: np.ndarray, gap: float) -> tuple[RobotModel, Scene]:
+    """The arm with a block in its hand that stands a gap [m] above a table."""
+    block = Box((0.05, 0.05, 0.1), at=(0.45, 0.1, 0.33), name="block")
+    laden = panda.attached(block, HAND, q=start, touch=("panda_hand", "panda_leftfinger", "panda_rightfinger"))
+    return laden, Scene([Box((0.5, 0.5, 0.2), at=(0.55, 0.1, 0.18 - gap), name="table")])
+
+
+@each("gap", [-0.002, 0.0, 0.0005])
+def test_what_stands_on_a_table_is_lifted_along_growing_distance(panda, start, gap):
+    laden, scene = on_a_table(panda, start, gap)
+    params = DeformParams(clearance=0.003)
+    assert not plan_straight(laden, scene, start, HAND, (0.0, 0.0, 0.06), params=params).certified
+    report = plan_straight(laden, scene, start, HAND, (0.0, 0.0, 0.06), params=params, start_depth=0.003)
+    assert not report.certified
+    departure = report.departure
+    assert departure is not None, report.reason
+    assert departure.rest is not None
+    np.testing.assert_array_equal(departure.strip.q[0], start)
+    np.testing.assert_array_equal(departure.rest.q[0], departure.strip.q[-1])
+    assert departure.depth == pytest.approx(max(0.0, -gap), abs=1e-4)
+    height = [hand(panda, q).translation[2] for q in departure.strip.q]
+    assert (np.diff(height) > 0.0).all()
+    assert 0.002 < height[-1] - height[0] < 0.012
+    for q in departure.strip.q[::5]:  # on the line, too
+        np.testing.assert_allclose(hand(panda, q).translation[:2], hand(panda, start).translation[:2], atol=1e-3)
+    for q in departure.rest.sample(0.05):
+        assert link_distances(laden, scene, panda.space.from_coordinates(q)).min() > 0.003
+
+
+def test_what_is_pressed_down_or_goes_along_is_not_left(panda, start):
+    laden, scene = on_a_table(panda, start, 0.0)
+    params = DeformParams(clearance=0.003)
+    for by in ((0.0, 0.0, -0.02), (0.03, 0.0, 0.0)):
+        report = plan_straight(laden, scene, start, HAND, by, params=params, start_depth=0.003)
+        assert not report.certified
+        assert report.departure is None
+        assert "block" in report.reason
+    laden, scene = on_a_table(panda, start, -0.008)
+    deep = plan_straight(laden, scene, start, HAND, (0.0, 0.0, 0.06), params=params, start_depth=0.003)
+    assert deep.departure is None
+    assert "start_depth" in deep.reason
+    free = plan_straight(panda, scene, start, HAND, (0.0, 0.0, 0.06), params=params, start_depth=0.003)
+    assert free.certified, "nothing touches: nothing is left"
+    assert free.departure is None

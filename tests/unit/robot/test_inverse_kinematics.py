@@ -88,7 +88,7 @@ def test_jacobians_are_the_slopes_of_the_error(silvermate, rng):
     row = np.clip(rng.normal(size=space.nv), np.maximum(space.lower, -3.0), np.minimum(space.upper, 3.0))
     at, R = (each[0].copy() for each in solver.place(row[None]))
     solver.place(row[None])
-    J = solver._jacobians(1, True)[0]
+    J = solver._jacobians(1, [True])[0]
     for k in range(space.nv):
         step = h * np.eye(space.nv)[k]
         up, low = space.integrate(row[None], step[None]), space.integrate(row[None], -step[None])

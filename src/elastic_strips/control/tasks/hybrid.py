@@ -18,7 +18,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.planning import PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip.constraint import ConstraintForce, OrientationConstraint
+from elastic_strips.strip.constraint import AxisConstraint, ConstraintForce
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.validation import check_able, check_count, check_type, shown
 
@@ -241,14 +241,14 @@ class HybridControl(Controller):
         plan: TaskPlan,
         scene: Scene | None = None,
         *,
-        keep: OrientationConstraint | None = None,
+        keep: AxisConstraint | None = None,
         params: DriveParams | None = None,
         seed: int = 0,
         look: Callable[[HybridControl], object] | None = None,
         **options: Unpack[ControllerOptions],
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
-        check_type("keep", keep, OrientationConstraint, none=True)
+        check_type("keep", keep, AxisConstraint, none=True)
         check_type("params", params, DriveParams, none=True)
         check_able("look", look)
         if not plan.steps:

@@ -15,7 +15,7 @@ from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.planning.problem import PlanningProblem
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Deformer, DeformParams, DeformReport, OrientationConstraint, Strip
+from elastic_strips.strip import AxisConstraint, Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.strip.report import SLIP_LIMIT
 from elastic_strips.strip.solver import project_rolling
 from elastic_strips.summary import Summary
@@ -61,7 +61,7 @@ class _Member:
     """One strip with the workspace that deforms it."""
 
     def __init__(
-        self, robot: RobotModel, params: DeformParams, constraint: OrientationConstraint | None, found: Alternative
+        self, robot: RobotModel, params: DeformParams, constraint: AxisConstraint | None, found: Alternative
     ) -> None:
         self.deformer = Deformer(robot, params, constraint=constraint)
         self.report, self.homotopy_class, self.method = found.report, found.homotopy_class, found.method
@@ -147,7 +147,7 @@ class StripSet(OneThread):
         params: StripSetParams | None = None,
         deform: DeformParams | None = None,
         seed: int = 0,
-        constraint: OrientationConstraint | None = None,
+        constraint: AxisConstraint | None = None,
     ) -> None:
         self.robot: RobotModel = robot
         self.params: StripSetParams = params or StripSetParams()

@@ -35,7 +35,7 @@ from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
-from elastic_strips.strip import OrientationConstraint
+from elastic_strips.strip import LookAt, OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.summary import Summary
 from elastic_strips.trajectory import MotionLimits
@@ -382,11 +382,20 @@ def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveRe
 
 
 def _missed(driven: Simulation[Controller], result: DriveResult) -> float | None:
-    """Largest angle [rad] by which the true robot missed the drive's constraint."""
+    """Largest angle [rad] by which the true robot missed the drive's constraint, by where obstacles truly were."""
     constraint = getattr(driven.params, "constraint", None)
     if constraint is None:
         return None
-    return float(ConstraintForce(driven.robot, constraint).errors_at(result.record.control.coordinates).max())
+    control, force = result.record.control, ConstraintForce(driven.robot, constraint)
+    if not (isinstance(constraint, LookAt) and isinstance(constraint.at, str)):
+        return float(force.errors_at(control.coordinates).max())
+    rows, places = [], []
+    for row, t in zip(control.coordinates, control.time, strict=True):
+        there = driven.world.at(float(t))
+        if constraint.at in there:  # what is not in the world then, nobody can look at
+            rows.append(row)
+            places.append(there.obstacle(constraint.at).pose[:3, 3])
+    return float(force.errors_at(np.array(rows), np.array(places)).max()) if rows else None
 
 
 def drive_scenario(

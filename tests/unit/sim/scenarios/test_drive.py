@@ -9,14 +9,16 @@ import numpy as np
 import pinocchio as pin
 from cases import refused
 
+from elastic_strips.control import DriveParams
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
-from elastic_strips.scene import Box, Obstacle, Scene, Sphere
+from elastic_strips.scene import Box, Obstacle, Scene, Sphere, Twist
 from elastic_strips.sim import SensorPerception
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation
 from elastic_strips.sim.scenarios.scenario import Scenario
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS
 from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.strip import LookAt
 
 LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")
@@ -40,6 +42,26 @@ def test_the_laser_is_all_that_the_planner_knows(silvermate):
     assert (outcome.sensors, outcome.unseen) == (("laser",), ())
     assert outcome.separation is not None
     assert outcome.separation > 0.0
+
+
+def test_by_how_much_a_moving_thing_was_not_looked_at_is_by_where_it_truly_was(silvermate):
+    problem = scenario(Sphere(0.1, at=(6.0, -1.0, 1.0), name="ball", motion=Twist((0.0, 0.3, 0.0))))
+    look = LookAt(frame="hand_frame", axis=(1.0, 0.0, 0.0), at="ball")
+    outcome = drive_scenario(problem, robot=silvermate, params=DriveParams(constraint=look), time_limit=40.0)
+    assert outcome.reached, "what cannot be satisfied does not stop the robot"
+    model, data, off = silvermate.model, silvermate.model.createData(), []
+    control = outcome.result.record.control
+    for q, t in zip(silvermate.space.from_coordinates(control.coordinates), control.time, strict=True):
+        pin.forwardKinematics(model, data, q)
+        hand = pin.updateFramePlacement(model, data, model.getFrameId("hand_frame"))
+        line = problem.scene.at(float(t)).obstacle("ball").pose[:3, 3] - hand.translation
+        off.append(np.arccos(hand.rotation[:, 0] @ line / np.linalg.norm(line)))
+    assert outcome.constraint_error is not None
+    np.testing.assert_allclose(outcome.constraint_error, max(off), atol=1e-6)
+    nobody = replace(look, at="nobody")
+    unseen = drive_scenario(problem, robot=silvermate, params=DriveParams(constraint=nobody), time_limit=40.0)
+    assert unseen.reached
+    assert unseen.constraint_error is None
 
 
 def test_a_hand_stays_level_all_the_way(silvermate):
