@@ -30,6 +30,7 @@ from .narrowphase import Narrowphase
 from .self_distance import SelfProximity
 
 _HALF_TURN = "half turn"
+LEFT_PATH = "path"
 
 
 class SegmentState(int, Enum):
@@ -49,7 +50,9 @@ class BrokenSegment:
         link: name of the robot's collision piece.
         obstacle: name of the obstacle, or of the other link for self-collision.
         clearance: smallest distance measured there [m]; it is below the required one, or too small to decide.
-        kind: ``"obstacle"``, ``"self"``, or ``"half turn"`` where the segment's path is not defined.
+        kind: ``"obstacle"``, ``"self"``, ``"half turn"`` where the segment's path is not defined, or ``"path"`` where
+            the base leaves a path that it was to keep to: then ``clearance`` is minus the distance beyond what is
+            allowed.
         certain: True where a configuration below the required clearance was found, False where the depth floor was met.
         labels: names of link and obstacle in messages; a link that is one piece has the URDF's name there.
     """
@@ -67,6 +70,8 @@ class BrokenSegment:
         said = f"{abs(self.clearance) * 1000:.1f} mm"
         if self.kind == _HALF_TURN:
             return f"segment {self.segment}: {link} makes half a turn, and which way is not defined: add a node"
+        if self.kind == LEFT_PATH:
+            return f"segment {self.segment}: {link} is up to {said} further from {obstacle} than allowed"
         if not self.certain:
             return f"segment {self.segment}: {link} could not be proven clear of {obstacle} ({said})"
         how = f"is {said} deep in" if self.clearance < 0.0 else f"comes within {said} of"

@@ -24,9 +24,10 @@ from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
+from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
-from elastic_strips.validation import check_able, check_count, check_number, check_type
+from elastic_strips.validation import check_able, check_array, check_count, check_number, check_type
 
 from .executor import ExecutorLink, MotionExecutor
 from .interfaces import Command, Event, GoalReached, Measurement, RunState
@@ -35,6 +36,7 @@ from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
 from .params import DriveParams, Tolerance
+from .path_drive import PathDrive
 from .plan_queue import PlanQueue
 from .process.priority import keep_memory, undisturbed
 from .record import TickStatistics
@@ -220,6 +222,7 @@ class Controller:
         self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
         self._onward: PlanReport | None = None  # that plan, where motions go on along its strip
         self._asked = -np.inf  # [s] when it was asked for
+        self._path: PathDrive | None = None  # that is followed
         self._counted = False  # whether the goal was written down as reached
         self._cancelled = ""
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
@@ -339,6 +342,55 @@ class Controller:
         self._cancelled = ""
         self._set_goal(first)
 
+    def follow(self, path: npt.ArrayLike, *, within: float, wait: bool = True) -> None:
+        """Follow a path of the base, such as another planner's, in place of all goals.
+
+        The strip is drawn to the path, and every motion that is driven is proven to keep to it within the distance, the
+        tracking error included. Where something is in the way, the robot gives way as far as that, or waits; it plans
+        no other way. :attr:`reason` says what it waits for.
+
+        Args:
+            path: waypoints (K, 2) x, y [m] or (K, 3) with the heading [rad] at the end; the robot begins next to where
+                it is.
+            within: largest distance [m] of the base's origin from the path; more than the tracking error.
+            wait: whether the robot waits where it cannot go on; else the path is given up, as by :meth:`cancel`, with
+                the reason.
+
+        Raises:
+            ParameterError: a path of another shape, or a distance that is too small.
+            ConfigurationError: the robot's base is fixed, or further from the path than that.
+        """
+        rows = check_array("path", path, (None, 3 if np.shape(path)[-1:] == (3,) else 2))
+        if not self.robot.space.planar:
+            raise ConfigurationError(f"follow: the base of {self.robot.name!r} is fixed")
+        least = self.planner.margins.tracking_error
+        check_number("within", within, above=least, unit="m")
+        followed = FollowedPath(rows[:, :2], within)
+        off = float(followed.off(self.reference.coordinates[None, :2])[0])
+        if off > within - least:
+            raise ConfigurationError(
+                f"follow: the base is {off:.3f} m from the path; within={within:g} m allows {within - least:.3f} m, "
+                f"for the tracking error is up to {least:g} m"
+            )
+        self.goals = []
+        self._forget_plans()
+        self._cancelled = ""
+        moves = not self.executor.at_rest(self.time)
+        begin = (
+            self.executor.active.at(self.time + self.pace.latency).coordinates
+            if moves
+            else self.executor.active.coordinates[-1]
+        )
+        yaw = float(rows[-1, 2]) if rows.shape[1] == 3 else None
+        self._path = PathDrive(self.robot, followed, yaw, wait=wait)
+        self.planner.keep_to(followed)
+        strip = self._path.strip_from(begin)
+        self.goal_q = strip.q[-1]
+        self.goal = self.robot.space.to_coordinates(self.goal_q)
+        self._counted = False
+        self.executor.retarget(self.goal, self.tolerance)
+        self.planner.take(strip, beside=moves)
+
     def cancel(self, reason: str = "the goal was cancelled") -> None:
         """Give up the goal and all after it: the robot comes to rest, and stands until :meth:`retarget`.
 
@@ -382,7 +434,8 @@ class Controller:
 
     def _forget_plans(self) -> None:
         """Forget what leads to the goals that there were; brakes that are due stay."""
-        self._no_path = ""
+        self._no_path, self._path = "", None
+        self.planner.keep_to(None)
         self._next_plan = self._onward_plan = self._replan_task = self._onward = None
         self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
 
@@ -543,7 +596,7 @@ class Controller:
         if self._speed == 0.0:
             executor.reject("the speed is set to 0")
             return
-        waiting, at_rest = self._replan(t), executor.at_rest(t)
+        waiting, at_rest = self._path is None and self._replan(t), executor.at_rest(t)
         evades = self.planner.evasion is not None and any(o.motion is not None for o in scene)
         if (waiting and at_rest and not evades) or self._rest_of_goal(t, scene):
             return
@@ -557,7 +610,10 @@ class Controller:
             self._pass_goal(*self.planner.passed)
         if result.late:
             executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
-        if not waiting:
+        if self._path is not None:
+            if self._blocked(t, self._path, result, at_rest):
+                return
+        elif not waiting:
             self.replanner.work_beside(scene, result.report.strip, self._plans.submit)
             due = self.replanner.watch(t, result, scene, at_rest=at_rest)
             if due:
@@ -670,6 +726,25 @@ class Controller:
         self.goal = self.robot.space.to_coordinates(self.goal_q)
         self._counted = False
         self.executor.retarget(self.goal, self.tolerance)
+
+    def _blocked(self, t: float, path: PathDrive, result: PlanResult, at_rest: bool) -> bool:
+        """Where the robot stands and cannot go on along the path that it follows, say for what it waits, and lay the
+        strip onto the path anew; or give the path up, which is answered by True."""
+        stuck = path.stuck(t, moves=result.accepted or not at_rest)
+        if not stuck:
+            return False
+        broken = None if result.certificate is None else result.certificate.broken
+        broken = result.report.certificate.broken if broken is None else broken
+        what = result.reason if broken is None or not broken.obstacle else broken.obstacle
+        if not path.wait and stuck >= self.params.replan_after:
+            self.cancel(f"the path is blocked by {what}: {result.reason}")
+            return True
+        if path.told != what:
+            path.told = what
+            self.executor.log("waiting", f"for {what}: {result.reason}")
+        if path.due(t, self.params.replan_after):
+            self.planner.take(path.strip_from(self.executor.active.coordinates[-1]))
+        return False
 
     def _look_onward(self, scene: Scene) -> None:
         """Plan the strip from the goal to the next one, and let motions go on along it as soon as it is there."""

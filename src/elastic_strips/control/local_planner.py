@@ -14,6 +14,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
+from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
@@ -32,6 +33,8 @@ _CURVE_ENDS = 0.05  # [m in the metric] before the end of a curve onto a strip, 
 _LOOKED_BACK, _LOOKED_STEP = 0.5, 0.01
 """Longest time [s], and its steps, over which it is looked whether the end of a strip was passed."""
 _SLOW_SHARE = 0.15  # of the speed limits, below which a robot stops and turns at rest
+_FREE_AHEAD = 1.5
+"""A robot turns onto a strip at speed where so much of it [m in the metric] is certified."""
 _MOST_CURVES = 4  # onto a strip, that are tried in a tick
 _PASSING_SPEED = 0.3  # part of the speed limits with which a curve from the end of a strip on begins
 _SAME_DIRECTION_COSINE = 0.995  # of the angle by which the end of the strip may turn until the way on is made anew
@@ -105,6 +108,11 @@ class LocalPlanner:
         self._follow(strip, None)
         self.off_strip = self._joins = beside
         self._next = self._onward = self.passed = None
+
+    def keep_to(self, path: FollowedPath | None) -> None:
+        """Keep to a path from now on, or to none."""
+        self.deformer.path = self.timer.path = path
+        self._proof = None
 
     def _follow(self, strip: Strip, curve: Array | None) -> None:
         """Follow a strip, after rows (R, nv) of a curve onto it."""
@@ -256,9 +264,14 @@ class LocalPlanner:
         return None
 
     def _runs_on(self, start: ReferenceState, report: DeformReport) -> bool:
-        """Whether the robot moves so fast that a stop costs time, and has far to go."""
+        """Whether the robot moves so fast that a stop costs time, and has far to go on a strip that is free."""
         fast = fastest_drive(self.limits, start.v) > _SLOW_SHARE * float(self.limits.drive_speed.max(initial=1.0))
-        return fast and self.timer.far(start, report.strip.coordinates[-1])
+        if not fast or not self.timer.far(start, report.strip.coordinates[-1]):
+            return False
+        rows = report.strip.coordinates
+        way = np.sqrt(self.deformer.spacing_weight) * self.robot.space.difference(rows[:-1], rows[1:])
+        ahead = np.cumsum(np.linalg.norm(way, axis=1)) < _FREE_AHEAD
+        return bool(report.certificate.segments[ahead].all())
 
     def _along(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock

@@ -9,7 +9,9 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
+from elastic_strips.collision.certificate import LEFT_PATH, BrokenSegment
 from elastic_strips.robot import RobotModel
+from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.workspace import PhaseClock
 from elastic_strips.trajectory import (
@@ -105,6 +107,9 @@ class StripTimer:
         params: parameters of the drive.
         spacing_weight: (nv,) metric of the strip's node spacing.
         pace: how long planning takes; where None, as long as ``params`` say.
+
+    Attributes:
+        path: path that certified motions keep to, with the tracking error; None where there is none.
     """
 
     easy: Retimer
@@ -133,6 +138,7 @@ class StripTimer:
         )
         self.pace: Pace = Pace(params, None) if pace is None else pace
         self._speeds = params.speeds  # that are tried one after the other
+        self.path: FollowedPath | None = None
         self._failures = 0
         self._turning = 0  # motions in a row that turned towards the strip
         self._attempt_took = 0.0  # [s] the last time
@@ -292,8 +298,20 @@ class StripTimer:
         return 2 * self.pace.every * self.params.control_dt
 
     def certify(self, motion: Trajectory, outlook: Outlook) -> Certificate:
-        """Certify a motion from its first sample until it has come to rest."""
-        return self.certifier.certify(motion, outlook.scene, outlook.possible, clearance=outlook.margins.clearance)
+        """Certify a motion from its first sample until it has come to rest, and that it keeps to the path that is
+        followed, if there is one."""
+        margins = outlook.margins
+        certificate = self.certifier.certify(motion, outlook.scene, outlook.possible, clearance=margins.clearance)
+        if self.path is None or not certificate.certified:
+            return certificate
+        beyond = self.path.bound(motion.coordinates[:, :2]) + margins.tracking_error - self.path.within
+        worst = int(beyond.argmax())
+        if beyond[worst] <= 0.0:
+            return certificate
+        segments = certificate.segments.copy()
+        segments[: len(beyond)] &= beyond <= 0.0
+        broken = BrokenSegment(worst, "base", "the path", -float(beyond[worst]), LEFT_PATH, True)
+        return replace(certificate, segments=segments, broken=broken)
 
     def _timed(
         self,

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 __all__ = [
     "BagError", "BagReader", "HandSpec", "LaserLogError", "PathFile", "PointCloud", "PoseSpec", "cloud_scene",
     "load_nav2_map", "load_path", "read_laser_log", "read_moveit_scene", "read_octomap", "read_point_cloud",
-    "read_record", "read_scenario", "read_scene", "read_scene_file", "read_world", "record_columns", "record_frame", "record_robot",
-    "trajectory_columns", "trajectory_document", "trajectory_frame", "without_robot", "write_bag", "write_path",
-    "write_record", "write_scene", "write_trajectory", "write_world",
+    "read_record", "read_scenario", "read_scene", "read_scene_file", "read_world", "record_columns", "record_frame",
+    "record_robot", "trajectory_columns", "trajectory_document", "trajectory_frame", "without_robot", "write_bag",
+    "write_path", "write_record", "write_scene", "write_trajectory", "write_world",
 ]  # fmt: skip
 
 _MODULES = {  # a scene file needs nothing of what records need

@@ -18,6 +18,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.validation import check_type
 
 from .constraint import AxisConstraint, ConstraintForce
+from .followed import FollowedPath
 from .forces import FORCES, Acting, repulsive_magnitude
 from .params import DeformParams
 from .recovery import Intrusions, hold_joints, own_distances_to_keep
@@ -81,6 +82,7 @@ class Deformer(OneThread):
     Attributes:
         workspace: what is known of the current nodes.
         constraint: the same with its switch ``active``, or None.
+        path: path that the base is drawn to, or None.
         spacing_weight: (nv,) metric in which node spacing is measured [m²/m² or m²/rad²].
 
     Raises:
@@ -110,6 +112,7 @@ class Deformer(OneThread):
         self.constraint: ConstraintForce | None = None if constraint is None else ConstraintForce(robot, constraint)
         if self.constraint is not None:
             self.share_with(self.constraint)
+        self.path: FollowedPath | None = None
         space = robot.space
         b = space.base_nv
         lever = np.ones(space.nv)
@@ -400,6 +403,7 @@ class Deformer(OneThread):
             k_posture=self._posture,
             posture=self._straight,
             constraint=self.constraint,
+            path=self.path,
             further=policy.add_forces,
         )
         for force in FORCES:

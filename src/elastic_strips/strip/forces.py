@@ -13,6 +13,7 @@ from elastic_strips.collision.narrowphase import Contacts
 from elastic_strips.robot import ConfigurationSpace, Kinematics
 
 from .constraint import ConstraintForce
+from .followed import FollowedPath
 from .params import DeformParams
 from .solver import System
 
@@ -252,6 +253,7 @@ class Acting(NamedTuple):
         k_posture: (nv,) gains of the posture, zero for the base.
         posture: makes (N, nv) the posture of nodes.
         constraint: what the strip is to satisfy besides, or None.
+        path: path that the base keeps to, or None.
         further: adds forces of whoever asks for the tick, for the segment tangents ``v``.
     """
 
@@ -268,6 +270,7 @@ class Acting(NamedTuple):
     k_posture: Array
     posture: Callable[[Array], Array]
     constraint: ConstraintForce | None
+    path: FollowedPath | None
     further: Callable[[System, Array], None]
 
 
@@ -297,6 +300,11 @@ def _constraint(system: System, at: Acting) -> None:
         at.constraint.push(system, at.kin)
 
 
+def _path(system: System, at: Acting) -> None:
+    if at.path is not None:
+        at.path.push(system, at.coordinates)
+
+
 def _posture(system: System, at: Acting) -> None:
     if at.params.k_posture > 0.0:
         add_posture(system, at.space, at.coordinates, at.posture(at.coordinates), k_p=at.k_posture)
@@ -309,6 +317,7 @@ FORCES: tuple[Callable[[System, Acting], None], ...] = (
     _self_repulsion,
     _joint_limits,
     _constraint,
+    _path,
     _posture,
 )
 """All forces of an update, in the order in which they are added up."""

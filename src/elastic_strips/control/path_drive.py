@@ -1,0 +1,73 @@
+"""Path drive: a path of the base that is followed, and how long the robot has been stuck on it."""
+
+from __future__ import annotations
+
+from math import atan2, cos, sin
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.planning.initial_strip import waypoint_rows
+from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.strip import Strip
+from elastic_strips.strip.followed import FollowedPath
+
+_NODE_SPACING = 0.15  # [m] of the strip along a path
+
+
+class PathDrive:
+    """Workspace: a path of the base that a robot follows.
+
+    Args:
+        robot: the robot; its base moves.
+        path: the path.
+        yaw: heading [rad] at its end; None: along the path, or as it is for a base that slides.
+        wait: whether the robot waits where it cannot go on.
+
+    Attributes:
+        wait: see above.
+        told: what it was said to wait for last; empty while it moves.
+    """
+
+    def __init__(self, robot: RobotModel, path: FollowedPath, yaw: float | None, *, wait: bool) -> None:
+        self.wait: bool = wait
+        self.told: str = ""
+        self._robot, self._path, self._yaw = robot, path, yaw
+        self._goal: Array | None = None
+        self._since: float | None = None  # [s] when it got stuck
+        self._laid = -np.inf  # [s] when the strip was laid anew
+
+    def strip_from(self, here: Array) -> Strip:
+        """The strip along the rest of the path from a coordinate row (nv,) on; the joints end as they first were."""
+        robot, (_, passed) = self._robot, self._path.nearest(here[None, :2])
+        points = np.vstack([here[:2], self._path.ahead(float(passed[0]))])
+        if self._goal is None:
+            goal, yaw = here.copy(), self._yaw
+            goal[:2] = points[-1]
+            if yaw is None and robot.base_kind is BaseKind.DIFF_DRIVE:
+                way = self._path.points[-1] - self._path.points[-2]
+                yaw = atan2(float(way[1]), float(way[0]))
+            if yaw is not None:
+                goal[2] = here[2] + atan2(sin(yaw - here[2]), cos(yaw - here[2]))
+            self._goal = goal
+        goal = self._goal
+        start, end = robot.space.from_coordinates(np.stack([here, goal]))
+        if float(np.hypot(*np.diff(points, axis=0).T).sum()) < 1e-3:
+            return Strip.from_coordinates(robot, np.stack([here, goal]))
+        return Strip.from_coordinates(robot, waypoint_rows(robot, start, end, points, spacing=_NODE_SPACING))
+
+    def stuck(self, t: float, *, moves: bool) -> float:
+        """For how long [s] the robot has been stuck at the time ``t`` [s]."""
+        if moves:
+            self._since, self.told = None, ""
+            return 0.0
+        if self._since is None:
+            self._since = t
+        return t - self._since
+
+    def due(self, t: float, every: float) -> bool:
+        """Whether the strip is to be laid onto the path anew, which is so at most once in ``every`` [s]."""
+        if t - self._laid < every:
+            return False
+        self._laid = t
+        return True

@@ -1,0 +1,151 @@
+"""A path that is followed: the robot keeps to it within a distance, and waits where it cannot go on."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from cases import each, refused
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elastic_strips import load_robot
+from elastic_strips.control import Controller, RunState
+from elastic_strips.errors import ConfigurationError, ParameterError
+from elastic_strips.scene import Box, Scene
+from elastic_strips.sim import KinematicPlant
+from elastic_strips.strip.followed import FollowedPath
+from elastic_strips.strip.solver import System
+
+PATH = np.array([(0.0, 0.0), (1.5, 0.0), (3.0, 1.0), (4.5, 1.0), (6.0, 0.0)])
+BESIDE = Box((0.4, 0.4, 1.0), at=(1.9, -0.3, 0.5), name="beside")
+GATE = Box((0.2, 2.5, 1.0), at=(4.3, 1.0, 0.5), name="gate")
+DT = 0.01
+
+
+@pytest.fixture(scope="module")
+def tiago_omni():
+    return load_robot("tiago", base="omni")
+
+
+def off_path(places):
+    """Distance of places (N, 2) from the path, by looking at it every millimetre."""
+    dense = np.vstack([np.linspace(a, b, 1500) for a, b in pairwise(PATH)])
+    return np.array([np.hypot(*(dense - place).T).min() for place in places])
+
+
+def followed(robot, within, scene, *, path=PATH, wait=True, seconds=60.0):
+    """A controller that has followed a path until it ended or halted, and the true places of the base."""
+    controller = Controller(robot, robot.home(), robot.home(), scene(0.0))
+    plant = KinematicPlant(robot, controller.limits, seed=1)
+    plant.reset(robot.space.to_coordinates(robot.home()))
+    measured, places = None, []
+    for k in range(round(seconds / DT)):
+        if k == 5:
+            controller.follow(path, within=within, wait=wait)
+        measured = plant.step(controller.step(k * DT, measured, scene(k * DT)), DT)
+        places.append(plant.coordinates[:2].copy())
+        if k > 10 and (controller.ended or controller.halted):
+            break
+    return controller, np.array(places)
+
+
+@each("name", ["silvermate", "tiago_omni"])
+def test_it_keeps_to_the_path_past_what_stands_beside_it(request, name):
+    controller, places = followed(request.getfixturevalue(name), 0.4, lambda t: Scene([BESIDE], time=t))
+    assert controller.state is RunState.REACHED, controller.reason
+    assert off_path(places).max() <= 0.4
+    np.testing.assert_allclose(places[-1], PATH[-1], atol=0.06)
+
+
+def test_it_waits_for_what_is_in_the_way_and_says_for_what(silvermate):
+    opens = 14.0
+    controller, places = followed(silvermate, 0.3, lambda t: Scene([GATE] if t < opens else [], time=t))
+    assert controller.state is RunState.REACHED, controller.reason
+    assert off_path(places).max() <= 0.3
+    waits = [event for event in controller.events if event.kind == "waiting"]
+    assert waits
+    assert any("gate" in event.reason for event in waits)
+    assert all(event.time < opens + 0.5 for event in waits)
+    assert controller.replans == 0
+
+
+def test_where_it_is_not_to_wait_the_path_is_given_up_with_the_reason(silvermate):
+    controller, places = followed(silvermate, 0.3, lambda t: Scene([GATE], time=t), wait=False)
+    assert controller.halted
+    assert controller.state is RunState.STOPPED
+    assert "gate" in controller.reason
+    assert places[-1][0] < 4.2
+    controller.retarget(silvermate.home())
+    assert not controller.halted
+
+
+def test_it_arrives_with_the_heading_that_is_given(silvermate):
+    path = np.column_stack([PATH[:3], [0.0, 0.0, -1.5]])
+    controller, places = followed(silvermate, 0.3, lambda t: Scene([], time=t), path=path)
+    assert controller.state is RunState.REACHED, controller.reason
+    assert controller.goal[2] == pytest.approx(-1.5)
+    np.testing.assert_allclose(places[-1], PATH[2], atol=0.06)
+
+
+def test_what_cannot_be_followed_is_refused(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([]))
+    for path, within, error in (
+        (PATH + np.array((0.0, 0.5)), 0.3, ConfigurationError),
+        (PATH, 0.01, ParameterError),
+        (PATH, float("nan"), ParameterError),
+        (PATH[:1], 0.3, ParameterError),
+        (np.full((3, 2), np.nan), 0.3, ParameterError),
+        (np.zeros((3, 4)), 0.3, ParameterError),
+    ):
+        with pytest.raises(error):
+            controller.follow(path, within=within)
+    assert controller.goals == []
+    arm = load_robot("panda")
+    fixed = Controller(arm, arm.home(), arm.home(), Scene([]))
+    with refused(ConfigurationError, "fixed"):
+        fixed.follow(PATH, within=0.3)
+
+
+places = st.lists(st.tuples(st.floats(-1.0, 7.0), st.floats(-2.0, 3.0)), min_size=2, max_size=8)
+
+
+@given(places)
+def test_distances_from_a_path(xy):
+    path, xy = FollowedPath(PATH, 0.3), np.array(xy)
+    np.testing.assert_allclose(path.off(xy), off_path(xy), atol=2e-3)
+    between = np.linspace(0.0, 1.0, 12)[:, None, None] * (xy[1:] - xy[:-1]) + xy[:-1]
+    assert (path.off(between.reshape(-1, 2)).reshape(12, -1) <= path.bound(xy) + 1e-9).all()
+
+
+def test_the_rest_of_a_path():
+    path = FollowedPath(PATH, 0.3)
+    np.testing.assert_allclose(path.ahead(0.0), PATH)
+    np.testing.assert_allclose(path.ahead(0.5)[0], (0.5, 0.0))
+    np.testing.assert_allclose(path.ahead(1.5), PATH[1:])
+    np.testing.assert_allclose(path.ahead(99.0), PATH[-1:])
+
+
+def test_it_is_drawn_back_where_it_is_far_off(silvermate):
+    path, nv = FollowedPath(PATH, 0.4), silvermate.nv
+    rows = np.zeros((5, nv))
+    rows[:, 0] = np.linspace(0.2, 1.0, 5)
+    rows[2, 1], rows[3, 1] = 0.15, 0.35
+    rows[:, 2] = 0.7
+    system = System(5, nv)
+    path.push(system, rows)
+    assert not system.force[[0, 1, 2, 4]].any()
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    in_world = np.array([[cos, -sin], [sin, cos]]) @ system.force[3, :2]
+    np.testing.assert_allclose(in_world[0], 0.0, atol=1e-12)
+    assert in_world[1] < 0.0
+
+    def energy(y):
+        moved = rows.copy()
+        moved[3, 1] = y
+        other = System(5, nv)
+        path.push(other, moved)
+        return other.energies["path"]
+
+    assert in_world[1] == pytest.approx(-(energy(0.351) - energy(0.349)) / 0.002, rel=1e-3)
