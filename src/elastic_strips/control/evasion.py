@@ -93,6 +93,7 @@ class EvasivePlanner(OneThread):
         params: parameters of the comparison.
         dt: time between the samples of motions [s].
         hold: least time [s] for which a motion follows its manoeuvre before it brakes.
+        backward: whether manoeuvres lead backwards, too; not for robots that see only ahead of them.
 
     Attributes:
         hold: the argument ``hold``.
@@ -100,7 +101,14 @@ class EvasivePlanner(OneThread):
     """
 
     def __init__(
-        self, robot: RobotModel, limits: MotionLimits, params: EvasionParams, *, dt: float, hold: float
+        self,
+        robot: RobotModel,
+        limits: MotionLimits,
+        params: EvasionParams,
+        *,
+        dt: float,
+        hold: float,
+        backward: bool = True,
     ) -> None:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
@@ -113,7 +121,7 @@ class EvasivePlanner(OneThread):
         self._weight = params.step * np.exp(-self.time / params.discount_time)
         self._radius = params.radius + params.radius_growth * self.time
         if limits.drive_dim:
-            self._lattice = lattice(limits)
+            self._lattice = lattice(limits, backward=backward)
             self._kinds = self._lattice.different
             self._rolling = RollOuts(limits, part=params.acceleration, dt=params.step)
             self._stopping = RollOuts(limits, part=params.acceleration, dt=_ROOM_STEP)

@@ -77,7 +77,14 @@ class LocalPlanner:
         self.arrival: ArrivalTimes = ArrivalTimes(robot, limits)
         self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
-            self.evasion = EvasivePlanner(robot, limits, params.evasion, dt=params.sample_dt, hold=self.timer.held)
+            self.evasion = EvasivePlanner(
+                robot,
+                limits,
+                params.evasion,
+                dt=params.sample_dt,
+                hold=self.timer.held,
+                backward=params.backward,
+            )
         self.strip: Strip = strip
         self.off_strip: bool = False
         self.report: DeformReport | None = None

@@ -158,7 +158,7 @@ class DriveParams(Checked):
         evasion: how the robot evades moving obstacles; None: it only brakes and waits.
         constraint: what the strip has to satisfy besides its goal: strips are planned so that they do, and are drawn to
             it while they give way. A constraint that cannot be satisfied does not stop the robot.
-        backward: whether plans may lead straight backwards; not for robots that see only ahead of them.
+        backward: whether plans and manoeuvres may lead backwards; not for robots that see only ahead of them.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.

@@ -41,7 +41,8 @@ class PathDrive:
         """The strip along the rest of the path from a coordinate row (nv,) on; the joints end as they first were."""
         robot, (_, passed) = self._robot, self._path.nearest(here[None, :2])
         points = np.vstack([here[:2], self._path.ahead(float(passed[0]))])
-        if self._goal is None:
+        goal = self._goal
+        if goal is None:
             goal, yaw = here.copy(), self._yaw
             goal[:2] = points[-1]
             if yaw is None and robot.base_kind is BaseKind.DIFF_DRIVE:
@@ -50,7 +51,6 @@ class PathDrive:
             if yaw is not None:
                 goal[2] = here[2] + atan2(sin(yaw - here[2]), cos(yaw - here[2]))
             self._goal = goal
-        goal = self._goal
         start, end = robot.space.from_coordinates(np.stack([here, goal]))
         if float(np.hypot(*np.diff(points, axis=0).T).sum()) < 1e-3:
             return Strip.from_coordinates(robot, np.stack([here, goal]))

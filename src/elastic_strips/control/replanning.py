@@ -41,6 +41,8 @@ _FIRST_TIMEOUT, _WAITING_TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of th
 _FAMILY_TIMEOUT = 2.0  # [s] of a plan of further strips
 _BERTH_STEP, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
+_BACKWARD_ALLOWED = 0.1
+"""So far [m] a robot that sees only ahead may go backwards in all: strips give way by as much about a turn."""
 _FAMILY_EVERY = 5  # planning ticks from one tick of the other strips to the next
 
 
@@ -163,6 +165,15 @@ class StripPlanner:
         self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True
     ) -> PlanReport:
         """A plan that satisfies the drive's constraint; where there is none, one that does not, and says so."""
+        report = self._plan(scene, asked, seed, timeout, line=line)
+        back = 0.0 if self.params.backward or not report.certified else _backed_up(report.strip)
+        if back <= _BACKWARD_ALLOWED:
+            return report
+        why = f"the only way that was found leads {back:.2f} m backwards, where the robot does not see (backward=False)"
+        return replace(report, certified=False, reason=why)
+
+    def _plan(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool) -> PlanReport:
+        """See :meth:`_satisfying`, whichever way it leads."""
         plan = partial(
             plan_report,
             self.robot,
@@ -330,6 +341,12 @@ class Replanner:
             strip: that is followed.
             submit: runs a function beside the control loop.
         """
+
+
+def _backed_up(strip: Strip) -> float:
+    """How far [m] the base goes backwards along a strip."""
+    rows = strip.coordinates
+    return float(-np.minimum(strip.robot.space.difference(rows[:-1], rows[1:])[:, 0], 0.0).sum())
 
 
 def standing(scene: Scene, below: float = _STATIC_SPEED) -> Scene:

@@ -49,11 +49,12 @@ class Targets:
         return self.first[np.unique(self.kind, return_index=True)[1]]
 
 
-def lattice(limits: MotionLimits) -> Targets:
+def lattice(limits: MotionLimits, *, backward: bool = True) -> Targets:
     """Grid of targets over all speeds of the base, rest included, each followed by several second targets.
 
     Args:
         limits: limits of the motors.
+        backward: whether they lead backwards, too.
     """
     top = _SPEED_SHARE * limits.drive_speed
     if limits.drive_dim == 2:
@@ -66,6 +67,8 @@ def lattice(limits: MotionLimits) -> Targets:
         around = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]) * top
         first = np.vstack([around, 0.4 * around, np.zeros((1, 3))])
         second = np.vstack([around[::4], np.zeros((1, 3))])
+    if not backward:
+        first, second = (each[limits.to_twist(each)[:, 0] >= -1e-9] for each in (first, second))
     first = np.unique(first.round(9), axis=0)
     kinds = np.arange(len(first))
     n, m = len(first), len(second)
