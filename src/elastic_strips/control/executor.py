@@ -7,6 +7,7 @@ It needs only the next certified motion from the planner, and brings the robot t
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 from typing import Protocol
 
@@ -181,6 +182,9 @@ class MotionExecutor:
         self.recoveries: int = 0
         self._retimer = Retimer(robot, limits, dt=params.sample_dt)
         self._halt = ""  # why the robot has to stand before it goes on from where it is
+        self._beside = 0.0  # [m] how far it was off its reference since then
+        self._recovered: deque[tuple[float, float]] = deque(maxlen=params.monitor.recoveries)  # when [s], from how far
+        self._agreed_since: float | None = None  # since when it has stood, and nothing contradicts that
         self._stopping = self._emergency = ""  # why it takes no motions; the emergency stop that was pressed
         self._released = False  # whether that is not pressed any more
         self._power_cut: float | None = None  # since when [s]
@@ -280,6 +284,8 @@ class MotionExecutor:
             self.supervisor.stand("resumed")
         self._stopping = self._emergency = ""
         self._released = False
+        self._recovered.clear()
+        self.estimator.trust()
 
     # in every control period
 
@@ -372,16 +378,20 @@ class MotionExecutor:
         if monitor.silent is not None:  # where the robot is now is not known
             off = 0.0
         proven = self.proven
+        if not reason:
+            reason = self.estimator.contradiction
         if not reason and off + known > params.monitor.brake_at * proven:
             reason = f"{1e3 * off:.0f} mm off the reference, known to {1e3 * known:.0f} mm, of {1e3 * proven:.0f} mm"
             if self.estimator.doubt:
                 reason += f": {self.estimator.doubt}"
-        if reason and not self._halt and (not supervisor.at_rest(t) or off > proven):
+        if reason and not self._halt and (not supervisor.at_rest(t) or off > proven or self.estimator.contradiction):
             self._halt = reason
             slipped = self.estimator.slipped
             self.log("fault", f"wheels slip: odometry is {1e3 * slipped:.0f} mm off; {reason}" if slipped else reason)
             if not supervisor.at_rest(t):
                 self.brake(reason)
+        if self._halt:
+            self._beside = max(self._beside, off)
         if self._halt and off > proven:
             self.log("unproven", f"the robot is further off its reference than was proven with: {self._halt}")
 
@@ -412,15 +422,37 @@ class MotionExecutor:
             why = self.estimator.doubt
         elif self.needed_error > max(params.monitor.largest, params.tracking_error):
             why = f"the robot's place is known to {1e3 * self.coarse:.0f} mm only"
+        self._agreed_since = None if why else t if self._agreed_since is None else self._agreed_since
+        why = why or self._again_and_again(t)
         if why:
             self.reject(why)
             return
-        self._power_cut = None
+        if self._beside > params.monitor.recovery_share * self.proven:
+            self._recovered.append((t, self._beside))
+        self._power_cut, self._beside, self._agreed_since = None, 0.0, None
         self.log("recovered", f"goes on from {monitor.deviation:.2f} m beside its reference, after: {self._halt}")
         self._halt = ""
         supervisor.reset(stationary(self.robot, self.limits, np.array(self.estimate), t, params.control_dt))
         supervisor.restart("recovered", t)
         self.recoveries += 1
+
+    def _again_and_again(self, t: float) -> str:
+        """Why a robot that was found beside its reference again and again stands for a while; empty where it does not.
+
+        Once it goes on, it stands so the next time that it is found there.
+        """
+        monitor, found = self.params.monitor, self._recovered
+        if len(found) < monitor.recoveries or t - found[0][0] > monitor.recovery_span:
+            return ""
+        if self._agreed_since is not None and t - self._agreed_since >= monitor.recovery_pause:
+            return ""
+        most = 1e3 * max(far for _, far in found)
+        why = (
+            f"odometry and fixes contradict each other: {len(found)} times in {found[-1][0] - found[0][0]:.0f} s "
+            f"the robot was beside its reference, by {most:.0f} mm at most"
+        )
+        self.log("fault", why)
+        return why
 
     def _command(self, t: float) -> Command:
         """Speeds that follow the reference; the base and joints that are not measured are not fed back."""

@@ -113,6 +113,12 @@ class MonitorParams(Checked):
         motor_time: longest time [s] for which a drive coordinate may differ by more; then power is cut.
         motor_wait: time [s] at rest for which the power stays off.
         wheel_lag: time constant [s] of the motors' model.
+        recovery_share: a robot that goes on from further off its reference than this part of what was proven counts as
+            found beside it.
+        recoveries: how often that may happen within ``recovery_span``; then the robot stands for ``recovery_pause``, or
+            until :meth:`~elastic_strips.control.Controller.resume`.
+        recovery_span: time [s] within which it counts.
+        recovery_pause: time [s] for which odometry and fixes have to agree while the robot stands.
         vanished: a scene that lacks this part of the obstacles of the one before is not believed at once.
         scene_doubt: time [s] after which such a scene is believed, at rest.
         heartbeat: longest time [s] in which executor and planning, each in its process, hear nothing of each other.
@@ -132,6 +138,10 @@ class MonitorParams(Checked):
     motor_time: Positive = 0.1
     motor_wait: NonNegative = 1.0
     wheel_lag: NonNegative = 0.04
+    recovery_share: Fraction = 0.5
+    recoveries: Count = 5
+    recovery_span: Positive = 20.0
+    recovery_pause: NonNegative = 10.0
     vanished: Fraction = 0.8
     scene_doubt: NonNegative = 1.0
     heartbeat: Positive = 0.25
