@@ -199,7 +199,7 @@ class Controller:
             )
         self.executor: ExecutorLink = executor
         self.result: PlanResult | None = None
-        self._doubts = SceneMonitor(self.params.monitor)
+        self._doubts = SceneMonitor(self.params.monitor, self.params.assumptions)
         self._passed = self._recoveries = 0
         self._active: Trajectory = self.executor.active  # of the planning tick
         self._proven = self._due = self.params.tracking_error  # [m] what it is certified with, and ought to be
@@ -394,7 +394,9 @@ class Controller:
             if doubt:
                 self.log("fault", doubt)
             else:
-                self._newest, self._trouble = scene, ""
+                (self._newest, wrong), self._trouble = self._doubts.motions.checked(t, scene), ""
+                for reason in wrong:
+                    self.log("fault", reason)
         if trouble:
             self._trouble = trouble
         if self.executor.recoveries > self._recoveries:  # the robot is somewhere beside its strip

@@ -122,6 +122,8 @@ class MonitorParams(Checked):
         recovery_pause: time [s] for which odometry and fixes have to agree while the robot stands.
         vanished: a scene that lacks this part of the obstacles of the one before is not believed at once.
         scene_doubt: time [s] after which such a scene is believed, at rest.
+        motion_trust: time [s] for which the motion of an obstacle counts as unknown after its poses last contradicted
+            it.
         heartbeat: longest time [s] in which executor and planning, each in its process, hear nothing of each other.
         planner_hangs: longest time [s] from the end of one planning tick to that of the next, before a robot that moves
             says that planning hangs; it goes on to the end of its motion.
@@ -145,6 +147,7 @@ class MonitorParams(Checked):
     recovery_pause: NonNegative = 10.0
     vanished: Fraction = 0.8
     scene_doubt: NonNegative = 1.0
+    motion_trust: Positive = 2.0
     heartbeat: Positive = 0.25
     planner_hangs: Positive = 0.5
 
