@@ -14,8 +14,11 @@ from elastic_strips.work import count_work
 from .params import MonitorParams, ObstacleAssumptions
 
 _LONGEST_COMPARISON = 0.5  # [s] from a scene to the one that it is compared with
-_STRIKES = 2  # contradictions until an obstacle is suspected: a single one may be a corner, or another thing's name
+_STRIKES = 3  # contradictions until an obstacle is suspected: fewer may be a corner, or another thing's name
 _STRIKES_FORGOTTEN = 1.0  # [s] after the last one
+_ONE_WAY = 0.8  # of all contradictions, added up, that lead the same way
+_BEYOND = 2.0  # times what is assumed, that they come to together
+_WRONG_FOR = 0.3  # [s] for which a velocity has to be wrong: trackers take time to learn one
 _MEASURED_OVER = 0.25  # [s] the time over which the speed of an obstacle is measured
 _REACTION_TIME = 1.0  # [s] for which a suspected obstacle may accelerate: about as long as it takes to stop
 _ROUND = ("sphere", "cylinder", "capsule", "cone")
@@ -24,33 +27,38 @@ _PRIMITIVES = (*_ROUND, "box")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """What is kept of the obstacles of the last scene, a row for each.
+    """What is kept of the obstacles of the last scene, a row for each (M), of two points each.
 
     Attributes:
-        place, turn, half: (M, 3), (M, 3, 3), (M, 3) where the first part of each was in the last scene, and its size.
-        then, then_place, then_turn: (M,), … time and pose that the next scene is compared with.
+        place, half: (M, 2, 3) where the points were in the last scene, (M, 3) the half sizes.
+        then, then_place: (M,), (M, 2, 3) time and places that the next scene is compared with.
         velocity, rate, acceleration: (M, 3), (M,), (M,) what was said of its motion then, and how wrong that may be.
         slack: (M,) [m] by which its place may be off because its size has changed since.
         strikes, struck: (M,) how often it was elsewhere than that allows, and when last [s].
-        begun, begun_place: (M,), (M, 3) since when its speed is measured [s], and where it was then.
+        apart, total: (M, 2, 3), (M, 2) these contradictions added up, with and without their directions [m].
+        since: (M,) from when on they were [s].
+        begun, begun_place: (M,), (M, 2, 3) since when its speed is measured [s], and where it was then.
         seen: (M,) its largest speed while it was elsewhere [m/s].
+        suspected: (M,) 1 where its motion counts as unknown.
     """
 
     place: Array
-    turn: Array
     half: Array
     then: Array
     then_place: Array
-    then_turn: Array
     velocity: Array
     rate: Array
     acceleration: Array
     slack: Array
     strikes: Array
     struck: Array
+    apart: Array
+    total: Array
+    since: Array
     begun: Array
     begun_place: Array
     seen: Array
+    suspected: Array
 
     def put(self, which: Mask, **values: Array | float) -> None:
         """Set the rows of some obstacles."""
@@ -61,9 +69,9 @@ class _Rows:
 class MotionWatch:
     """Workspace: the scenes so far, obstacle by obstacle.
 
-    A pose that its obstacle cannot have come to since an earlier scene, by its stated motion (or none) and the
-    assumed errors, contradicts that motion. Twice within a second, and the obstacle counts as one of unknown motion,
-    as fast as it was seen to be and as much faster as it may get while a robot stops, until it has agreed for
+    A place that its obstacle cannot have come to since an earlier scene, by its stated motion (or none) and the assumed
+    errors, contradicts that motion. Three times in a row one way, and the obstacle counts as one of unknown motion: as
+    fast as it was seen to be, and as much faster as it may get while a robot stops, until it has agreed for
     ``MonitorParams.motion_trust``. What is further away than anything moves, or where another obstacle was, has got
     another's name. How far a change of size can shift an obstacle is allowed for; what is no simple shape is not
     watched where it changes.
@@ -115,64 +123,65 @@ class MotionWatch:
         if before is None:
             self._rows, self._solids = now, solids
             return ()
-        rows, known = before
-        a = self._assumptions
-        same, self._solids = self._same(scene, solids, known), solids
+        (rows, known), a = before, self._assumptions
+        known &= [s is old or o.shape in _PRIMITIVES for s, old, o in zip(solids, self._solids, scene, strict=True)]
+        self._solids = solids
         resized = np.linalg.norm(now.half - rows.half, axis=1)
-        rows.put(np.ones(len(known), dtype=bool), slack=rows.slack + resized)
-        step = np.linalg.norm(now.place - rows.place, axis=1)
-        noise = 2.0 * a.position_error + resized
-        known = known & same & (step <= noise + a.max_speed * step_time)
+        rows.slack[:] += resized
+        step = np.linalg.norm(now.place - rows.place, axis=2).max(axis=1)
+        known &= step <= 2.0 * a.position_error + resized + a.max_speed * step_time
         span = time - rows.then
-        apart = np.linalg.norm(now.place - rows.then_place - span[:, None] * rows.velocity, axis=1)
-        apart += self._swing(scene, now.turn, rows.then_turn)
-        allowed = 2.0 * a.position_error + rows.slack + rows.rate * span + 0.5 * rows.acceleration * span**2
-        allowed = np.minimum(allowed, 2.0 * (a.position_error + a.max_speed * span) + rows.slack)
-        struck = known & (apart > allowed)
+        off = now.place - rows.then_place - (span[:, None] * rows.velocity)[:, None]
+        allowed = self._allowed(rows, span)
+        struck = known & (np.linalg.norm(off, axis=2).max(axis=1) > allowed)
         for k in np.flatnonzero(struck):  # few: whether another obstacle was where this one is now
-            other = np.linalg.norm(rows.place - now.place[k], axis=1)
+            other = np.linalg.norm(rows.place[:, 0] - now.place[k, 0], axis=1)
             other[k] = np.inf
             known[k] = struck[k] = other.min(initial=np.inf) >= step[k]
-        self._strike(time, now, rows, struck)
+        self._strike(time, now, rows, off, struck)
+        fresh = {name: getattr(now, name) for name in ("velocity", "rate", "acceleration", "then")}
         stale = struck | ~known | (span >= _LONGEST_COMPARISON)
-        rows.put(
-            stale,
-            then=now.then,
-            then_place=now.place,
-            then_turn=now.turn,
-            velocity=now.velocity,
-            rate=now.rate,
-            acceleration=now.acceleration,
-            slack=0.0,
-        )
-        rows.put(~known, strikes=0.0, struck=-np.inf, begun=now.begun, begun_place=now.place, seen=0.0)
-        rows.put(np.ones(len(known), dtype=bool), place=now.place, turn=now.turn, half=now.half)
+        rows.put(stale, **fresh, then_place=now.place, slack=0.0)
+        rows.put(~known, strikes=0.0, suspected=0.0, begun=now.begun, begun_place=now.place)
+        rows.place[:], rows.half[:] = now.place, now.half
         self._rows = rows
-        return self._judge(time, scene, rows, apart, allowed, span)
+        return self._judge(scene, rows, off, allowed, span)
 
-    def _strike(self, time: float, now: _Rows, rows: _Rows, struck: Mask) -> None:
-        """Count contradictions, and measure the speeds of the obstacles."""
-        remembered = np.where(rows.strikes >= _STRIKES, self._trust, _STRIKES_FORGOTTEN)
-        rows.put(time - rows.struck > remembered, strikes=0.0, seen=0.0)
-        rows.put(struck, strikes=rows.strikes + 1.0, struck=time)
-        noise, lately = 2.0 * self._assumptions.position_error, np.maximum(time - rows.then, 1e-9)
-        just_now = (np.linalg.norm(now.place - rows.then_place, axis=1) - noise) / lately
-        longer = (np.linalg.norm(now.place - rows.begun_place, axis=1) + noise) / np.maximum(time - rows.begun, 1e-9)
-        rows.put(struck, seen=np.maximum(rows.seen, np.maximum(just_now, longer)))
+    def _allowed(self, rows: _Rows, span: Array) -> Array:
+        """(M,) how far [m] obstacles may be from where their stated motions take them in times ``span`` (M,) [s]."""
+        a = self._assumptions
+        wrong = np.minimum(rows.rate * span + 0.5 * rows.acceleration * span**2, 2.0 * a.max_speed * span)
+        return 2.0 * a.position_error + rows.slack + wrong
+
+    def _strike(self, time: float, now: _Rows, rows: _Rows, off: Array, struck: Mask) -> None:
+        """Count contradictions, measure the speeds of the obstacles, and decide whom to suspect."""
+        remembered = np.where(rows.suspected > 0.0, self._trust, _STRIKES_FORGOTTEN)
+        rows.put(time - rows.struck > remembered, strikes=0.0, suspected=0.0)
+        rows.put(rows.strikes == 0.0, apart=0.0, total=0.0, seen=0.0, since=rows.then)
+        if struck.any():
+            rows.put(struck, strikes=rows.strikes + 1.0, struck=time)
+            rows.put(struck, apart=rows.apart + off, total=rows.total + np.linalg.norm(off, axis=2))
+            far, noise = np.linalg.norm(rows.apart, axis=2), 2.0 * self._assumptions.position_error
+            ways = [now.place - rows.then_place, now.place - rows.begun_place]
+            just_now, longer = (np.linalg.norm(way, axis=2).max(axis=1) for way in ways)
+            just_now = (just_now - noise) / np.maximum(time - rows.then, 1e-9)
+            longer = (longer + noise) / np.maximum(time - rows.begun, 1e-9)
+            rows.put(struck, seen=np.maximum(rows.seen, np.maximum(just_now, longer)))
+            beyond = (far >= _ONE_WAY * rows.total) & (far > _BEYOND * self._allowed(rows, time - rows.since)[:, None])
+            long_enough = ~rows.velocity.any(axis=1) | (time - rows.since >= _WRONG_FOR - 1e-6)
+            rows.put(struck & beyond.any(axis=1) & (rows.strikes >= _STRIKES) & long_enough, suspected=1.0)
         rows.put(time - rows.begun >= _MEASURED_OVER, begun=now.begun, begun_place=now.place)
 
-    def _judge(
-        self, time: float, scene: Scene, rows: _Rows, apart: Array, allowed: Array, span: Array
-    ) -> tuple[str, ...]:
-        """Whom to suspect, and why."""
+    def _judge(self, scene: Scene, rows: _Rows, off: Array, allowed: Array, span: Array) -> tuple[str, ...]:
+        """Note whom to suspect, and say why of those who are new."""
         a, found, suspects = self._assumptions, [], {}
-        for k in np.flatnonzero((rows.strikes >= _STRIKES) & (time - rows.struck <= self._trust)):
-            name, obstacle = scene.names[k], scene.obstacles[k]
-            bound = min(float(rows.seen[k]) + a.acceleration * _REACTION_TIME, a.max_speed)
-            suspects[name] = bound
+        for k in np.flatnonzero(rows.suspected):
+            name = scene.names[k]
+            bound = suspects[name] = min(float(rows.seen[k]) + a.acceleration * _REACTION_TIME, a.max_speed)
             if name not in self._suspects:
+                far = float(np.linalg.norm(off[k], axis=1).max())
                 found.append(
-                    f"obstacle {name!r} is {1e3 * apart[k]:.0f} mm from where it {_said(obstacle)}, after "
+                    f"obstacle {name!r} is {1e3 * far:.0f} mm from where it {_said(scene.obstacles[k])}, after "
                     f"{span[k]:.2f} s, for which {1e3 * allowed[k]:.0f} mm are assumed; its motion counts as unknown, "
                     f"up to {bound:.1f} m/s"
                 )
@@ -194,23 +203,30 @@ class MotionWatch:
             velocity[k] = linear
             rate[k] = a.velocity_error + float(np.linalg.norm(angular)) * obstacle.reach
             acceleration[k] = a.acceleration
-        place, turn, times = table.center[first], table.rotation[first], np.full(count, time)
+        half, turn, rows = table.local_half[first], table.rotation[first], np.arange(count)
+        longest = np.array([2 if o.shape in _ROUND else -1 for o in scene], dtype=np.intp)
+        longest = np.where(longest < 0, half.argmax(axis=1) if count else longest, longest)
+        tip = turn[rows, :, longest] * half[rows, longest][:, None]
+        place = table.center[first][:, None] + np.stack([np.zeros_like(tip), tip], axis=1)
+        times, none = np.full(count, time), np.zeros(count)
         return _Rows(
             place=place,
-            turn=turn,
-            half=table.local_half[first],
+            half=half,
             then=times,
             then_place=place.copy(),
-            then_turn=turn.copy(),
             velocity=velocity,
             rate=rate,
             acceleration=acceleration,
-            slack=np.zeros(count),
-            strikes=np.zeros(count),
+            slack=none,
+            strikes=none.copy(),
             struck=np.full(count, -np.inf),
+            apart=np.zeros_like(place),
+            total=np.zeros((count, 2)),
+            since=times.copy(),
             begun=times.copy(),
             begun_place=place.copy(),
-            seen=np.zeros(count),
+            seen=none.copy(),
+            suspected=none.copy(),
         )
 
     def _known(self, names: tuple[str, ...]) -> tuple[_Rows, Mask] | None:
@@ -225,21 +241,6 @@ class MotionWatch:
         self._solids = [self._solids[k] if k >= 0 else None for k in index]
         picked = {f.name: getattr(rows, f.name)[index] for f in fields(_Rows)}
         return replace(rows, **picked), index >= 0
-
-    def _same(self, scene: Scene, solids: Sequence[object], known: Mask) -> Mask:
-        """Which obstacles can be compared: those that have the same parts as before, or are of one simple part."""
-        pairs = zip(solids, self._solids, scene.obstacles, strict=True)
-        return known & np.array([s is old or o.shape in _PRIMITIVES for s, old, o in pairs], dtype=bool)
-
-    def _swing(self, scene: Scene, turn: Array, before: Array) -> Array:
-        """How far [m] an obstacle's points have moved because it has turned."""
-        swung = np.zeros(len(turn))
-        changed = np.flatnonzero((turn != before).any(axis=(1, 2)))
-        for k in changed:
-            obstacle: Obstacle = scene.obstacles[k]
-            if obstacle.shape not in _ROUND:
-                swung[k] = obstacle.reach * float(np.linalg.norm(turn[k] - before[k])) / np.sqrt(2.0)
-        return swung
 
 
 def _said(obstacle: Obstacle) -> str:
