@@ -266,12 +266,14 @@ class StateEstimator:
         sigma = np.sqrt(np.diag(noise))
         if self._seen is None:
             return self._watch.add(past[0], np.zeros(3), np.zeros(self._k), sigma)
-        last, seen = self._seen
+        last, before = self._seen
         by_odometry = compose(_inverse(last[1]), past[1])
-        by_fixes = compose(_inverse((seen[0], seen[1], seen[2])), (fix[0], fix[1], fix[2]))
+        by_fixes = compose(_inverse((before[0], before[1], before[2])), (fix[0], fix[1], fix[2]))
         turned = math.remainder(by_fixes[2] - by_odometry[2], 2.0 * math.pi)
-        half = compose((0.0, 0.0, 0.5 * turned), by_odometry)  # the heading goes wrong evenly
-        shift = np.array([by_fixes[0] - half[0], by_fixes[1] - half[1], turned])
+        # the heading goes wrong evenly, and the base moves along its mean heading, however far
+        seen = compose((0.0, 0.0, -0.5 * (turned + by_odometry[2])), by_fixes)
+        told = compose((0.0, 0.0, -0.5 * by_odometry[2]), by_odometry)
+        shift = np.array([seen[0] - told[0], seen[1] - told[1], turned])
         return self._watch.add(past[0], shift, np.abs(np.subtract(past[2], last[2])), sigma)
 
     def _distrust(self, past: _Odometry, fix: list[float], error: Array, drift: Drift) -> None:

@@ -478,8 +478,8 @@ class MotionExecutor:
             return ""
         most = 1e3 * max(far for _, far in found)
         why = (
-            f"odometry and fixes contradict each other: {len(found)} times in {found[-1][0] - found[0][0]:.0f} s "
-            f"the robot was beside its reference, by {most:.0f} mm at most"
+            f"odometry and fixes contradict each other: the robot was {len(found)} times within "
+            f"{found[-1][0] - found[0][0]:.0f} s beside its reference, by {most:.0f} mm at most"
         )
         self.log("fault", why)
         return why

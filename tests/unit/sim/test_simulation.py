@@ -81,10 +81,25 @@ def test_faults_end_at_rest_or_at_the_goal(silvermate, kind):
         "nan_joints": "joints are misread", "driver_exception": "driver exception",
         "sensing_exception": "sensing exception", "localization_lost": "known to", "localization_jump": "fixes are",
         "localization_coarse": "", "amplifier_holds": "does not obey", "amplifier_dead": "does not obey",
+        "fix_drift": "fixes drift", "scene_without_motion": "'walker'", "scene_reversed": "'walker'",
     }[kind]  # fmt: skip
     faults = [e for e in result.events if e.kind in ("fault", "localization")]
     assert any(named in e.reason for e in faults)
     assert 1.5 <= faults[0].time < 1.5 + duration + 0.5
+
+
+def test_the_reference_of_wheels_moves_sideways_only_while_the_robot_stands(silvermate):
+    """At rest it is set to where the robot is estimated to be; on the way it rolls as the wheels do."""
+    for faults in ([], [Fault("slip_left", 1.5, 1.0)]):
+        _, result, _ = drive(silvermate, [*CLUTTER, WALKER], faults=faults)
+        assert result.stops
+        rows = result.record.control
+        sideways = np.abs(silvermate.space.difference(rows.reference[:-1], rows.reference[1:])[:, 1])
+        rolls = rows.reference_v.any(axis=1)
+        assert rolls.sum() > 300
+        assert sideways[rolls[:-1] & rolls[1:]].max() < 1e-9
+        assert not rows.v[:-1][sideways > 1e-9, 0].max(initial=0.0) > 0.05
+        assert sideways[~(rolls[:-1] & rolls[1:])].max() < (0.02 if not faults else 0.5)
 
 
 def test_without_odometry_it_stays_on_its_way(silvermate):
