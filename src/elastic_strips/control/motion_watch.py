@@ -124,7 +124,8 @@ class MotionWatch:
             self._rows, self._solids = now, solids
             return ()
         (rows, known), a = before, self._assumptions
-        known &= [s is old or o.shape in _PRIMITIVES for s, old, o in zip(solids, self._solids, scene, strict=True)]
+        pairs = zip(solids, self._solids, scene, strict=True)
+        known &= np.array([solid is old or o.shape in _PRIMITIVES for solid, old, o in pairs], dtype=bool)
         self._solids = solids
         resized = np.linalg.norm(now.half - rows.half, axis=1)
         rows.slack[:] += resized
