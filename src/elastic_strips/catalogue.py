@@ -54,6 +54,7 @@ FAULTS = {
     "localization_lost": "no fixes come",
     "localization_jump": "fixes are so far [m] beside the truth",
     "localization_coarse": "fixes of 20 mm and 10 mrad (times this) at 10 Hz, 0.1 s late, one in 50 off by 0.3 m",
+    "fix_drift": "fixes drift sideways from the truth, at so many [m/s]",
     "lost_odometry": "neither wheel travel nor fixes are measured",
     "nan_fix": "fixes are not numbers",
     "nan_odometry": "wheel travel is not a number",
@@ -67,6 +68,8 @@ FAULTS = {
     "scene_late": "the scene comes so much [s] late",
     "scene_future": "the scene's time stamp is so much [s] ahead",
     "scene_empty": "the scene holds no obstacle",
+    "scene_without_motion": "obstacles move, and the scene says that they stand",
+    "scene_reversed": "the velocities of the obstacles have the wrong sign",
     "viewer_killed": "the viewer's process dies",
 }
 """Faults that can be injected into a drive, and their effects; "this" and "so" stand for the size of a fault."""

@@ -41,8 +41,11 @@ _FAULT_SECONDS = {
     "localization_lost": 2.0,
     "localization_jump": 2.0,
     "localization_coarse": 100.0,
+    "fix_drift": 4.0,
     "lost_odometry": 0.5,
     "scene_frozen": 2.0,
+    "scene_without_motion": 100.0,
+    "scene_reversed": 100.0,
 }
 """Durations of the faults [s]; one second for the others."""
 _REST_SPEED = 0.01

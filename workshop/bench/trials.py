@@ -10,7 +10,7 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,18 +27,22 @@ from elastic_strips.control.record import RecordError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.sim.closed_loop import MACHINE, sensed_by
 from elastic_strips.sim.evaluation import evaluate
-from elastic_strips.sim.machine_process import MachineDriver, MachineProcess, TrueState
-from elastic_strips.sim.plant import KinematicPlant
-from elastic_strips.sim.scenarios import get_scenario
+from elastic_strips.sim.faults import Fault, FaultPlan
+from elastic_strips.sim.machine_process import MachineDriver, MachineProcess, TrueState, faulty_plant
+from elastic_strips.sim.plant import KinematicPlant, Plant
+from elastic_strips.sim.scenarios import Scenario, get_scenario
 from elastic_strips.sim.scenarios.drive import make_realtime
 from elastic_strips.trajectory import MotionLimits
 
 from .measure import Figures, Note, head, silent
 
-KINDS = ("planner_killed", "parent_killed", "planner_stopped", "planner_hung", "executor_killed", "disk_full")
+_WRONG = {"fix_drift": 4.0, "scene_without_motion": 100.0, "scene_reversed": 100.0}
+"""Faults of what is measured or seen, and their durations [s]."""
+KINDS = ("planner_killed", "parent_killed", "planner_stopped", "planner_hung", "executor_killed", "disk_full", *_WRONG)
 """``parent_killed``: as the planner, while another process holds the executor's channel open; ``planner_stopped``: for
-1 s; ``planner_hung``: a tick of 2 s."""
-_GO_ON = ("planner_stopped", "planner_hung", "disk_full")  # the robot reaches its goal
+1 s; ``planner_hung``: a tick of 2 s; the last three are `FAULTS`, where the scene is concerned among movers."""
+_GO_ON = ("planner_stopped", "planner_hung", "disk_full", *_WRONG)  # the robot reaches its goal
+_WRONG_FROM = 2.0  # [s] at the earliest
 _FAST_SPEED, _REST_SPEED = 0.3, 1e-3  # [m/s]
 _DRIVE_TIME_LIMIT = 60.0  # [s] of one drive
 _PLANNER_STOP, _PLANNER_HANG = 1.0, 2.0  # [s]
@@ -113,7 +117,7 @@ class _Drive:
 
 def _trial(name: str, kind: str, seed: int) -> Figures:
     robot = load_robot(name)
-    scenario = get_scenario("corridor", seed=seed)
+    scenario = _scenario(kind, seed)
     drive = _driven(name, robot, robot.space.to_coordinates(scenario.ends(robot)[0]), kind, seed)
     faults, reached, born = drive.said if isinstance(drive.said, tuple) else ([], False, None)
     truth, begin = drive.truth, drive.begin
@@ -138,13 +142,29 @@ def _trial(name: str, kind: str, seed: int) -> Figures:
     }
 
 
+def _scenario(kind: str, seed: int) -> Scenario:
+    return get_scenario("moving-corridor" if kind.startswith("scene") else "corridor", seed=seed)
+
+
+def _delay(seed: int) -> float:
+    """Time [s] from when the robot is fast, or may be wrong, until it fails."""
+    return float(np.random.default_rng(seed).uniform(0.0, 5.0))
+
+
+def _faults(kind: str, seed: int) -> list[Fault]:
+    """What is measured or seen wrongly, and when."""
+    return [Fault(kind, _WRONG_FROM + _delay(seed), _WRONG[kind])] if kind in _WRONG else []
+
+
 def _driven(name: str, robot: RobotModel, start: Array, kind: str, seed: int) -> _Drive:
     """One drive, by a planner's process of its own."""
-    delay = float(np.random.default_rng(seed).uniform(0.0, 5.0))
+    delay = _delay(seed)
     drive = _Drive()
     with tempfile.TemporaryDirectory(prefix="elastic-strips-") as folder:
         log = Path("/dev/full") if kind == "disk_full" else Path(folder) / "log.jsonl"
-        make = partial(KinematicPlant, robot, MotionLimits.for_robot(robot), MACHINE, seed=seed)
+        make: Callable[[], Plant] = partial(KinematicPlant, robot, MotionLimits.for_robot(robot), MACHINE, seed=seed)
+        if kind in _WRONG:
+            make = partial(faulty_plant, make, FaultPlan(_faults(kind, seed)), seed)
         here, there = multiprocessing.Pipe()
         with MachineProcess(make, start, paused=True) as machine:
             planner = multiprocessing.get_context("spawn").Process(
@@ -214,7 +234,8 @@ def _inject(kind: str, planner: int, executor: int, told: Connection) -> None:
 
 def _plan(driver: MachineDriver, name: str, kind: str, seed: int, log: str, owner: Connection) -> None:
     """The planner's process: drives the corridor, and tells what was named and whether it is there."""
-    driven = make_realtime(get_scenario("corridor", seed=seed), robot=load_robot(name), seed=seed, log=log)
+    faults = _faults(kind, seed)
+    driven = make_realtime(_scenario(kind, seed), robot=load_robot(name), seed=seed, log=log, faults=faults)
     controller, executor = driven.controller, driven.executor
     with executor, controller:
         executor.start(driver)
@@ -233,8 +254,8 @@ def _plan(driver: MachineDriver, name: str, kind: str, seed: int, log: str, owne
                 owner.recv()
                 time.sleep(_PLANNER_HANG)
             time.sleep(max(0.0, t + 0.05 - executor.now))
-        faults = [event.reason for event in controller.events if event.kind == "fault"]
-        owner.send((faults, controller.state is RunState.REACHED, executor.pid))
+        named = [event.reason for event in controller.events if event.kind == "fault"]
+        owner.send((named, controller.state is RunState.REACHED, executor.pid))
 
 
 def _hold_open() -> None:

@@ -211,9 +211,11 @@ class Controller:
             )
         self.executor: ExecutorLink = executor
         self.result: PlanResult | None = None
-        self._doubts = SceneMonitor(self.params.monitor)
+        self._doubts = SceneMonitor(self.params.monitor, self.params.assumptions)
         self._recoveries = 0
         self._speed = 1.0  # part of the full speed
+        self._active: Trajectory = self.executor.active  # of the planning tick
+        self._proven = self._due = self.params.tracking_error  # [m] what it is certified with, and ought to be
         self._plans = PlanQueue(workers)
         self._replan_task: Future[Replanned] | None = None  # replans a strip to the same goal
         self._replan_from: Array = self.start  # (nv,) where that strip begins
@@ -509,7 +511,9 @@ class Controller:
             if doubt:
                 self.log("fault", doubt)
             else:
-                self._newest, self._trouble = scene, ""
+                (self._newest, wrong), self._trouble = self._doubts.motions.checked(t, scene), ""
+                for reason in wrong:
+                    self.log("fault", reason)
         if trouble:
             self._trouble = trouble
         if self.executor.recoveries > self._recoveries:  # the robot is somewhere beside its strip
@@ -596,6 +600,7 @@ class Controller:
         if self._speed == 0.0:
             executor.reject("the speed is set to 0")
             return
+        self._prove_again(t, scene)
         waiting, at_rest = self._path is None and self._replan(t), executor.at_rest(t)
         evades = self.planner.evasion is not None and any(o.motion is not None for o in scene)
         if (waiting and at_rest and not evades) or self._rest_of_goal(t, scene):
@@ -605,7 +610,7 @@ class Controller:
         if at_rest and t >= executor.active.end_time + params.settle_time:
             executor.anchor(stationary(self.robot, self.limits, np.array(executor.estimate), begin, params.control_dt))
         self._look_onward(scene)
-        result = self.result = self.plan_tick(t, scene, executor.active, begin)
+        result = self.result = self.plan_tick(t, scene, self._active, begin)
         if self.planner.passed is not None:
             self._pass_goal(*self.planner.passed)
         if result.late:
@@ -622,10 +627,25 @@ class Controller:
         if not waiting or drives_on or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
 
+    def _prove_again(self, t: float, scene: Scene) -> None:
+        """Certify the active motion with a larger error, where the robot comes near to what it was proven with."""
+        executor = self.executor
+        self._active, self._proven = executor.active, self.planner.margins.tracking_error
+        self._due = due = max(executor.due_error, self._allowed)
+        if due <= self._proven or executor.at_rest(t):
+            return
+        if self.planner.certify(self._active.tail(t), scene, due).certified:
+            self._proven = due
+            executor.hold(self.reason, self._active, due)
+
+    @property
+    def _allowed(self) -> float:
+        """Tracking error [m] that the estimate asks for, as far as motions are planned for that."""
+        return min(self.executor.needed_error, max(self.params.monitor.largest, self.params.tracking_error))
+
     def _allow(self) -> None:
         """Plan with as large a tracking error as the estimate asks for."""
-        params, executor = self.params, self.executor
-        allowed = min(executor.needed_error, max(params.monitor.largest, params.tracking_error))
+        params, executor, allowed = self.params, self.executor, self._allowed
         before = self.planner.margins.tracking_error
         if allowed == before:
             return
@@ -637,14 +657,16 @@ class Controller:
 
     def _decide(self, t: float, result: PlanResult) -> None:
         """Replace, brake or hold the active trajectory, or let it go on to its end."""
-        outcome, proven = result.outcome, self.planner.margins.tracking_error
+        outcome, proven, due = result.outcome, self.planner.margins.tracking_error, self._due
+        if outcome is PlanOutcome.UNCHANGED:
+            self.executor.hold(result.reason, self._active, self._proven)
+        elif result.accepted and due > proven and result.motion is not None:
+            proven = due if self.planner.certify(result.motion, self.scene, due).certified else proven
         if self.replanner.halted and outcome not in (PlanOutcome.BRAKE, PlanOutcome.EVADE):
             self.executor.reject(self.replanner.no_way or f"the strip is broken: {result.report.certificate.broken}")
         elif outcome is PlanOutcome.BRAKE or result.accepted:
             self._ready.append((t + result.late, result, proven))
-        elif outcome is PlanOutcome.UNCHANGED:
-            self.executor.hold(result.reason, proven)
-        else:
+        elif outcome is not PlanOutcome.UNCHANGED:
             self.executor.reject(result.reason)
 
     def _begin(self, t: float) -> float:
@@ -671,10 +693,12 @@ class Controller:
             return False
         if not executor.at_goal or executor.at_rest(t):
             return executor.at_goal
-        certificate = self.planner.certify(executor.active.tail(self._begin(t)), scene)
-        if certificate.certified:
-            executor.hold("the motion ends at the goal", self.planner.margins.tracking_error)
-        return certificate.certified
+        proven = self._proven
+        done = proven > self.planner.margins.tracking_error  # just now
+        certified = done or self.planner.certify(self._active.tail(t), scene, proven).certified
+        if certified:
+            executor.hold("the motion ends at the goal", self._active, proven)
+        return certified
 
     def _replan(self, t: float) -> bool:
         """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it.

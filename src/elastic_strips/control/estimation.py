@@ -14,6 +14,7 @@ from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import Checked, NonNegative, Positive
 
 from .interfaces import Measurement
+from .slip import Drift, SlipWatch, slip_bounds
 
 Pose = tuple[float, float, float]
 """x, y [m], yaw [rad], or a twist v_x, v_y, ω in the body's frame that takes unit time."""
@@ -71,6 +72,8 @@ class EstimatorParams(Checked):
             fixes agreed meanwhile.
         believe_within: distance [m] within which such a fix must be: somebody may have pushed the robot. One further
             away needs :meth:`StateEstimator.reset`.
+        side_slip: sideways part of its travel by which a base may slip, or by which fixes may be turned against its
+            wheels [rad]. Fixes that drift further sideways are believed no longer.
     """
 
     slip: NonNegative = 0.01
@@ -82,6 +85,7 @@ class EstimatorParams(Checked):
     gate: Positive = 5.0
     believe_after: NonNegative = 3.0
     believe_within: NonNegative = 0.3
+    side_slip: NonNegative = 0.01
 
 
 class StateEstimator:
@@ -104,17 +108,23 @@ class StateEstimator:
         doubt: why the last fix was not believed; empty where it was.
         localized: whether a fix has ever come; otherwise the pose is that of odometry, in a frame of its own.
         slipped: by how much [m] odometry was off at the last fix, if only wheels that slip explain it; else 0.
+        contradiction: how fixes and odometry contradict each other; empty where they do not. Fixes that drift as no
+            slip explains are believed no longer, and what they have shifted is taken back. It is over when the robot
+            stands and all fixes have agreed with odometry for ``believe_after``, or by :meth:`trust`.
     """
 
     doubt: str
     localized: bool
     slipped: float
+    contradiction: str
 
     def __init__(self, robot: RobotModel, limits: MotionLimits, params: EstimatorParams | None = None) -> None:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.params: EstimatorParams = EstimatorParams() if params is None else params
         self._k, self._first = len(limits.drive_speed), robot.space.base_nv
+        p = self.params
+        self._watch = SlipWatch(limits, p.side_slip, p.drift, p.gate)
         self._to_twist = limits.to_twist(np.eye(self._k)).T if self._k else np.zeros((3, 0))  # (3, k)
         self.reset(robot.space.to_coordinates(robot.home_q))
 
@@ -150,10 +160,19 @@ class StateEstimator:
         self._at_fix = self._past[0]
         self._last_fix = (self._past[0], np.zeros(3))  # where odometry was at the last fix, and how far from it
         self._doubted: _Odometry | None = None  # since when, where, at which travel
-        self.doubt, self.slipped, self.localized = "", 0.0, False
+        self.doubt, self.contradiction, self.slipped, self.localized = "", "", 0.0, False
+        self._within = self.params.believe_within  # [m] of odometry, where fixes that agree are believed in the end
+        self._trusting = False
+        self._seen: tuple[_Odometry, Array] | None = None  # where odometry was at the last fix that was taken, and it
+        self._watch.reset()
         self._P = np.zeros((3 + self._k, 3 + self._k))
         for i in range(self._k):
             self._P[3 + i, 3 + i] = self.params.slip**2
+
+    def trust(self) -> None:
+        """Take the next fix for true, whatever odometry says: somebody has looked where the robot is."""
+        if self.contradiction:
+            self._trusting = True
 
     def update(self, measurement: Measurement) -> Array:
         """Take in a measurement; returns the estimated coordinate row (nv,) at its time."""
@@ -200,15 +219,21 @@ class StateEstimator:
             return  # older than the kept poses, or than the last fix
         p, P = self.params, self._predicted(past)
         found = self._lost_since is not None and self._back_at is not None and at >= self._back_at - TIME_SLACK
-        if found:  # the travel since the loss is unknown
+        if found or self._trusting:  # the travel since the loss is unknown
             P[:3, :3] = np.eye(3)
+            self._forget()
         _, pose, _ = past
         error = np.array(_log(compose(_inverse(pose), (fix[0], fix[1], fix[2]))))
         noise = np.diag([p.fix_noise**2, p.fix_noise**2, p.fix_angle_noise**2]) if covariance is None else covariance
         self.slipped, self.localized = 0.0, True
-        if error @ np.linalg.solve(P[:3, :3] + noise, error) > p.gate**2 and not self._believed(
-            past, fix, error, noise
-        ):
+        beyond = bool(self.contradiction) or error @ np.linalg.solve(P[:3, :3] + noise, error) > p.gate**2
+        if beyond and not self._believed(past, fix, error, noise):
+            return
+        if self.contradiction or (self._doubted is not None and beyond):
+            self._forget()
+        drift = self._drift(past, fix, noise)
+        if drift is not None:
+            self._distrust(past, fix, error, drift)
             return
         if self.slipped or self._doubted is not None:  # the filter does not know how far off odometry is
             P[:3, :3] += np.diag([*np.repeat(error[:2] @ error[:2], 2), error[2] ** 2])
@@ -226,24 +251,59 @@ class StateEstimator:
             ((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * TIME_SLACK), _KEPT_POSES
         )
         self._at_fix = (at, moved, past[2])
+        self._seen = self._at_fix, np.array(fix)
         if found:
             self._lost_since = self._back_at = None
+
+    def _forget(self) -> None:
+        """Compare later fixes with later odometry alone: what was before is explained."""
+        self.contradiction, self._within, self._trusting = "", self.params.believe_within, False
+        self._seen = None
+        self._watch.reset()
+
+    def _drift(self, past: _Odometry, fix: list[float], noise: Array) -> Drift | None:
+        """How a fix and those before it drift from odometry, if no wheels that slip explain it."""
+        sigma = np.sqrt(np.diag(noise))
+        if self._seen is None:
+            return self._watch.add(past[0], np.zeros(3), np.zeros(self._k), sigma)
+        last, before = self._seen
+        by_odometry = compose(_inverse(last[1]), past[1])
+        by_fixes = compose(_inverse((before[0], before[1], before[2])), (fix[0], fix[1], fix[2]))
+        turned = math.remainder(by_fixes[2] - by_odometry[2], 2.0 * math.pi)
+        # the heading goes wrong evenly, and the base moves along its mean heading, however far
+        seen = compose((0.0, 0.0, -0.5 * (turned + by_odometry[2])), by_fixes)
+        told = compose((0.0, 0.0, -0.5 * by_odometry[2]), by_odometry)
+        shift = np.array([seen[0] - told[0], seen[1] - told[1], turned])
+        return self._watch.add(past[0], shift, np.abs(np.subtract(past[2], last[2])), sigma)
+
+    def _distrust(self, past: _Odometry, fix: list[float], error: Array, drift: Drift) -> None:
+        """Believe fixes no longer, and take back by how much they have shifted the estimate along the drift's axis."""
+        self.doubt = self.contradiction = str(drift)
+        self._doubted = (past[0], (fix[0], fix[1], fix[2]), past[2])
+        shifted = drift.rate * drift.span
+        back = np.zeros(3)
+        back[drift.axis] = error[drift.axis] - shifted
+        moved = compose(past[1], exp((float(back[0]), float(back[1]), float(back[2]))))
+        shift = compose(moved, _inverse(past[1]))
+        self._pose = compose(shift, self._pose)
+        self._past = deque(((t, compose(shift, q), s) for t, q, s in self._past), _KEPT_POSES)
+        self._at_fix = (self._at_fix[0], compose(shift, self._at_fix[1]), self._at_fix[2])
+        self._P[drift.axis, drift.axis] += back[drift.axis] ** 2
+        self._within = 6.0 * self.params.fix_noise + (abs(shifted) if drift.axis < 2 else 0.0)
 
     def _believed(self, past: _Odometry, fix: list[float], error: Array, noise: Array) -> bool:
         """Whether a fix that contradicts odometry is to be believed: wheels slip, or the robot was pushed."""
         p, (last, before) = self.params, self._last_fix
         self._last_fix = (past, error)
-        travel = np.abs(np.subtract(past[2], last[2]))
-        far, turn = (
-            float(travel[:2].max()),
-            float(travel.sum() / self.limits.track if self._k == 2 else travel[2] + 0.2 * travel.sum()),
-        )
-        change, spread = error - before, 6.0 * np.sqrt(np.diag(noise))
-        if self._doubted is None and math.hypot(*change[:2]) <= far + spread[0] and abs(change[2]) <= turn + spread[2]:
-            self.slipped = math.hypot(*error[:2])
-            return True
+        spread = 6.0 * np.sqrt(np.diag(noise))
+        turned = max(abs(error[2]), abs(before[2])) + spread[2]
+        bounds = slip_bounds(self.limits, np.abs(np.subtract(past[2], last[2])), p.side_slip, turned)
         off = math.hypot(*error[:2])
-        self.doubt = f"fixes are {off:.1f} m and {math.degrees(abs(error[2])):.0f}° from what odometry says"
+        if self._doubted is None and (np.abs(error - before) <= bounds + spread).all():
+            self.slipped = off
+            return True
+        beside = f"{off:.1f} m and {math.degrees(abs(error[2])):.0f}°"
+        self.doubt = self.contradiction or f"fixes are {beside} from what odometry says"
         there = self._doubted
         if there is not None:
             moved = float(np.abs(np.subtract(past[2], there[2])).max())
@@ -251,7 +311,7 @@ class StateEstimator:
         if there is None or moved > 1e-3 + 2.0 * p.drift or apart > 2.0 * spread[0]:
             self._doubted = (past[0], (fix[0], fix[1], fix[2]), past[2])
             return False
-        return off <= p.believe_within and past[0] - there[0] >= p.believe_after
+        return off <= self._within and past[0] - there[0] >= p.believe_after
 
     def _lookup(self, at: float) -> _Odometry | None:
         """Odometry at a past time, interpolated between the kept poses."""

@@ -7,6 +7,7 @@ It needs only the next certified motion from the planner, and brings the robot t
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 from typing import Protocol
 
@@ -46,6 +47,8 @@ class ExecutorLink(Protocol):
         waits: why it takes no motions now; empty where it takes them.
         coarse: error [m] of the estimated robot, by the estimator's standard deviations.
         needed_error: tracking error [m] that the present accuracy of the estimate requires.
+        due_error: tracking error [m] that the active trajectory ought to be certified with by now, so that the robot
+            need not brake.
         recoveries: how often the robot went on from a place off its reference.
     """
 
@@ -67,6 +70,8 @@ class ExecutorLink(Protocol):
     def coarse(self) -> float: ...
     @property
     def needed_error(self) -> float: ...
+    @property
+    def due_error(self) -> float: ...
     @property
     def recoveries(self) -> int: ...
 
@@ -93,9 +98,14 @@ class ExecutorLink(Protocol):
         """Come to rest on the path of the active trajectory, as fast as the motors can."""
         ...
 
-    def hold(self, reason: str, proven: float) -> None:
-        """Note that the active trajectory is still certified, with the tracking error ``proven`` [m], and why the robot
-        will stop at its end."""
+    def hold(self, reason: str, motion: Trajectory, proven: float) -> None:
+        """Note that a motion is still certified, if it is the active one.
+
+        Args:
+            reason: why the robot will stop at its end.
+            motion: as :attr:`active` was.
+            proven: tracking error [m] that it is certified with.
+        """
         ...
 
     def reject(self, reason: str) -> None:
@@ -180,8 +190,12 @@ class MotionExecutor:
         self.contact: str = ""
         self.proven: float = params.tracking_error
         self.recoveries: int = 0
+        self._before = (-math.inf, self.proven)  # until when [s] the motion before is followed, and its error [m]
         self._retimer = Retimer(robot, limits, dt=params.sample_dt)
         self._halt = ""  # why the robot has to stand before it goes on from where it is
+        self._beside = 0.0  # [m] how far it was off its reference since then
+        self._recovered: deque[tuple[float, float]] = deque(maxlen=params.monitor.recoveries)  # when [s], from how far
+        self._agreed_since: float | None = None  # since when it has stood, and nothing contradicts that
         self._stopping = self._emergency = ""  # why it takes no motions; the emergency stop that was pressed
         self._released = False  # whether that is not pressed any more
         self._power_cut: float | None = None  # since when [s]
@@ -229,6 +243,19 @@ class MotionExecutor:
             else math.ceil(needed / _TRACKING_ERROR_STEP) * _TRACKING_ERROR_STEP
         )
 
+    @property
+    def due_error(self) -> float:
+        """The error that is due, in steps of 5 mm."""
+        monitor, least = self.params.monitor, self.params.tracking_error
+        due = (self._off + self.monitor.uncertainty) / max(monitor.prove_at * monitor.brake_at, 1e-9)
+        due = math.ceil(due / _TRACKING_ERROR_STEP) * _TRACKING_ERROR_STEP
+        return min(max(due, least), max(monitor.largest, least))
+
+    @property
+    def _off(self) -> float:
+        """How far the robot is off its reference [m], as far as that is known."""
+        return 0.0 if self.monitor.silent is not None else self.monitor.deviation
+
     def reference(self, t: float) -> ReferenceState:
         return self.supervisor.reference(t)
 
@@ -243,8 +270,17 @@ class MotionExecutor:
             return
         if motion.start_time < self.time - 1e-9:
             self.log("fault", "late tick")
+        known, most = self.monitor.uncertainty, self.params.monitor.brake_at * proven
+        if not self.at_rest(self.time) and self._off + known > most:
+            self.reject(f"the new motion is certified for less than {1e3 * (self._off + known):.0f} mm off it")
+            return
         if self.supervisor.submit(motion, certificate, self.time, at_goal=at_goal):
-            self.proven = proven
+            self._before, self.proven = (motion.start_time, self._proven(self.time)), proven
+
+    def _proven(self, t: float) -> float:
+        """Tracking error [m] that the motion that is followed at time ``t`` [s] was certified with, and the next."""
+        until, before = self._before
+        return self.proven if t >= until else min(self.proven, before)
 
     def planned(self) -> None:
         """Nothing to do: who plans here cannot hang unnoticed."""
@@ -254,9 +290,10 @@ class MotionExecutor:
         begin = t + self.params.latency * self.params.control_dt
         supervisor.brake(self._retimer.brake(supervisor.active, begin), reason, t)
 
-    def hold(self, reason: str, proven: float) -> None:
-        self.proven = max(self.proven, proven)
-        self.supervisor.hold(reason)
+    def hold(self, reason: str, motion: Trajectory, proven: float) -> None:
+        if motion is self.active:
+            self.proven = proven
+            self.supervisor.hold(reason)
 
     def reject(self, reason: str) -> None:
         self.supervisor.reject(reason, self.time)
@@ -281,6 +318,8 @@ class MotionExecutor:
             self.supervisor.stand("resumed")
         self._stopping = self._emergency = ""
         self._released = False
+        self._recovered.clear()
+        self.estimator.trust()
 
     # in every control period
 
@@ -366,24 +405,25 @@ class MotionExecutor:
         if monitor.motor_fault and self._power_cut is None:
             self.log("fault", monitor.motor_fault)
             self._power_cut = t
-        off, known = monitor.deviation, monitor.uncertainty
+        off, known = self._off, monitor.uncertainty
         reason = monitor.motor_fault
         if not reason and monitor.silent is not None and t - monitor.silent >= params.monitor.silence:
             reason = f"no usable measurement for {t - monitor.silent:.2f} s"
-        if monitor.silent is not None:  # where the robot is now is not known
-            off = 0.0
-        proven = self.proven
+        proven = self._proven(t)
+        if not reason:
+            reason = self.estimator.contradiction
         if not reason and off + known > params.monitor.brake_at * proven:
             reason = f"{1e3 * off:.0f} mm off the reference, known to {1e3 * known:.0f} mm, of {1e3 * proven:.0f} mm"
             if self.estimator.doubt:
                 reason += f": {self.estimator.doubt}"
-        if reason and not self._halt and (not supervisor.at_rest(t) or off > proven):
+        if reason and not self._halt and (not supervisor.at_rest(t) or off > proven or self.estimator.contradiction):
             self._halt = reason
             slipped = self.estimator.slipped
             self.log("fault", f"wheels slip: odometry is {1e3 * slipped:.0f} mm off; {reason}" if slipped else reason)
             if not supervisor.at_rest(t):
                 self.brake(reason)
         if self._halt and off > proven:
+            self._beside = max(self._beside, off)
             self.log("unproven", f"the robot is further off its reference than was proven with: {self._halt}")
 
     def _check_arrival(self, t: float) -> None:
@@ -413,15 +453,37 @@ class MotionExecutor:
             why = self.estimator.doubt
         elif self.needed_error > max(params.monitor.largest, params.tracking_error):
             why = f"the robot's place is known to {1e3 * self.coarse:.0f} mm only"
+        self._agreed_since = None if why else t if self._agreed_since is None else self._agreed_since
+        why = why or self._again_and_again(t)
         if why:
             self.reject(why)
             return
-        self._power_cut = None
+        if self._beside:
+            self._recovered.append((t, self._beside))
+        self._power_cut, self._beside, self._agreed_since = None, 0.0, None
         self.log("recovered", f"goes on from {monitor.deviation:.2f} m beside its reference, after: {self._halt}")
         self._halt = ""
         supervisor.reset(stationary(self.robot, self.limits, np.array(self.estimate), t, params.control_dt))
         supervisor.restart("recovered", t)
         self.recoveries += 1
+
+    def _again_and_again(self, t: float) -> str:
+        """Why a robot that was found beside its reference again and again stands for a while; empty where it does not.
+
+        Once it goes on, it stands so the next time that it is found there.
+        """
+        monitor, found = self.params.monitor, self._recovered
+        if len(found) < monitor.recoveries or t - found[0][0] > monitor.recovery_span:
+            return ""
+        if self._agreed_since is not None and t - self._agreed_since >= monitor.recovery_pause:
+            return ""
+        most = 1e3 * max(far for _, far in found)
+        why = (
+            f"odometry and fixes contradict each other: the robot was {len(found)} times within "
+            f"{found[-1][0] - found[0][0]:.0f} s beside its reference, by {most:.0f} mm at most"
+        )
+        self.log("fault", why)
+        return why
 
     def _command(self, t: float) -> Command:
         """Speeds that follow the reference; the base and joints that are not measured are not fed back."""

@@ -149,9 +149,12 @@ class LocalPlanner:
         self.timer.certifier.reset()
         self._last = self._proof = None
 
-    def certify(self, motion: Trajectory, scene: Scene) -> Certificate:
-        """Certify the rest of a motion against a newer scene."""
-        return self.timer.certify(motion, self._outlook(scene))
+    def certify(self, motion: Trajectory, scene: Scene, tracking_error: float | None = None) -> Certificate:
+        """Certify the rest of a motion against a newer scene, with the present tracking error or another one [m]."""
+        outlook = self._outlook(scene)
+        if tracking_error is not None:
+            outlook = replace(outlook, margins=replace(self.margins, tracking_error=tracking_error))
+        return self.timer.certify(motion, outlook)
 
     def _outlook(self, scene: Scene) -> Outlook:
         return Outlook.of(scene, self.params.assumptions, self.margins)

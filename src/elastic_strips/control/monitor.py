@@ -15,7 +15,8 @@ from elastic_strips.trajectory import MotionLimits
 
 from .estimation import StateEstimator
 from .interfaces import Command, Measurement
-from .params import MonitorParams
+from .motion_watch import MotionWatch
+from .params import MonitorParams, ObstacleAssumptions
 
 _TOO_FAST = 2.0
 """A motor that seems this many times as fast as its limit was misread."""
@@ -180,10 +181,12 @@ class SceneMonitor:
 
     Args:
         params: when an assumption counts as broken.
+        assumptions: what is assumed about obstacles; the defaults where None.
     """
 
-    def __init__(self, params: MonitorParams) -> None:
+    def __init__(self, params: MonitorParams, assumptions: ObstacleAssumptions | None = None) -> None:
         self.params: MonitorParams = params
+        self.motions: MotionWatch = MotionWatch(params, assumptions or ObstacleAssumptions())
         self._seen: frozenset[str] = frozenset()  # names of the obstacles of the last scene that was believed
         self._doubted_since: float | None = None
 

@@ -103,6 +103,8 @@ class MonitorParams(Checked):
         largest: largest tracking error [m] that motions are planned for.
         brake_at: part of the tracking error that the distance from the reference and the error of the estimate may take
             up together; then the robot brakes.
+        prove_at: part of that from which on the active motion is certified again, with a larger error, so that the
+            robot need not brake.
         sigmas: standard deviations of the estimate that count as its largest error.
         clock_skew: largest time [s] by which a time stamp may be later than now.
         silence: longest time [s] without a usable measurement of wheels or joints.
@@ -113,8 +115,15 @@ class MonitorParams(Checked):
         motor_time: longest time [s] for which a drive coordinate may differ by more; then power is cut.
         motor_wait: time [s] at rest for which the power stays off.
         wheel_lag: time constant [s] of the motors' model.
+        recoveries: how often a robot may be found further off its reference than was proven, and go on from there,
+            within ``recovery_span``; then it stands for ``recovery_pause``, or until
+            :meth:`~elastic_strips.control.Controller.resume`.
+        recovery_span: time [s] within which it counts.
+        recovery_pause: time [s] for which odometry and fixes have to agree while the robot stands.
         vanished: a scene that lacks this part of the obstacles of the one before is not believed at once.
         scene_doubt: time [s] after which such a scene is believed, at rest.
+        motion_trust: time [s] for which the motion of an obstacle counts as unknown after its poses last contradicted
+            it.
         heartbeat: longest time [s] in which executor and planning, each in its process, hear nothing of each other.
         planner_hangs: longest time [s] from the end of one planning tick to that of the next, before a robot that moves
             says that planning hangs; it goes on to the end of its motion.
@@ -123,6 +132,7 @@ class MonitorParams(Checked):
     control_share: Fraction = 0.5
     largest: Positive = 0.1
     brake_at: Fraction = 1.0
+    prove_at: _Part = 0.75
     sigmas: Positive = 3.0
     clock_skew: NonNegative = 0.02
     silence: Positive = 0.05
@@ -132,8 +142,12 @@ class MonitorParams(Checked):
     motor_time: Positive = 0.1
     motor_wait: NonNegative = 1.0
     wheel_lag: NonNegative = 0.04
+    recoveries: Count = 5
+    recovery_span: Positive = 20.0
+    recovery_pause: NonNegative = 10.0
     vanished: Fraction = 0.8
     scene_doubt: NonNegative = 1.0
+    motion_trust: Positive = 2.0
     heartbeat: Positive = 0.25
     planner_hangs: Positive = 0.5
 

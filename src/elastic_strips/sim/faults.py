@@ -21,7 +21,7 @@ from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.params import DriveParams
 from elastic_strips.control.strip_timer import PlanResult
 from elastic_strips.errors import ParameterError
-from elastic_strips.scene import Scene
+from elastic_strips.scene import Scene, Twist
 from elastic_strips.trajectory import Trajectory
 from elastic_strips.validation import Bound, check_choice, check_fields, check_type, shown
 
@@ -36,6 +36,7 @@ _SIZES = {
     "spin": 1.0,
     "localization_jump": 1.0,
     "localization_coarse": 1.0,
+    "fix_drift": 0.03,
     "scene_late": 0.3,
     "scene_future": 1.0,
 }
@@ -117,7 +118,8 @@ class FaultPlan:
 
 
 class FaultyPerception:
-    """Workspace: a perception whose scenes are at times frozen, late, of the future, empty or invalid."""
+    """Workspace: a perception whose scenes are at times frozen, late, of the future, empty or invalid, or say nothing
+    true of what moves."""
 
     def __init__(self, inner: Perception, faults: FaultPlan) -> None:
         self._inner, self._faults = inner, faults
@@ -137,7 +139,19 @@ class FaultyPerception:
         if faults.active("scene_empty", t):
             return Scene([], time=self._last.time)
         ahead = faults.size("scene_future", t)
-        return Scene(self._last, time=self._last.time + ahead) if ahead else self._last
+        if ahead:
+            return Scene(self._last, time=self._last.time + ahead)
+        if faults.active("scene_without_motion", t):
+            return _as_if(self._last, 0.0)
+        return _as_if(self._last, -1.0) if faults.active("scene_reversed", t) else self._last
+
+
+def _as_if(scene: Scene, part: float) -> Scene:
+    """A scene in which the velocities are said to be this part of what they are, none where 0."""
+    movers = [o for o in scene if o.motion is not None]
+    wrong = [tuple(part * v for v in o.velocity()) for o in movers]
+    said = [Twist(*twist) if part else None for twist in wrong]
+    return scene.with_observations(o.observed(o.pose, motion) for o, motion in zip(movers, said, strict=True))
 
 
 class FaultyPlant:
@@ -159,6 +173,7 @@ class FaultyPlant:
         self._unread: Array | float = 0.0  # travel of measurements that did not arrive
         self._fixes: deque[tuple[float, Array]] = deque()  # coarse ones that are under way: times, poses
         self._next_fix = -math.inf
+        self._drift = np.zeros(3)  # [m] of fixes from the truth
         if any(f.kind.startswith(("slip", "spin")) for f in faults.faults) and not isinstance(inner, KinematicPlant):
             raise ParameterError("wheels slip on purpose on the kinematic plant only")
 
@@ -182,6 +197,9 @@ class FaultyPlant:
             self._unread = 0.0 if measurement.drive is None else measurement.drive
             raise RuntimeError("driver exception put in on purpose")
         self._unread = 0.0
+        drift, yaw = faults.size("fix_drift", t), float(inner.coordinates[2]) if inner.robot.space.base_nv else 0.0
+        sideways = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+        self._drift = self._drift + drift * dt * sideways if drift else np.zeros(3)
         return self._misread(measurement, t)
 
     def _obeyed(self, command: Command, t: float, dt: float) -> Command:
@@ -210,7 +228,7 @@ class FaultyPlant:
         if faults.active("nan_fix", t):
             return replace(measurement, pose=np.full(3, nan))
         jump = faults.size("localization_jump", t)
-        return replace(measurement, pose=measurement.pose + np.array([0.6 * jump, 0.8 * jump, 0.0]))
+        return replace(measurement, pose=measurement.pose + np.array([0.6 * jump, 0.8 * jump, 0.0]) + self._drift)
 
     def _coarse(self, measurement: Measurement, scale: float) -> Measurement:
         """A measurement with fixes that are less exact, rarer and later, and that say so."""

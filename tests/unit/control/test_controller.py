@@ -467,3 +467,33 @@ def test_the_collector_waits_for_the_end_of_a_tick(silvermate, monkeypatch):
     assert collected
     assert not any(collected)
     assert gc.isenabled()
+
+
+@each("room, brakes", [(True, False), (False, True)])
+def test_before_it_brakes_for_its_deviation_its_motion_is_proven_again(silvermate, monkeypatch, room, brakes):
+    """In two pushes, a planning tick between them: the first alone is no reason to brake, both together are."""
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=6.0), Scene([CRATE]))
+    wheels = Wheels(silvermate)
+    k = drive(controller, wheels, 204, still(CRATE))  # the next one but one has a planning tick
+    assert wheels.measured.drive.min() > 0.5 * DT
+    if not room:
+        certify, usual = controller.planner.certify, controller.planner.margins.tracking_error
+
+        def refuses(motion, scene, tracking_error=None):
+            certificate = certify(motion, scene, tracking_error)
+            near = tracking_error is not None and tracking_error > usual
+            return replace(certificate, segments=np.zeros_like(certificate.segments)) if near else certificate
+
+        monkeypatch.setattr(controller.planner, "certify", refuses)
+    executor, most = controller.executor, 0.0
+    for push in (0.018, 0.007):
+        wheels.measured = replace(wheels.measured, drive=wheels.measured.drive + push)
+        for _ in range(2):
+            k = drive(controller, wheels, 1, still(CRATE), first=k + 1)
+            most = max(most, executor.monitor.deviation)
+    assert most > controller.planner.margins.tracking_error
+    assert any(event.kind == "braked" for event in controller.events) is brakes
+    if not brakes:
+        assert executor.proven >= most
+        drive(controller, wheels, 100, still(CRATE), first=k + 1)
+        assert controller.state is RunState.MOVING

@@ -192,6 +192,63 @@ def test_a_robot_that_was_pushed_recovers_beside_its_reference(moving: Rig):
     assert not moving.executor.waits
 
 
+def test_a_robot_that_is_found_beside_its_reference_again_and_again_stands(moving: Rig):
+    """As fixes do that are believed and wrong, each time: nobody can say where it is."""
+    executor, most = moving.executor, moving.executor.params.monitor.recoveries
+
+    def slides(count: int) -> None:
+        before = executor.recoveries
+        for k in range(count):
+            moving.until(lambda: not executor.waits, 200.0)
+            here = float(executor.estimate[0])
+            begin, row = moving.time + 0.03, np.array(executor.active.coordinates[-1])
+            motion = straight(moving.robot, here + 2.0, begin, near=here)
+            motion = replace(motion, coordinates=motion.coordinates + row * np.array([0.0, 1.0, 1.0]))
+            moving.submit(motion, at_goal=False)
+            moving.step(0.5)
+            moving.machine.travel = moving.machine.travel + np.array([0.03, 0.03])
+            moving.step()
+            assert executor.waits
+            late = begin + 6.0
+            moving.until(lambda n=before + k + 1, late=late: executor.recoveries == n or moving.time > late, 200.0)
+
+    moving.machine.travel = moving.machine.travel + np.array([0.03, 0.03])
+    moving.step()
+    moving.until(lambda: executor.recoveries == 1)
+    slides(most - 1)
+    assert executor.recoveries == most
+    slides(1)
+    assert executor.recoveries == most
+    moving.step(0.5)
+    assert executor.waits
+    executor.resume()
+    moving.step()
+    assert executor.recoveries == most + 1
+    assert not executor.waits
+
+
+def test_what_is_due_is_proven_before_the_robot_has_to_brake(moving: Rig):
+    """A motion that is certified anew for a larger error goes on; that of another motion is no help."""
+    executor = moving.executor
+    for far, announced in ((0.009, None), (0.018, 0.025), (0.023, 0.035)):
+        moving.machine.travel = moving.machine.travel + np.full(2, far - executor.monitor.deviation)
+        if announced is not None:
+            assert executor.due_error >= 0.02
+        moving.step()
+        if announced is not None:
+            assert executor.due_error >= announced
+            executor.hold("", executor.active.tail(moving.time), executor.due_error)
+            assert executor.proven < announced, "another motion"
+            executor.hold("", executor.active, executor.due_error)
+        assert executor.run.state is RunState.MOVING
+    fresh = executor.active.tail(moving.time + 0.03)
+    moving.submit(fresh)
+    assert executor.active is not fresh, "certified for less than the robot is off"
+    executor.hold("", executor.active, 0.02)  # what is seen now refutes the larger one
+    moving.step()
+    assert executor.run.state is RunState.BRAKING
+
+
 def test_an_anchor_is_taken_at_rest_and_near(rig: Rig):
     executor = rig.executor
     rig.step(0.1)

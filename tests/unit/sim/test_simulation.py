@@ -81,10 +81,27 @@ def test_faults_end_at_rest_or_at_the_goal(silvermate, kind):
         "nan_joints": "joints are misread", "driver_exception": "driver exception",
         "sensing_exception": "sensing exception", "localization_lost": "known to", "localization_jump": "fixes are",
         "localization_coarse": "", "amplifier_holds": "does not obey", "amplifier_dead": "does not obey",
+        "fix_drift": "fixes drift", "scene_without_motion": "'walker'", "scene_reversed": "'walker'",
     }[kind]  # fmt: skip
     faults = [e for e in result.events if e.kind in ("fault", "localization")]
     assert any(named in e.reason for e in faults)
     assert 1.5 <= faults[0].time < 1.5 + duration + 0.5
+
+
+@each("faults", [[], [Fault("slip_left", 1.5, 1.0)]])
+def test_the_reference_of_wheels_moves_sideways_only_while_the_robot_stands(silvermate, faults):
+    """At rest it is set to where the robot is estimated to be; on the way it rolls as the wheels do."""
+    _, result, _ = drive(silvermate, [*CLUTTER, WALKER], faults=faults, params=DriveParams(evasion=None))
+    assert result.stops
+    rows = result.record.control
+    sideways = np.abs(silvermate.space.difference(rows.reference[:-1], rows.reference[1:])[:, 1])
+    rolls = rows.reference_v[:-1].any(axis=1) & rows.reference_v[1:].any(axis=1)
+    assert rolls.sum() > 300
+    assert sideways[rolls].max() < 1e-9
+    set_anew = sideways > 1e-6
+    assert set_anew.any()
+    assert not rows.reference_v[:-1][set_anew].any()
+    assert np.abs(rows.v[:-1][set_anew, 0]).max() < 0.05
 
 
 def test_without_odometry_it_stays_on_its_way(silvermate):

@@ -66,6 +66,7 @@ class Status:
     waits: str
     coarse: float
     needed_error: float
+    due_error: float
     recoveries: int
     coordinates: Array
     v: Array
@@ -272,8 +273,10 @@ class _Loop:
             if executor.active is motion:
                 self.known, self.serial, self.told = motion, int(serial), _TELLING_PERIODS
         elif what == "hold":
-            reason, proven = values
-            executor.hold(str(reason), check_number("proven", proven, low=0.0, unit="m"))
+            serial, reason, proven = values
+            proven = check_number("proven", proven, low=0.0, unit="m")
+            if serial == self.serial and self.known is executor.active:
+                executor.hold(str(reason), executor.active, proven)
         elif what == "retarget":
             goal, tolerance = values
             check_type("tolerance", tolerance, Tolerance)
@@ -314,6 +317,7 @@ class _Loop:
             waits=executor.waits,
             coarse=executor.coarse,
             needed_error=executor.needed_error,
+            due_error=executor.due_error,
             recoveries=executor.recoveries,
             coordinates=reference.coordinates,
             v=reference.v,

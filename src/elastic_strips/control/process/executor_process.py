@@ -111,6 +111,7 @@ class ExecutorProcess:
             waits="",
             coarse=0.0,
             needed_error=self.params.tracking_error,
+            due_error=self.params.tracking_error,
             recoveries=0,
             coordinates=row,
             v=np.zeros(robot.nv),
@@ -245,6 +246,10 @@ class ExecutorProcess:
         return self._status.needed_error
 
     @property
+    def due_error(self) -> float:
+        return self._status.due_error
+
+    @property
     def recoveries(self) -> int:
         return self._status.recoveries
 
@@ -273,8 +278,12 @@ class ExecutorProcess:
     def brake(self, reason: str) -> None:
         self._put("brake", reason)
 
-    def hold(self, reason: str, proven: float) -> None:
-        self._put("hold", reason, proven)
+    def hold(self, reason: str, motion: Trajectory, proven: float) -> None:
+        with self._lock:
+            sent = ((serial, each) for serial, each in (self._active, *self._motions, self._sent[1:3]))
+            serial = next((serial for serial, each in sent if each is motion), None)
+        if serial is not None:
+            self._put("hold", serial, reason, proven)
 
     def reject(self, reason: str) -> None:
         self._put("reject", reason)
