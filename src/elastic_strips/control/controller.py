@@ -41,6 +41,7 @@ from .plan_queue import PlanQueue
 from .process.priority import keep_memory, undisturbed
 from .record import TickStatistics
 from .replanning import Replanned, Replanner
+from .retreat import Retreat
 from .strip_timer import PlanOutcome, PlanResult
 
 _log = logging.getLogger(__name__)
@@ -203,6 +204,7 @@ class Controller:
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
+        self._retreat = Retreat(robot, self.planner.timer.easy)
         self.tolerance: Tolerance = self.params.tolerance
         self._here: MotionExecutor | None = None
         if executor is None:
@@ -573,7 +575,8 @@ class Controller:
 
     def _plan(self, t: float) -> None:
         params, executor = self.params, self.executor
-        if executor.waits:
+        self._retreat.note(self.reference.coordinates)
+        if executor.waits and executor.waits != executor.contact:
             return
         if self._trouble or self._newest is None:
             executor.reject(self._trouble)
@@ -593,6 +596,8 @@ class Controller:
         self.scene = scene
         if executor.lost_for > 0.1:
             executor.reject("odometry lost")
+            return
+        if self._backs_off(t, scene):
             return
         if self._no_path:  # the strip leads to the previous goal
             executor.reject(self._no_path)
@@ -626,6 +631,26 @@ class Controller:
         drives_on = self._next_plan is not None and t < self._asked + _DRIVES_ON
         if not waiting or drives_on or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
+
+    def _backs_off(self, t: float, scene: Scene) -> bool:
+        """Whether the robot touches something; where it has stood so for a while, it is to back off along the way that
+        it came, proven to be free of all that it does not touch."""
+        executor = self.executor
+        due = self._retreat.due(t, touching=bool(executor.contact), stands=executor.at_rest(t)) and executor.settled
+        if not executor.contact:
+            return False
+        motion = self._retreat.motion(executor.active.coordinates[-1], self._begin(t)) if due else None
+        if motion is None:
+            return True
+        certificate = self.planner.certify_leaving(motion, scene)
+        if certificate.certified:
+            executor.log("leaving", f"backs off along the way that it came, after: {executor.contact}")
+            proven = self.planner.margins.tracking_error
+            executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
+            self._retreat.went(motion)
+        else:
+            executor.log("refused", f"cannot back off: {certificate.broken}")
+        return True
 
     def _prove_again(self, t: float, scene: Scene) -> None:
         """Certify the active motion with a larger error, where the robot comes near to what it was proven with."""

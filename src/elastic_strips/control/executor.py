@@ -45,6 +45,7 @@ class ExecutorLink(Protocol):
         settled: whether the robot stands, by its measured speed.
         lost_for: time [s] without odometry.
         waits: why it takes no motions now; empty where it takes them.
+        contact: what the robot touches by its last measurement; empty without a contact.
         coarse: error [m] of the estimated robot, by the estimator's standard deviations.
         needed_error: tracking error [m] that the present accuracy of the estimate requires.
         due_error: tracking error [m] that the active trajectory ought to be certified with by now, so that the robot
@@ -67,6 +68,8 @@ class ExecutorLink(Protocol):
     @property
     def waits(self) -> str: ...
     @property
+    def contact(self) -> str: ...
+    @property
     def coarse(self) -> float: ...
     @property
     def needed_error(self) -> float: ...
@@ -83,7 +86,9 @@ class ExecutorLink(Protocol):
         """Whether the active trajectory has ended by time ``t`` [s]."""
         ...
 
-    def submit(self, motion: Trajectory, certificate: Certificate, *, at_goal: bool, proven: float) -> None:
+    def submit(
+        self, motion: Trajectory, certificate: Certificate, *, at_goal: bool, proven: float, leaving: bool = False
+    ) -> None:
         """Offer a motion that continues the active trajectory.
 
         Args:
@@ -91,6 +96,7 @@ class ExecutorLink(Protocol):
             certificate: certificate of this motion.
             at_goal: whether its end is the goal.
             proven: tracking error [m] that it was certified with.
+            leaving: whether it leads away from what the robot touches, and is taken though it touches that.
         """
         ...
 
@@ -187,7 +193,7 @@ class MotionExecutor:
         self.tracker: TrackingController = TrackingController(robot, limits, TrackingGains(headroom=1.0))
         resting = stationary(robot, limits, self.estimate, 0.0, params.control_dt)
         self.supervisor: Supervisor = Supervisor(resting, keep=keep)
-        self.contact: str = ""
+        self._contact: str = ""
         self.proven: float = params.tracking_error
         self.recoveries: int = 0
         self._before = (-math.inf, self.proven)  # until when [s] the motion before is followed, and its error [m]
@@ -225,8 +231,12 @@ class MotionExecutor:
         return self.estimator.lost_for
 
     @property
+    def contact(self) -> str:
+        return self._contact
+
+    @property
     def waits(self) -> str:
-        return self.contact or self._halt or self._stopping
+        return self._halt or self._stopping or self.contact
 
     @property
     def coarse(self) -> float:
@@ -264,9 +274,12 @@ class MotionExecutor:
 
     # from the planner
 
-    def submit(self, motion: Trajectory, certificate: Certificate, *, at_goal: bool, proven: float) -> None:
-        if self.waits:
-            self.reject(self.waits)
+    def submit(
+        self, motion: Trajectory, certificate: Certificate, *, at_goal: bool, proven: float, leaving: bool = False
+    ) -> None:
+        waits = (self._halt or self._stopping) if leaving else self.waits
+        if waits:
+            self.reject(waits)
             return
         if motion.start_time < self.time - 1e-9:
             self.log("fault", "late tick")
@@ -276,6 +289,8 @@ class MotionExecutor:
             return
         if self.supervisor.submit(motion, certificate, self.time, at_goal=at_goal):
             self._before, self.proven = (motion.start_time, self._proven(self.time)), proven
+            if leaving:
+                self._braked = motion  # what it touches is no reason to brake on it
 
     def _proven(self, t: float) -> float:
         """Tracking error [m] that the motion that is followed at time ``t`` [s] was certified with, and the next."""
@@ -381,7 +396,7 @@ class MotionExecutor:
 
     def _check_touch(self, measurement: Measurement) -> None:
         """Brake at a contact, and where an emergency stop is pressed."""
-        self.contact = measurement.contact
+        self._contact = measurement.contact
         if measurement.emergency and not self._emergency:
             self._emergency = self._stopping = measurement.emergency
             self.fail(measurement.emergency)

@@ -156,6 +156,20 @@ class LocalPlanner:
             outlook = replace(outlook, margins=replace(self.margins, tracking_error=tracking_error))
         return self.timer.certify(motion, outlook)
 
+    def certify_leaving(self, motion: Trajectory, scene: Scene) -> Certificate:
+        """Certify a motion from rest against all of a scene but what is nearer to the robot than the clearance where it
+        begins: it leads away from that."""
+        while True:
+            outlook = self._outlook(scene)
+            near = self.timer.certify(self._still(motion.at(motion.start_time)), outlook).broken
+            if near is None or near.obstacle not in scene:
+                return self.timer.certify(motion, outlook)
+            scene = Scene([each for each in scene if each.name != near.obstacle], time=scene.time)
+
+    def _still(self, state: ReferenceState) -> Trajectory:
+        """A trajectory that stays where a state is."""
+        return stationary(self.robot, self.limits, state.coordinates, state.time, self.params.sample_dt)
+
     def _outlook(self, scene: Scene) -> Outlook:
         return Outlook.of(scene, self.params.assumptions, self.margins)
 
@@ -242,8 +256,7 @@ class LocalPlanner:
     def _nearer(self, start: ReferenceState, outlook: Outlook) -> Outlook | None:
         """The outlook with the tracking error alone as its clearance, where the robot is nearer than its margin to
         something already, as where it has braked or was found to be elsewhere; None where it keeps its margin."""
-        still = stationary(self.robot, self.limits, start.coordinates, start.time, self.params.sample_dt)
-        if outlook.margins.margin == 0.0 or self.timer.certify(still, outlook).certified:
+        if outlook.margins.margin == 0.0 or self.timer.certify(self._still(start), outlook).certified:
             return None
         return Outlook(outlook.scene, outlook.possible, replace(outlook.margins, margin=0.0), outlook.assumptions)
 

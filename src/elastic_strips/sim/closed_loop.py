@@ -142,7 +142,7 @@ class Simulation(Generic[_Driver]):
             measurement = Measurement(t, still, joints, contact=self.perception.contact)
         sensed: Scene | None = None
         trouble = ""
-        if controller.plans_next and not (measurement is not None and measurement.contact):
+        if controller.plans_next:
             sensed, trouble = sensed_by(self.perception, t)
             controller.sensing_took = float(getattr(self.perception, "cost", 0.0))
         command = controller.step(t, measurement, sensed, trouble=trouble)

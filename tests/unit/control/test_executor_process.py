@@ -77,11 +77,11 @@ def test_it_follows_what_it_is_given_and_refuses_garbage(executor: ExecutorProce
     samples = (motion.time, motion.coordinates, motion.v, motion.a)
     good, nan = certificate_of(motion), np.full_like(motion.v, np.nan)
     for garbage in (
-        "nonsense", ("fly",), ("submit",), ("submit", 1, samples[:2], good, True, 0.02),
-        ("submit", 2, (motion.time, nan, motion.v, motion.a), good, True, 0.02),
-        ("submit", 3, (motion.time, motion.coordinates[:, :2], motion.v, motion.a), good, True, 0.02),
-        ("submit", 4, samples, "a certificate", True, 0.02), ("submit", 5, samples, good, True, np.nan),
-        ("anchor", 6, nan), ("hold", "why", -1.0), ("retarget", [1.0], executor.params.tolerance), ("retarget", nan),
+        "nonsense", ("fly",), ("submit",), ("submit", 1, samples[:2], good, True, 0.02, False),
+        ("submit", 2, (motion.time, nan, motion.v, motion.a), good, True, 0.02, False),
+        ("submit", 3, (motion.time, motion.coordinates[:, :2], motion.v, motion.a), good, True, 0.02, False),
+        ("submit", 4, samples, "a certificate", True, 0.02, False), ("submit", 5, samples, good, True, np.nan, False),
+        ("anchor", 6, nan), ("hold", 1, "why", -1.0), ("retarget", [1.0], executor.params.tolerance), ("retarget", nan),
         ("brake",),
     ):  # fmt: skip
         put(executor._link, garbage)

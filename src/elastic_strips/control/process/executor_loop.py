@@ -64,6 +64,7 @@ class Status:
     settled: bool
     lost_for: float
     waits: str
+    contact: str
     coarse: float
     needed_error: float
     due_error: float
@@ -266,10 +267,10 @@ class _Loop:
             if what == "anchor":
                 executor.anchor(motion)
             else:
-                certificate, at_goal, proven = rest
+                certificate, at_goal, proven, leaving = rest
                 check_type("certificate", certificate, Certificate)
                 proven = check_number("proven", proven, low=0.0, unit="m")
-                executor.submit(motion, certificate, at_goal=bool(at_goal), proven=proven)
+                executor.submit(motion, certificate, at_goal=bool(at_goal), proven=proven, leaving=bool(leaving))
             if executor.active is motion:
                 self.known, self.serial, self.told = motion, int(serial), _TELLING_PERIODS
         elif what == "hold":
@@ -315,6 +316,7 @@ class _Loop:
             settled=executor.settled,
             lost_for=executor.lost_for,
             waits=executor.waits,
+            contact=executor.contact,
             coarse=executor.coarse,
             needed_error=executor.needed_error,
             due_error=executor.due_error,

@@ -109,6 +109,7 @@ class ExecutorProcess:
             settled=True,
             lost_for=0.0,
             waits="",
+            contact="",
             coarse=0.0,
             needed_error=self.params.tracking_error,
             due_error=self.params.tracking_error,
@@ -238,6 +239,10 @@ class ExecutorProcess:
         return self.lost or self._status.waits
 
     @property
+    def contact(self) -> str:
+        return self._status.contact
+
+    @property
     def coarse(self) -> float:
         return self._status.coarse
 
@@ -261,10 +266,12 @@ class ExecutorProcess:
     def at_rest(self, t: float) -> bool:
         return t >= self.active.end_time
 
-    def submit(self, motion: Trajectory, certificate: Certificate, *, at_goal: bool, proven: float) -> None:
+    def submit(
+        self, motion: Trajectory, certificate: Certificate, *, at_goal: bool, proven: float, leaving: bool = False
+    ) -> None:
         serial = next(self._serial)
         samples = (motion.time, motion.coordinates, motion.v, motion.a)
-        if self._put("submit", serial, samples, certificate, at_goal, proven):
+        if self._put("submit", serial, samples, certificate, at_goal, proven, leaving):
             self._note(serial, motion, at_goal)
 
     def anchor(self, resting: Trajectory) -> None:

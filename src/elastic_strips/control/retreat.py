@@ -1,0 +1,83 @@
+"""Retreat: after a touch, a robot that stands backs off a little along the way that it came."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ElasticStripsError
+from elastic_strips.robot import RobotModel
+from elastic_strips.trajectory import Retimer, Trajectory
+
+_KEPT_ROWS, _ROW_SPACING = 60, 0.01
+"""References that are kept, and their distance at least [m or rad]."""
+_TOUCH_WAIT = 1.0  # [s] at rest, after which the robot backs off
+_RETREAT, _RETREAT_SPEED = 0.2, 0.2
+"""How far it goes at once [m in the metric of motions], and with which part of its speed."""
+_MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
+"""After so many touches within this time [s] it stands."""
+
+
+class Retreat:
+    """Workspace: the way that a robot came, and when it backs off along it.
+
+    Args:
+        robot: the robot.
+        retimer: times the motion.
+    """
+
+    def __init__(self, robot: RobotModel, retimer: Retimer) -> None:
+        self._robot, self._retimer = robot, retimer
+        self._came: deque[Array] = deque(maxlen=_KEPT_ROWS)
+        self._touches: deque[float] = deque(maxlen=_MOST_TOUCHES)  # [s] when it began to touch something
+        self._since: float | None = None  # [s] when it stood, touching something
+        self._backs = False  # whether it backs off
+        self._free = True  # whether it has touched nothing since
+
+    def note(self, row: Array) -> None:
+        """Take note of a reference (nv,) that the robot followed on its way."""
+        if self._backs:
+            return
+        if not self._came or float(np.abs(row - self._came[-1]).max(initial=0.0)) > _ROW_SPACING:
+            self._came.append(row.copy())
+
+    def due(self, t: float, *, touching: bool, stands: bool) -> bool:
+        """Whether the robot, which touches something or stands or not, is to back off at the time ``t`` [s]."""
+        if not touching:
+            self._since, self._free, self._backs = None, True, False
+            return False
+        if self._free:
+            self._touches.append(t)
+            self._free = False
+        if not stands:
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = t
+        often = len(self._touches) == _MOST_TOUCHES and t - self._touches[0] < _TOUCHES_TIME
+        return t - self._since >= _TOUCH_WAIT and not often
+
+    def motion(self, here: Array, begin: float) -> Trajectory | None:
+        """A slow motion from the reference (nv,) at which the robot rests back along the way that it came; None where
+        it came no way.
+
+        Args:
+            here: where it rests.
+            begin: when the motion begins [s].
+        """
+        rows = [here, *(row for row in reversed(self._came) if np.abs(row - here).max(initial=0.0) > _ROW_SPACING)]
+        if len(rows) < 2:
+            return None
+        try:
+            return self._retimer.horizon(np.array(rows), distance=_RETREAT, start_time=begin, speed=_RETREAT_SPEED)
+        except ElasticStripsError:
+            return None
+
+    def went(self, motion: Trajectory) -> None:
+        """Told that the robot backs off by a motion: the way from its end on was not free."""
+        self._since, self._backs = None, True
+        apart = [float(np.abs(row - motion.coordinates[-1]).max(initial=0.0)) for row in self._came]
+        for _ in range(len(apart) - int(np.argmin(apart))):
+            self._came.pop()

@@ -1,0 +1,91 @@
+"""A touch at rest: the robot backs off along the way that it came, a few times, and only where that is free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastic_strips.control import Controller, RunState
+from elastic_strips.scene import Box, Scene
+from elastic_strips.sim import KinematicPlant
+
+DT = 0.01
+UNSEEN = 1.2  # [m] where a bumper is pressed
+
+
+def driven(robot, scene, seconds, *, bumper=lambda t, x: x > UNSEEN):
+    """A controller, and the places x [m] of the base over time, of a drive onto something that nobody sees."""
+    controller = Controller(robot, robot.home(), robot.home(x=3.0), scene(0.0))
+    plant = KinematicPlant(robot, controller.limits, seed=1)
+    plant.reset(robot.space.to_coordinates(robot.home()))
+    measured, places, touching = None, [], []
+    for k in range(round(seconds / DT)):
+        measured = plant.step(controller.step(k * DT, measured, scene(k * DT)), DT)
+        felt = bumper(k * DT, plant.coordinates[0])
+        measured = replace(measured, contact="the bumper is pressed" if felt else "")
+        places.append(plant.coordinates[:3].copy())
+        touching.append(felt)
+        if controller.ended:
+            break
+    return controller, np.array(places), np.array(touching)
+
+
+def leavings(controller):
+    return [event for event in controller.events if event.kind == "leaving"]
+
+
+def test_it_backs_off_along_the_way_that_it_came(silvermate):
+    controller, places, touching = driven(silvermate, lambda t: Scene([], time=t), 12.0)
+    assert leavings(controller)
+    touched = np.flatnonzero(touching)
+    free = np.flatnonzero(~touching[touched[0] :])[0] + touched[0]
+    assert places[free:, 0].min() <= UNSEEN
+    assert places[touched[0] : free + 300, 0].min() >= UNSEEN - 0.25, "no further than it has to"
+    assert np.abs(places[:, 1]).max() < 0.05, "it came along y = 0"
+    assert np.diff(places[touched[0] : free, 0]).min() > -0.35 * DT, "slowly"
+
+
+def test_it_does_not_go_on_touching_for_ever(silvermate):
+    controller, _, touching = driven(silvermate, lambda t: Scene([], time=t), 60.0)
+    began = np.flatnonzero(np.diff(touching.astype(int)) == 1)
+    assert len(began) == 3
+    assert controller.state is RunState.STOPPED
+    assert "bumper" in controller.reason
+    assert touching[-500:].all()
+
+
+def test_it_goes_on_where_what_it_touched_is_gone(silvermate):
+    controller, places, _ = driven(
+        silvermate, lambda t: Scene([], time=t), 60.0, bumper=lambda t, x: t < 6.0 and x > UNSEEN
+    )
+    assert leavings(controller)
+    assert controller.state is RunState.REACHED, controller.reason
+    assert places[-1, 0] == pytest.approx(3.0, abs=0.06)
+
+
+def test_it_stays_where_the_way_back_is_not_free(silvermate):
+    _, alone, _ = driven(silvermate, lambda t: Scene([], time=t), 3.0)
+    wall = Box((0.2, 2.0, 1.0), at=(alone[-1, 0] - 0.55, 0.0, 0.5), name="wall")  # comes down behind it
+
+    def scene(t):
+        return Scene([wall] if t > 2.9 else [], time=t)
+
+    controller, places, _ = driven(silvermate, scene, 8.0)
+    assert not leavings(controller)
+    assert np.ptp(places[-300:, 0]) < 0.01
+    assert any("back off" in event.reason and "wall" in event.reason for event in controller.events)
+
+
+def test_an_emergency_stop_is_no_touch(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    plant = KinematicPlant(silvermate, controller.limits, seed=1)
+    plant.reset(silvermate.space.to_coordinates(silvermate.home()))
+    measured = None
+    for k in range(600):
+        measured = plant.step(controller.step(k * DT, measured, Scene([])), DT)
+        if k > 150:
+            measured = replace(measured, contact="the bumper is pressed", emergency="the red button")
+    assert not leavings(controller)
+    assert controller.reference.v.any() == 0
