@@ -39,6 +39,7 @@ from .prediction import Outlook
 _Part = Annotated[float, Bound(above=0.0, high=1.0)]
 _ZERO = 1e-6  # [m/s, rad/s] a command below this is rest
 _SAME = 1e-6  # of the motors' largest speeds: a command that differs by less is the same
+_NOTHING = 2e-3  # of these: a proposal below this is none
 _SAME_DIRECTION = 0.999  # cosine from which on a command is slowed and not bent
 _ANCHOR_SHARE = 0.25  # of the tracking error off its reference, at rest, from which on the robot starts where it is
 _INSIDE = 1e-4  # [m] below the present distance that is certified where the robot leaves the clearance
@@ -519,6 +520,9 @@ class Guard:
             keeps = steered is not None and steered.turned
             proposal = self._proposer.propose(v, start, pairs, hold=hold, turns=not keeps)
             v, cause = proposal.v, cause if proposal.cause is None else pairs.names[proposal.cause]
+        if float(np.abs(v[self._columns] / self._scale).max()) < _NOTHING:
+            none = self._none(t, f"{cause[0]} is near {cause[1]}")
+            return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause))
         options = _Options(v * (self._slow(v) if leaving else 1.0), self.robot.space.base_nv)
         tries, option = 0, options.v
         while option is not None and tries < params.tries and not (tries and self._meter() - began > params.budget):

@@ -191,7 +191,12 @@ class Proposer(OneThread):
         span = 0.5 * (share @ brake) / np.maximum(share.sum(axis=1), _SAME) + _HOLD_TRAVEL * hold
         least = np.where(pairs.cover > 0.0, np.minimum(-room / span, 0.0), -room / span)
         inside = room < 0.0
-        least[inside] = np.minimum(least[inside], np.minimum(-room[inside] / _OUT_TIME, _OUT_SPEED))
+        out = np.clip(-(room[inside] + _BEYOND) / _OUT_TIME, 0.0, _OUT_SPEED)
+        least[inside] = np.minimum(least[inside], out)
+        return self.nearest(desired, pairs, least, turns=turns)
+
+    def nearest(self, desired: Array, pairs: NearPairs, least: Array, *, turns: bool) -> Proposal:
+        """The velocity nearest to a desired one with which pairs part at ``least`` (K,) [m/s]; see :meth:`propose`."""
         rows = pairs.rows[:, self.columns] * (self.scale * self._free(desired, turns))
         want = desired[self.columns] / self.scale
         least = least - pairs.rows @ desired  # of what is changed

@@ -6,7 +6,7 @@ It cannot slide, and close to a wall its corners keep it from turning. Like any 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -140,7 +140,10 @@ class Steering:
         return v
 
     def _ahead(self, wanted: Array, start: ReferenceState, number: int) -> Trajectory:
-        """The base's motion with a command and a turn; the joints stop."""
+        """The base's motion with a command and a turn; the joints stay."""
+        v = start.v.copy()
+        v[3:] = 0.0
+        start = replace(start, v=v)
         drive = self.limits.to_drive(self._turned(wanted, number)[:3])
         motion = motion_to(self.robot, self.limits, start, drive, part=self._part, duration=_PREVIEW, dt=_PREVIEW_STEP)
         assert motion is not None
