@@ -436,9 +436,9 @@ def hall(rng: np.random.Generator, obstacles: int, *, moving: bool) -> World:
             things.append(Box((size[0], size[1], high), at=(x, y, 0.5 * high), quat=_turned(rng), name=name))
     for k in range(movers):
         angle, speed = float(rng.uniform(0.0, 2.0 * math.pi)), float(rng.uniform(0.2, 1.0))
-        passed = float(rng.uniform(-1.0, 1.0))
+        passed = float(rng.uniform(-2.5, 2.5))
         way = np.array([math.cos(angle), math.sin(angle)])
-        at = -way * float(rng.uniform(2.0, 6.0)) + passed * np.array([-way[1], way[0]])
+        at = -way * float(rng.uniform(2.0, 8.0)) + passed * np.array([-way[1], way[0]])
         motion = Twist(np.array([*(speed * way), 0.0]))
         things.append(Cylinder(0.2, 1.7, at=(*at, 0.85), name=f"mover {k}", motion=motion))
     return World(Scene(things))

@@ -42,7 +42,7 @@ _SAME = 1e-6  # of the motors' largest speeds: a command that differs by less is
 _NOTHING = 2e-3  # of these: a proposal below this is none
 _SAME_DIRECTION = 0.999  # cosine from which on a command is slowed and not bent
 _ANCHOR_SHARE = 0.25  # of the tracking error off its reference, at rest, from which on the robot starts where it is
-_INSIDE = 1e-4  # [m] below the present distance that is certified where the robot leaves the clearance
+_INSIDE = 5e-5  # [m] below the present distance that is certified where the robot leaves the clearance
 _LEAST_CLEARANCE = 5e-4  # [m] from which on a robot can leave by itself
 _DAMPING = 0.05  # of a hand's twist near singular postures
 _SELF_REACH = 0.1  # [m] within which links count for each other
@@ -264,6 +264,7 @@ class Guard:
         self._trouble = "no scene has come yet"
         self._outlook: Outlook | None = None
         self._proof: tuple[Trajectory, Outlook] | None = None  # a certified motion, and what against
+        self._inside = False  # whether the robot leaves its clearance, or has to
         self._said: tuple[GuardOutcome, str, str] | None = None
         self._clearance = drive.clearance  # that the active motion is certified with
         self._lender: Controller | None = None
@@ -505,7 +506,8 @@ class Guard:
         start = executor.active.at(t)
         hold = params.hold * max(executor.period.seconds, params.drive.control_dt)
         pairs = self._proposer.look(start, outlook, settle=hold + params.drive.settle_time)
-        kept, own, leaving = self._kept(pairs, start)
+        kept, own, slow_from = self._kept(pairs, start)
+        leaving = slow_from < self.robot.nv
 
         def certify(motion: Trajectory) -> Certificate:
             return self._certifier.certify(motion, outlook.scene, outlook.possible, clearance=kept, self_clearance=own)
@@ -523,7 +525,7 @@ class Guard:
         if float(np.abs(v[self._columns] / self._scale).max()) < _NOTHING:
             none = self._none(t, f"{cause[0]} is near {cause[1]}")
             return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause))
-        options = _Options(v * (self._slow(v) if leaving else 1.0), self.robot.space.base_nv)
+        options = _Options(self._slowed(v, slow_from) if leaving else v, self.robot.space.base_nv)
         tries, option = 0, options.v
         while option is not None and tries < params.tries and not (tries and self._meter() - began > params.budget):
             v, _ = self._within_stops(option, start, hold)
@@ -543,6 +545,11 @@ class Guard:
                 if self._steering is not None:
                     self._steering.forget()
                 cause = broken.labels or (broken.link, broken.obstacle)
+            here = pairs.of(*(broken.labels or (broken.link, broken.obstacle)))
+            room = here - (own if broken.kind == "self" else kept)
+            self._inside = self._inside or room < _INSIDE
+            if room < 0.0:
+                break  # where the motion begins it is too near already
             option = options.after(broken.kind == "self" or broken.link in self._arm)
         none = self._none(t, f"{cause[0]} is too near to {cause[1]}")
         return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause), tries=tries)
@@ -580,26 +587,36 @@ class Guard:
         worst = int(np.argmax(less))
         return v, self.robot.joint_names[worst] if less[worst] > 1e-3 else ""
 
-    def _kept(self, pairs: NearPairs, start: ReferenceState) -> tuple[float, float, bool]:
-        """What motions keep now from obstacles and between links [m], and whether that is less than was asked for.
+    def _kept(self, pairs: NearPairs, start: ReferenceState) -> tuple[float, float, int]:
+        """What motions keep now from obstacles and between links [m], and the first coordinate that has to be slow.
 
-        It is where a robot that stands, or is slow, is inside that: it has to get out again.
+        It is less than was asked for where a robot that stands, or is slow, is inside that: it has to get out again. At
+        the very border it is only where a motion has been refused for that.
         """
         clearance, own, slow = self._margins.clearance, self.params.self_clearance, self.params.leaving_speed
-        others = float(pairs.distance[: pairs.outer].min(initial=math.inf))
-        selves = float(pairs.distance[pairs.outer :].min(initial=math.inf))
-        inside = others <= clearance + _INSIDE or selves <= own + _INSIDE
-        if not inside or self._slow(start.v) < 0.5 or slow == 0.0:
-            return clearance, own, False
-        kept = min(clearance, max(others - _INSIDE, _LEAST_CLEARANCE))
-        return kept, min(own, max(selves - _INSIDE, _LEAST_CLEARANCE)), True
+        others = float(pairs.distance[: pairs.outer].min(initial=math.inf)) - clearance
+        selves = float(pairs.distance[pairs.outer :].min(initial=math.inf)) - own
+        border = _INSIDE if self._inside else 0.0
+        if others >= border and selves >= border:
+            self._inside = self._inside and min(others, selves) < _INSIDE
+            return clearance, own, self.robot.nv
+        first = 0 if others < border else self.robot.space.base_nv
+        if slow == 0.0 or self._slowed(start.v, first) is not start.v:
+            return clearance, own, self.robot.nv
+        self._inside = True
+        kept = min(clearance, max(clearance + others - _INSIDE, _LEAST_CLEARANCE))
+        return kept, min(own, max(own + selves - _INSIDE, _LEAST_CLEARANCE)), first
 
-    def _slow(self, v: Array) -> float:
-        """By how much a velocity (nv,) has to be slowed down inside the clearance."""
-        slow, base = self.params.leaving_speed, self.robot.space.base_nv
-        linear = float(np.hypot(*v[:2])) if base else 0.0
-        turning = float(np.abs(v[2 if base else 0 :]).max(initial=0.0))
-        return 1.0 / max(1.0, linear / slow, 0.5 * turning / slow) if slow > 0.0 else 0.0
+    def _slowed(self, v: Array, first: int) -> Array:
+        """A velocity (nv,) whose coordinates from the first on are as slow as inside the clearance; itself if it is."""
+        slow, base = 1.02 * self.params.leaving_speed, self.robot.space.base_nv
+        turning = float(np.abs(v[max(first, 2 if base else 0) :]).max(initial=0.0))
+        over = max(float(np.hypot(*v[:2])) if base and not first else 0.0, 0.5 * turning) / slow if slow else np.inf
+        if over <= 1.0:
+            return v
+        out = v.copy()
+        out[first:] /= 1.02 * over
+        return out
 
     # where nothing new is driven
 

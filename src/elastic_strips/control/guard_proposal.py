@@ -20,12 +20,14 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState
 from .prediction import Outlook
 
 _BEYOND = 1.5e-3  # [m] beyond the clearance at which the proposal stops, so that its motion is certified
-_SLACK = 0.02  # [m/s] of approach that costs as much as the whole speed of one motor
-_OUT_TIME = 0.2  # [s] in which what is inside the clearance leaves it
+_SLACK = 0.02  # part of a pair's largest speed by which it may come too near for the whole speed of one motor
+_OUT_TIME = 0.05  # [s] in which what is inside the clearance, or hardly outside, leaves it
 _OUT_SPEED = 0.05  # [m/s] and the largest speed with which it does
 _ROUNDS = 3  # of adding pairs that the last proposal would come too near
 _MOST_PAIRS = 40  # that a round adds
 _HOLD_TRAVEL = 1.5  # times the hold: what a speed covers before it brakes, its rise included
+_EXACT = 2e-5  # [m] to which distances are known
+_IMMOVABLE = 1e-4  # [m/s] a pair that nothing makes faster than this is not parted
 _MOVES = 1e-6  # of its largest speed: a coordinate that is to be slower is to rest
 _SAME = 1e-9  # [m/s]
 
@@ -95,9 +97,9 @@ class Proposer(OneThread):
         self.self_clearance: float = self_clearance
         self._bodies = bodies = BodySet.links(robot)
         self._kin = Kinematics(robot.tree, 1)
-        self._obstacles = ObstacleProximity(bodies, influence=reach)
+        self._obstacles = ObstacleProximity(bodies, influence=reach, tolerance=_EXACT)
         pairs = robot.pairs_within(self_clearance)
-        self._self = SelfProximity(bodies, pairs, MotionBounds(bodies), influence=self_reach)
+        self._self = SelfProximity(bodies, pairs, MotionBounds(bodies), influence=self_reach, tolerance=_EXACT)
         self._change = part * limits.acceleration
         slides = limits.drive_dim == 2  # nothing moves it sideways
         self.columns: Indices = np.array([i for i in range(robot.nv) if not (slides and i == 1)], dtype=np.intp)
@@ -189,17 +191,17 @@ class Proposer(OneThread):
         room = pairs.distance - pairs.need - pairs.cover - _BEYOND
         share, brake = np.abs(pairs.rows * start.v), self.braking(start.v)
         span = 0.5 * (share @ brake) / np.maximum(share.sum(axis=1), _SAME) + _HOLD_TRAVEL * hold
-        least = np.where(pairs.cover > 0.0, np.minimum(-room / span, 0.0), -room / span)
-        inside = room < 0.0
-        out = np.clip(-(room[inside] + _BEYOND) / _OUT_TIME, 0.0, _OUT_SPEED)
-        least[inside] = np.minimum(least[inside], out)
+        least = -room / span
+        short = np.where(pairs.cover > 0.0, -np.inf, pairs.need + 0.5 * _BEYOND - pairs.distance)
+        least[room < 0.0] = np.clip(short[room < 0.0] / _OUT_TIME, 0.0, _OUT_SPEED)
         return self.nearest(desired, pairs, least, turns=turns)
 
     def nearest(self, desired: Array, pairs: NearPairs, least: Array, *, turns: bool) -> Proposal:
         """The velocity nearest to a desired one with which pairs part at ``least`` (K,) [m/s]; see :meth:`propose`."""
         rows = pairs.rows[:, self.columns] * (self.scale * self._free(desired, turns))
         want = desired[self.columns] / self.scale
-        least = least - pairs.rows @ desired  # of what is changed
+        size = np.maximum(np.sqrt(np.einsum("ki,ki->k", rows, rows)), _IMMOVABLE)
+        rows, least = rows / size[:, None], (least - pairs.rows @ desired) / size  # of what is changed
         x, used = np.zeros_like(want), np.zeros(len(rows), dtype=bool)
         cause: int | None = None
         for _ in range(_ROUNDS):
