@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import thread_time
@@ -38,6 +39,7 @@ _RUN = 15.0  # [s] of a hostile run
 _ROOM = 5.0  # [m] half the side of the hall
 _FREE_START = 0.9  # [m] between the robot's start and obstacles
 _WALL_GAP, _WALL_RUN = 1.5, 8.0  # [m], [s] of a run along a wall
+_DOOR_END = 4.0  # [m] where somebody is through the door
 WALL_ANGLES = (20.0, 40.0, 60.0)
 
 
@@ -281,6 +283,7 @@ class Piloted:
         self.statistics: TickStatistics = TickStatistics()
         self.sensing_took: float = 0.0
         self.replans: int = 0
+        self.times: list[float] = []  # [s] of the answers
         self.answers: list[GuardedCommand] = []
         self.wanted: list[bool] = []  # whether something was
         self.seconds: list[float] = []  # of the processor, of each step
@@ -367,6 +370,7 @@ class Piloted:
         began, charged = thread_time(), 0.0 if self._meter is None else self._meter()
         answer = self.guard.step(t, measurement, scene, desired, trouble=trouble)
         self.seconds.append(thread_time() - began)
+        self.times.append(t)
         self._busy, self._last = t + (0.0 if self._meter is None else self._meter() - charged), answer.command
         self.answers.append(answer)
         self.wanted.append(
@@ -475,8 +479,8 @@ def _simulated(
     found = evaluate(result.record, robot, driven.world, driven.limits)
     rows = result.record.control
     off = np.abs(rows.v).max(axis=1)
-    answers = piloted.answers
-    shares = [a.share for a, wanted in zip(answers, piloted.wanted, strict=True) if wanted]
+    answers = [a for a, t in zip(piloted.answers, piloted.times, strict=True) if t < time]  # after that it is stopped
+    shares = [a.share for a, wanted in zip(answers, piloted.wanted, strict=False) if wanted]
     figures = {
         "contacts_at_speed": len(found.collisions),
         "contacts": found.as_dict()["collisions"],
@@ -658,7 +662,9 @@ def _free(robot: RobotModel, limits: MotionLimits) -> Figures:
             return Desired(twist=twist.twist if base else None, joints=joints)
 
         piloted, _, figures = _simulated(robot, scene, robot.home_q, pilot, "guard", seed=1, time=20.0)
-        passed = [a.outcome is GuardOutcome.PASSED for a in piloted.answers]
+        passed = [a.outcome is GuardOutcome.PASSED for a in piloted.answers[: round(20.0 / piloted.params.control_dt)]]
+        causes = Counter(f"{a.link} – {a.obstacle}" for a in piloted.answers if a.link)
+        out[f"free_{what}_causes"] = causes.most_common(3)
         out[f"free_{what}"] = figures["share"]
         out[f"free_{what}_passed"] = float(np.mean(passed))
     return out
@@ -691,16 +697,22 @@ def _through_door(robot: RobotModel, width: float, method: str) -> Figures:
     ]
     limits = MotionLimits.for_robot(robot)
 
-    def pilot(seen: Seen) -> Desired:
-        x, y, _ = seen.coordinates[:3]
-        target = np.array([max(x + 0.8, 1.0), 0.0])
-        twist = _towards(robot, limits, seen.coordinates, target)
+    def pilot(seen: Seen) -> Desired | None:
+        x, y, yaw = seen.coordinates[:3]
+        if x > _DOOR_END:
+            return None
         if limits.drive_dim == 3:
-            twist = np.array([1.0, -y, -seen.coordinates[2]])
-        return Desired(twist=twist)
+            return Desired(twist=np.array([1.0, -y, -yaw]))
+        return Desired(twist=_towards(robot, limits, seen.coordinates, np.array([max(x + 0.8, 1.0), 0.0])))
 
     start = robot.home(y=0.3)
-    _, _, figures = _simulated(
-        robot, Scene(posts), start, pilot, method, seed=0, time=25.0, until=lambda at: bool(at[0] > 4.0)
+    _, driven, figures = _simulated(
+        robot, Scene(posts), start, pilot, method, seed=0, time=25.0, until=lambda at: bool(at[0] > _DOOR_END)
     )
-    return {"time_s": figures["time_s"], "contacts": figures["contacts_at_speed"], "share": figures["share"]}
+    rows = driven.recorder.finish().control
+    there = np.flatnonzero(rows.coordinates[:, 0] > _DOOR_END)
+    return {
+        "time_s": float(rows.time[there[0]]) if len(there) else None,
+        "contacts": figures["contacts_at_speed"],
+        "share": figures["share"],
+    }

@@ -512,7 +512,8 @@ def _passing_rows(figures: Figures) -> None:
                 row(
                     f"{what} command",
                     f"{100 * some[f'free_{what}']:.1f} % where nothing is near, "
-                    f"as it is in {100 * some[f'free_{what}_passed']:.1f} % of the periods",
+                    f"as it is in {100 * some[f'free_{what}_passed']:.1f} % of the periods; bent by "
+                    + (", ".join(f"{name} ({count})" for name, count in some[f"free_{what}_causes"]) or "nothing"),
                 )
         for name, wall in some.items():
             if name.startswith("wall"):
@@ -523,7 +524,10 @@ def _passing_rows(figures: Figures) -> None:
             elif name.startswith("door"):
                 row(
                     f"door of {name[5:]} m",
-                    ", ".join(f"{method} {door['time_s']:.1f} s" for method, door in wall.items()),
+                    ", ".join(
+                        f"{method} " + ("not through" if door["time_s"] is None else f"{door['time_s']:.2f} s")
+                        for method, door in wall.items()
+                    ),
                 )
 
 

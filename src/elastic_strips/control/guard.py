@@ -47,9 +47,8 @@ _LEAST_CLEARANCE = 5e-4  # [m] from which on a robot can leave by itself
 _DAMPING = 0.05  # of a hand's twist near singular postures
 _SELF_REACH = 0.1  # [m] within which links count for each other
 _FARTHEST = 1.0  # [m] and obstacles, at most
-_ARM_SOFTER = 0.4  # part of the arm's command that is tried after its refusal, before none
-_BASE_SLOWER = 0.6  # part of the base's, again and again
-_LAST_SHARE = 0.25  # down to this
+_SOFTER = (0.6, 0.25, 0.0)  # parts of the base's, or the arm's command that are tried after its refusal
+_STUCK = 1e-3  # [m] of room below which none of them is tried
 
 
 class GuardOutcome(Enum):
@@ -533,6 +532,8 @@ class Guard:
             motion = hold_and_brake(self.robot, self.limits, start, speed, part=params.acceleration, hold=hold)
             certificate = certify(motion)
             tries += 1
+            if tries == 1:
+                self._proposer.learn(refused=not certificate.certified)
             if certificate.certified:
                 executor.submit(motion, certificate, at_goal=False, proven=outlook.margins.tracking_error)
                 if executor.active is motion:
@@ -550,7 +551,8 @@ class Guard:
             self._inside = self._inside or room < _INSIDE
             if room < 0.0:
                 break  # where the motion begins it is too near already
-            option = options.after(broken.kind == "self" or broken.link in self._arm)
+            arm = broken.kind == "self" or broken.link in self._arm
+            option = options.after(arm, stuck=room < _STUCK)
         none = self._none(t, f"{cause[0]} is too near to {cause[1]}")
         return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause), tries=tries)
 
@@ -670,22 +672,25 @@ class _Options:
     def __init__(self, v: Array, base: int) -> None:
         self.v: Array = v
         self._base = base
-        self._drives, self._reaches = bool(v[:base].any()), bool(v[base:].any())
-        self._drive = self._arm = 1.0
-        self._last = [(0.0, _ARM_SOFTER), (_LAST_SHARE, 0.0)] if self._drives and self._reaches else []
+        self._drive = [share for share in _SOFTER if v[:base].any()]
+        self._arm = [share for share in _SOFTER if v[base:].any()]
+        self._shares = [1.0, 1.0]
 
-    def after(self, arm: bool) -> Array | None:
-        """The next one (nv,) after a refusal for the arm, or for the base; None where there is none."""
-        if arm and self._reaches and self._arm > 0.0:
-            self._arm = _ARM_SOFTER if self._arm > _ARM_SOFTER else 0.0
-        elif self._drives and self._drive > _LAST_SHARE:
-            self._drive *= _BASE_SLOWER
-        elif self._last:
-            self._drive, self._arm = self._last.pop(0)
-            self._drives = False
-        else:
+    def after(self, arm: bool, *, stuck: bool) -> Array | None:
+        """The next one (nv,) after a refusal for the arm, or for the base; None where there is none.
+
+        Args:
+            arm: whether a link of the arm was in it.
+            stuck: whether they are so near that the base, or the arm, had better stay.
+        """
+        of_arm = bool(self._arm) and (arm or not self._drive)
+        left = self._arm if of_arm else self._drive
+        if not left:
             return None
+        self._shares[of_arm] = left.pop(-1 if stuck else 0)
+        if stuck:
+            left.clear()
         v = self.v.copy()
-        v[: self._base] *= self._drive
-        v[self._base :] *= self._arm
+        v[: self._base] *= self._shares[0]
+        v[self._base :] *= self._shares[1]
         return v if v.any() else None

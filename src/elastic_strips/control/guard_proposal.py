@@ -23,6 +23,7 @@ _BEYOND = 1.5e-3  # [m] beyond the clearance at which the proposal stops, so tha
 _SLACK = 0.02  # part of a pair's largest speed by which it may come too near for the whole speed of one motor
 _OUT_TIME = 0.05  # [s] in which what is inside the clearance, or hardly outside, leaves it
 _OUT_SPEED = 0.05  # [m/s] and the largest speed with which it does
+_MORE, _LESS, _MOST = 0.1, 0.01, 2.0  # by which caution rises and falls, and how far
 _ROUNDS = 3  # of adding pairs that the last proposal would come too near
 _MOST_PAIRS = 40  # that a round adds
 _HOLD_TRAVEL = 1.5  # times the hold: what a speed covers before it brakes, its rise included
@@ -80,6 +81,9 @@ class Proposer(OneThread):
         self_clearance: distance [m] to keep between the robot's own links.
         part: share of the acceleration limits with which motions brake.
         reach: obstacles nearer than this [m] count; self_reach: links to each other.
+
+    Attributes:
+        caution: how much longer braking is taken to last, at least 1; see :meth:`learn`.
     """
 
     def __init__(
@@ -95,6 +99,7 @@ class Proposer(OneThread):
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.self_clearance: float = self_clearance
+        self.caution: float = 1.0
         self._bodies = bodies = BodySet.links(robot)
         self._kin = Kinematics(robot.tree, 1)
         self._obstacles = ObstacleProximity(bodies, influence=reach, tolerance=_EXACT)
@@ -120,6 +125,10 @@ class Proposer(OneThread):
         """Forget all that is known, as is needed after an exception."""
         self._obstacles.reset()
         self._self.reset()
+
+    def learn(self, *, refused: bool) -> None:
+        """Be more cautious after a proposal whose motion was refused, and less so again after others."""
+        self.caution = min(self.caution + _MORE, _MOST) if refused else max(self.caution - _LESS, 1.0)
 
     @exclusive
     def look(self, start: ReferenceState, outlook: Outlook, *, settle: float) -> NearPairs:
@@ -191,6 +200,7 @@ class Proposer(OneThread):
         room = pairs.distance - pairs.need - pairs.cover - _BEYOND
         share, brake = np.abs(pairs.rows * start.v), self.braking(start.v)
         span = 0.5 * (share @ brake) / np.maximum(share.sum(axis=1), _SAME) + _HOLD_TRAVEL * hold
+        span *= self.caution
         least = -room / span
         short = np.where(pairs.cover > 0.0, -np.inf, pairs.need + 0.5 * _BEYOND - pairs.distance)
         least[room < 0.0] = np.clip(short[room < 0.0] / _OUT_TIME, 0.0, _OUT_SPEED)
