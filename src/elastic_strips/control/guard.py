@@ -44,6 +44,7 @@ _SAME_DIRECTION = 0.999  # cosine from which on a command is slowed and not bent
 _ANCHOR_SHARE = 0.25  # of the tracking error off its reference, at rest, from which on the robot starts where it is
 _INSIDE = 5e-5  # [m] below the present distance that is certified where the robot leaves the clearance
 _LEAST_CLEARANCE = 5e-4  # [m] from which on a robot can leave by itself
+_STOP_MARGIN = 5e-4  # [rad or m] before its stop a joint comes to rest, besides what rounding of periods costs
 _DAMPING = 0.05  # of a hand's twist near singular postures
 _SELF_REACH = 0.1  # [m] within which links count for each other
 _FARTHEST = 1.0  # [m] and obstacles, at most
@@ -578,8 +579,10 @@ class Guard:
         """A velocity (nv,) with which no joint passes its stop, and the joint that this slows most."""
         space, base, k = self.robot.space, self.robot.space.base_nv, self.limits.drive_dim
         here, now, change = start.coordinates[base:], start.v[base:], self._change[k:]
-        up = fastest_towards(space.upper[base:] - here, now, change, hold)
-        down = fastest_towards(here - space.lower[base:], -now, change, hold)
+        margin = _STOP_MARGIN + 0.25 * change * hold * hold
+        low, high = space.lower[base:] + margin, space.upper[base:] - margin
+        up = fastest_towards(high - here, now, change, hold)
+        down = fastest_towards(here - low, -now, change, hold)
         rates = np.clip(wanted[base:], np.minimum(-down, 0.0), np.maximum(up, 0.0))
         less = np.abs(wanted[base:] - rates)
         if not less.any():
