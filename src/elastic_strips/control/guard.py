@@ -579,7 +579,7 @@ class Guard:
         """A velocity (nv,) with which no joint passes its stop, and the joint that this slows most."""
         space, base, k = self.robot.space, self.robot.space.base_nv, self.limits.drive_dim
         here, now, change = start.coordinates[base:], start.v[base:], self._change[k:]
-        margin = _STOP_MARGIN + 0.25 * change * hold * hold
+        margin = _STOP_MARGIN + 0.5 * change * hold * hold
         low, high = space.lower[base:] + margin, space.upper[base:] - margin
         up = fastest_towards(high - here, now, change, hold)
         down = fastest_towards(here - low, -now, change, hold)

@@ -66,7 +66,7 @@ def hold_and_brake(
 def fastest_towards(gap: Array, now: Array, change: Array, hold: float) -> Array:
     """The largest speeds (n,) towards stops that :func:`hold_and_brake` may be given without passing them.
 
-    Asked for again and again, while it slows down to the stop, they lead up to a quarter of ``change·hold²`` beyond it.
+    Asked for again and again, while it slows down to the stop, they lead up to half of ``change·hold²`` beyond it.
 
     Args:
         gap: (n,) way that is left to each stop [rad or m].
