@@ -17,7 +17,10 @@ from elastic_strips.control import Controller, DriveParams, Guard, GuardedComman
 from elastic_strips.control.guard import Desired
 from elastic_strips.control.guard_proposal import NearPairs, Proposal, Proposer
 from elastic_strips.control.interfaces import Command, Event, Measurement
+from elastic_strips.control.params import ObstacleAssumptions
+from elastic_strips.control.prediction import Outlook
 from elastic_strips.control.record import TickStatistics
+from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, World
 from elastic_strips.sim.closed_loop import Simulation, simulation
@@ -39,6 +42,8 @@ _RUN = 15.0  # [s] of a hostile run
 _ROOM = 5.0  # [m] half the side of the hall
 _FREE_START = 0.9  # [m] between the robot's start and obstacles
 _WALL_GAP, _WALL_RUN = 1.5, 8.0  # [m], [s] of a run along a wall
+_ROOMY = 0.08  # [m] between links that are far from each other
+_FREE_RUN = 20.0  # [s]
 _DOOR_END = 4.0  # [m] where somebody is through the door
 WALL_ANGLES = (20.0, 40.0, 60.0)
 
@@ -411,6 +416,14 @@ def load(robot: str, base: str) -> RobotModel:
     return load_robot(robot, base=base) if base else load_robot(robot)
 
 
+def limits_of(robot: RobotModel) -> MotionLimits:
+    """The limits of a robot; a differential drive whose file states no wheels gets those of a Fetch."""
+    try:
+        return MotionLimits.for_robot(robot)
+    except ParameterError:
+        return MotionLimits.for_robot(robot, wheel_speed=1.0, track=0.375, wheel_radius=0.06)
+
+
 def _turned(rng: np.random.Generator) -> tuple[float, float, float, float]:
     """A random turn about z, as a quaternion."""
     half = float(rng.uniform(0.0, math.pi))
@@ -472,8 +485,19 @@ def _simulated(
         from elastic_strips.sim.mujoco.plant import MujocoPlant
 
         assert isinstance(world, World)
-        machine = MujocoPlant(robot, MotionLimits.for_robot(robot), world, seed=seed)
-    driven = simulation(robot, world, start, start, make=make, seed=seed, faults=faults, plant=machine, compute=compute)
+        machine = MujocoPlant(robot, limits_of(robot), world, seed=seed)
+    driven = simulation(
+        robot,
+        world,
+        start,
+        start,
+        limits=limits_of(robot),
+        make=make,
+        seed=seed,
+        faults=faults,
+        plant=machine,
+        compute=compute,
+    )
     result = driven.run(time_limit=time)
     piloted = cast("Piloted", driven.controller)
     found = evaluate(result.record, robot, driven.world, driven.limits)
@@ -504,7 +528,7 @@ def _simulated(
 
 def _hostile(task: _Task) -> Figures:
     robot, rng = load(task.robot, task.base), np.random.default_rng((task.seed, 7))
-    limits = MotionLimits.for_robot(robot)
+    limits = limits_of(robot)
     pilot = PILOTS[task.pilot](robot, limits, rng)
     world = hall(np.random.default_rng(task.seed), task.obstacles, moving=task.moving)
     faults = [Fault.parse(f"{task.fault}@{rng.uniform(2.0, 0.6 * task.time):.2f}")] if task.fault else []
@@ -620,7 +644,7 @@ def bench_passing(robots: Sequence[str], step: Note = silent, *, bases: Sequence
     for name in robots:
         for base in bases:
             robot = load(name, base)
-            limits = MotionLimits.for_robot(robot)
+            limits = limits_of(robot)
             row: Figures = {"robot": name, "base": base or robot.base_kind.value}
             step(f"{name} {base}: nothing near")
             row |= _free(robot, limits)
@@ -634,40 +658,66 @@ def bench_passing(robots: Sequence[str], step: Note = silent, *, bases: Sequence
     return {**head("passing", robots=list(robots)), "rows": rows}
 
 
+def _roomy(robot: RobotModel, limits: MotionLimits) -> Array:
+    """A configuration (nq,) whose arm is far from its stops and from the robot's own links."""
+    rng, base = np.random.default_rng(5), robot.space.base_nv
+    look = Proposer(robot, limits, self_clearance=0.005, part=0.8, reach=0.1, self_reach=_ROOMY)
+    row = robot.space.to_coordinates(robot.home_q)
+    low, high = np.maximum(robot.space.lower[base:], -3.0), np.minimum(robot.space.upper[base:], 3.0)
+    nothing = Outlook.of(Scene([]), ObstacleAssumptions(), DriveParams().margins)
+    best, most = row, -1.0
+    for _ in range(2000):
+        posture = row.copy()
+        posture[base:] = low + (high - low) * rng.uniform(0.3, 0.7, len(low))
+        state = ReferenceState(0.0, posture, np.zeros(robot.nv), np.zeros(robot.nv))
+        room = float(look.look(state, nothing, settle=0.0).distance.min(initial=_ROOMY))
+        if room > most:
+            best, most = posture, room
+        if most >= _ROOMY:
+            break
+    return robot.space.from_coordinates(best)
+
+
 def _free(robot: RobotModel, limits: MotionLimits) -> Figures:
-    """Shares of base and whole commands that pass in a wide hall: smooth ones, the arm about its home posture."""
+    """Shares of base and whole commands that pass in a wide hall, the arm in the air or at home, moving to and fro."""
     out = {}
     scene = Scene([Box((0.2, 40.0, 2.0), at=(30.0, 0.0, 1.0), name="wall")])
-    home, base = robot.space.to_coordinates(robot.home_q), robot.space.base_nv
-    for what in ("base", "whole"):
+    base = robot.space.base_nv
+    for what, start in (("base", robot.home_q), ("whole", _roomy(robot, limits)), ("whole_at_home", robot.home_q)):
         if what == "base" and not base:
             continue
-        own = np.random.default_rng(3)
-        rate, phase = own.uniform(0.5, 1.5, robot.nv - base), own.uniform(0.0, 6.0, robot.nv - base)
-        wander = _wanderer(robot, limits, np.random.default_rng(1))
-
-        def pilot(
-            seen: Seen,
-            whole: bool = what == "whole",
-            rate: Array = rate,
-            phase: Array = phase,
-            wander: Pilot = wander,
-        ) -> Desired:
-            twist = wander(seen)
-            assert twist is not None
-            joints = None
-            if whole:  # about the home posture, as somebody would who works there
-                aim = home[base:] + 0.25 * np.sin(rate * seen.time + phase) * min(seen.time, 1.0)
-                joints = np.clip(2.0 * (aim - seen.coordinates[base:]), -limits.joint_speed, limits.joint_speed)
-            return Desired(twist=twist.twist if base else None, joints=joints)
-
-        piloted, _, figures = _simulated(robot, scene, robot.home_q, pilot, "guard", seed=1, time=20.0)
-        passed = [a.outcome is GuardOutcome.PASSED for a in piloted.answers[: round(20.0 / piloted.params.control_dt)]]
-        causes = Counter(f"{a.link} – {a.obstacle}" for a in piloted.answers if a.link)
-        out[f"free_{what}_causes"] = causes.most_common(3)
-        out[f"free_{what}"] = figures["share"]
-        out[f"free_{what}_passed"] = float(np.mean(passed))
+        at = robot.space.to_coordinates(start)[base:]
+        pilot = _Worker(robot, limits, at if what != "base" else None)
+        piloted, _, figures = _simulated(robot, scene, start, pilot, "guard", seed=1, time=_FREE_RUN)
+        answers = [a for a, t in zip(piloted.answers, piloted.times, strict=True) if t < _FREE_RUN]
+        causes = Counter(f"{a.link} – {a.obstacle}" for a in answers if a.link)
+        out[f"free_{what}"] = {
+            "share": figures["share"],
+            "passed": float(np.mean([a.outcome is GuardOutcome.PASSED for a in answers])),
+            "causes": causes.most_common(3),
+        }
     return out
+
+
+class _Worker:
+    """Workspace: drives about smoothly, and moves its arm to and fro about a posture (n,), or not at all."""
+
+    def __init__(self, robot: RobotModel, limits: MotionLimits, posture: Array | None) -> None:
+        rng = np.random.default_rng(3)
+        count = len(limits.joint_speed)
+        self._rate, self._phase = rng.uniform(0.5, 1.5, count), rng.uniform(0.0, 6.0, count)
+        self._wander = _wanderer(robot, limits, np.random.default_rng(1))
+        self._posture, self._top, self._base = posture, 0.9 * limits.joint_speed, robot.space.base_nv
+        self._size = np.where(robot.tree.sliding, 0.02, 0.25)
+
+    def __call__(self, seen: Seen) -> Desired:
+        wander = self._wander(seen)
+        assert wander is not None
+        twist, joints = wander.twist if self._base else None, None
+        if self._posture is not None:
+            aim = self._posture + self._size * np.sin(self._rate * seen.time + self._phase) * min(seen.time, 1.0)
+            joints = np.clip(2.0 * (aim - seen.coordinates[self._base :]), -self._top, self._top)
+        return Desired(twist=twist, joints=joints)
 
 
 def _along_wall(robot: RobotModel, angle: float) -> Figures:
@@ -695,7 +745,7 @@ def _through_door(robot: RobotModel, width: float, method: str) -> Figures:
     posts = [
         Box((0.2, 4.0, 2.0), at=(2.0, side * (2.0 + 0.5 * width), 1.0), name=f"post {side:+.0f}") for side in (-1, 1)
     ]
-    limits = MotionLimits.for_robot(robot)
+    limits = limits_of(robot)
 
     def pilot(seen: Seen) -> Desired | None:
         x, y, yaw = seen.coordinates[:3]

@@ -507,13 +507,18 @@ def _guarded_rows(figures: Figures) -> None:
 def _passing_rows(figures: Figures) -> None:
     for some in figures["rows"]:
         output.say(f"{some['robot']}, {some['base']}")
-        for what in ("base", "whole"):
-            if f"free_{what}" in some:
+        for what, told in (
+            ("base", "base command"),
+            ("whole", "whole command"),
+            ("whole_at_home", "about the home posture"),
+        ):
+            free = some.get(f"free_{what}")
+            if free is not None:
+                causes = ", ".join(f"{name} ({count})" for name, count in free["causes"])
                 row(
-                    f"{what} command",
-                    f"{100 * some[f'free_{what}']:.1f} % where nothing is near, "
-                    f"as it is in {100 * some[f'free_{what}_passed']:.1f} % of the periods; bent by "
-                    + (", ".join(f"{name} ({count})" for name, count in some[f"free_{what}_causes"]) or "nothing"),
+                    told,
+                    f"{100 * free['share']:.1f} % where nothing is near, as it is in {100 * free['passed']:.1f} % of "
+                    f"the periods; bent by {causes or 'nothing'}",
                 )
         for name, wall in some.items():
             if name.startswith("wall"):

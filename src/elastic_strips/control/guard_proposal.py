@@ -210,13 +210,13 @@ class Proposer(OneThread):
         """The velocity nearest to a desired one with which pairs part at ``least`` (K,) [m/s]; see :meth:`propose`."""
         rows = pairs.rows[:, self.columns] * (self.scale * self._free(desired, turns))
         want = desired[self.columns] / self.scale
-        size = np.maximum(np.sqrt(np.einsum("ki,ki->k", rows, rows)), _IMMOVABLE)
+        size = np.sqrt(np.einsum("ki,ki->k", rows, rows))
+        movable, size = size > _IMMOVABLE, np.maximum(size, _IMMOVABLE)
         rows, least = rows / size[:, None], (least - pairs.rows @ desired) / size  # of what is changed
         x, used = np.zeros_like(want), np.zeros(len(rows), dtype=bool)
         cause: int | None = None
         for _ in range(_ROUNDS):
-            short = least - rows @ x
-            short[used] = 0.0
+            short = np.where(used | ~movable, 0.0, least - rows @ x)
             new = np.flatnonzero(short > _SLACK * 1e-2)
             if not len(new):
                 break
