@@ -72,6 +72,8 @@ def teleop(
 
     Exit code 0: nothing was touched at speed. 2: wrong input. 3: something was.
     """
+    import numpy as np
+
     from elastic_strips.sim.scenarios import get_scenario
     from elastic_strips.sim.teleop import Teleop
 
@@ -85,7 +87,7 @@ def teleop(
     )
     hands = _Hands(session.guard.limits)
     with options.open_viewer(no_browser=no_browser, title=problem.name) as viewer:
-        viewer.show(model, session.world.at(0.0), session.guard.executor.active.strip())
+        viewer.show(model, session.world.at(0.0), np.stack(problem.ends(model)))  # both are in the picture
         viewer.steered(hands.hear, slides=session.guard.limits.drive_dim == 3)
         output.say(f"viewer  {viewer.url}  (W A S D, arrows or the stick; Ctrl-C ends)")
         shares: list[float] = []
