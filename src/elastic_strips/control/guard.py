@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -30,7 +31,7 @@ from elastic_strips.validation import Bound, Checked, Count, NonNegative, Positi
 from .controller import KEPT_EVENTS, Controller, stale
 from .executor import MotionExecutor
 from .guard_proposal import NearPairs, Proposer
-from .guard_steering import Steering
+from .guard_steering import Steered, Steering
 from .interfaces import Command, Measurement
 from .monitor import SceneMonitor
 from .params import DriveParams, Margins
@@ -502,64 +503,79 @@ class Guard:
 
     def _drive(self, t: float, wanted: Array, outlook: Outlook, began: float) -> _Taken:
         """Find a command near the wanted one whose motion is certified, and drive it."""
-        params, executor = self.params, self.executor
+        executor, drive = self.executor, self.params.drive
         start = executor.active.at(t)
-        hold = params.hold * max(executor.period.seconds, params.drive.control_dt)
-        pairs = self._proposer.look(start, outlook, settle=hold + params.drive.settle_time)
-        kept, own, slow_from = self._kept(pairs, start)
-        leaving = slow_from < self.robot.nv
-
-        def certify(motion: Trajectory) -> Certificate:
-            return self._certifier.certify(motion, outlook.scene, outlook.possible, clearance=kept, self_clearance=own)
-
-        aim, stopped = self._within_stops(wanted, start, hold)
-        cause, v = (stopped, stopped), aim
-        steered = None
-        if self._steering is not None and not leaving:
-            steered = self._steering.steer(aim, start, outlook.scene, certify)
-            v, cause = steered.v, self._steering.cause if steered.turned else cause
-        if steered is None or not steered.free:
-            keeps = steered is not None and steered.turned
-            proposal = self._proposer.propose(v, start, pairs, hold=hold, turns=not keeps)
-            v, cause = proposal.v, cause if proposal.cause is None else pairs.names[proposal.cause]
+        hold = self.params.hold * max(executor.period.seconds, drive.control_dt)
+        pairs = self._proposer.look(start, outlook, settle=hold + drive.settle_time)
+        now = _Now(start, hold, outlook, pairs, *self._kept(pairs, start))
+        v, cause = self._proposed(wanted, now)
         if float(np.abs(v[self._columns] / self._scale).max()) < _NOTHING:
             none = self._none(t, f"{cause[0]} is near {cause[1]}")
             return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause))
-        options = _Options(self._slowed(v, slow_from) if leaving else v, self.robot.space.base_nv)
-        tries, option = 0, options.v
-        while option is not None and tries < params.tries and not (tries and self._meter() - began > params.budget):
+        options, tries = _Options(v, self.robot.space.base_nv), 0
+        option: Array | None = v
+        tried = np.full(len(self._change), np.inf)
+        while option is not None and tries < self.params.tries:
+            if tries and self._meter() - began > self.params.budget:
+                break
             v, _ = self._within_stops(option, start, hold)
-            speed = self.limits.to_coordinates(v)
-            motion = hold_and_brake(self.robot, self.limits, start, speed, part=params.acceleration, hold=hold)
-            certificate = certify(motion)
+            speed = self._reachable(v, now)
+            if float(np.abs(speed - tried).max()) < _NOTHING:  # what was refused already
+                option = options.after(False, stuck=False)
+                continue
+            tried = speed
+            motion = hold_and_brake(self.robot, self.limits, start, speed, part=self.params.acceleration, hold=hold)
+            certificate = self._certify(motion, now)
             tries += 1
-            if tries == 1:
-                self._proposer.learn(refused=not certificate.certified)
-            if certificate.certified:
-                executor.submit(motion, certificate, at_goal=False, proven=outlook.margins.tracking_error)
-                if executor.active is motion:
-                    self._proof, self._clearance = (motion, outlook), kept
-                    return self._taken(v, wanted, pairs, cause, tries, leaving)
-                return replace(self._none(t, executor.run.reason), tries=tries)
             broken = certificate.broken
-            assert broken is not None
             if tries == 1:
+                self._proposer.learn(refused=broken is not None)
+            if broken is None:
+                executor.submit(motion, certificate, at_goal=False, proven=outlook.margins.tracking_error)
+                if executor.active is not motion:
+                    return replace(self._none(t, executor.run.reason), tries=tries)
+                self._proof, self._clearance = (motion, outlook), now.clearance
+                return self._taken(v, wanted, now, cause, tries)
+            pair = broken.labels or (broken.link, broken.obstacle)
+            if tries == 1:
+                cause = pair
                 if self._steering is not None:
                     self._steering.forget()
-                cause = broken.labels or (broken.link, broken.obstacle)
-            here = pairs.of(*(broken.labels or (broken.link, broken.obstacle)))
-            room = here - (own if broken.kind == "self" else kept)
+            of_self = broken.kind == "self"
+            room = pairs.of(*pair) - (now.self_clearance if of_self else now.clearance)
             self._inside = self._inside or room < _INSIDE
             if room < 0.0:
                 break  # where the motion begins it is too near already
-            arm = broken.kind == "self" or broken.link in self._arm
-            option = options.after(arm, stuck=room < _STUCK)
+            option = options.after(of_self or broken.link in self._arm, stuck=room < _STUCK)
         none = self._none(t, f"{cause[0]} is too near to {cause[1]}")
         return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause), tries=tries)
 
-    def _taken(
-        self, v: Array, wanted: Array, pairs: NearPairs, cause: tuple[str, str], tries: int, leaving: bool
-    ) -> _Taken:
+    def _proposed(self, wanted: Array, now: _Now) -> tuple[Array, tuple[str, str]]:
+        """A velocity (nv,) near the wanted one that is likely to be certified, and what keeps it from being that."""
+        v, stopped = self._within_stops(wanted, now.start, now.hold)
+        cause = stopped, stopped
+        steered: Steered | None = None
+        if self._steering is not None and not now.leaving:
+            steered = self._steering.steer(v, now.start, now.outlook.scene, partial(self._certify, now=now))
+            v, cause = steered.v, self._steering.cause if steered.turned else cause
+        if steered is None or not steered.free:
+            turns = steered is None or not steered.turned
+            proposal = self._proposer.propose(v, now.start, now.pairs, hold=now.hold, turns=turns)
+            v, cause = proposal.v, cause if proposal.cause is None else now.pairs.names[proposal.cause]
+        return (self._slowed(v, now.slow_from) if now.leaving else v), cause
+
+    def _certify(self, motion: Trajectory, now: _Now) -> Certificate:
+        scene, possible = now.outlook.scene, now.outlook.possible
+        return self._certifier.certify(
+            motion, scene, possible, clearance=now.clearance, self_clearance=now.self_clearance
+        )
+
+    def _reachable(self, v: Array, now: _Now) -> Array:
+        """(k + n,) the speeds of drive and joints that a velocity (nv,) comes to while it is held."""
+        before, change = self.limits.to_coordinates(now.start.v), self._change * now.hold
+        return np.minimum(np.maximum(self.limits.to_coordinates(v), before - change), before + change)
+
+    def _taken(self, v: Array, wanted: Array, now: _Now, cause: tuple[str, str], tries: int) -> _Taken:
         """What became of a command of which ``v`` (nv,) is driven."""
         want, have = wanted[self._columns] / self._scale, v[self._columns] / self._scale
         size, along = float(want @ want), float(want @ have)
@@ -567,13 +583,13 @@ class Guard:
             return _Taken(v, GuardOutcome.PASSED, 1.0, tries=tries)
         same = along >= _SAME_DIRECTION * math.sqrt(size) * float(np.linalg.norm(have))
         link, obstacle = cause
-        if leaving:
+        if now.leaving:
             reason = f"{link} leaves the clearance of {obstacle}"
         else:
             reason = f"{link} is near its stop" if link == obstacle else f"{link} is near {obstacle}"
         outcome = GuardOutcome.SLOWED if same else GuardOutcome.BENT
         share = min(max(along / size, 0.0), 1.0)
-        return _Taken(v, outcome, share, reason, link, obstacle, pairs.of(link, obstacle), tries)
+        return _Taken(v, outcome, share, reason, link, obstacle, now.pairs.of(link, obstacle), tries)
 
     def _within_stops(self, wanted: Array, start: ReferenceState, hold: float) -> tuple[Array, str]:
         """A velocity (nv,) with which no joint passes its stop, and the joint that this slows most."""
@@ -662,6 +678,29 @@ class Guard:
         if said != self._said and taken.link:
             self.executor.log("guard", f"{taken.outcome.value}: {taken.reason}")
         self._said = said
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Now:
+    """What a period decides on: the state from which motions begin, how long they hold, and what they keep from.
+
+    Attributes:
+        clearance, self_clearance: that motions keep [m].
+        slow_from: the first coordinate that has to be slow, as the robot is inside its clearance; their number else.
+    """
+
+    start: ReferenceState
+    hold: float
+    outlook: Outlook
+    pairs: NearPairs
+    clearance: float
+    self_clearance: float
+    slow_from: int
+
+    @property
+    def leaving(self) -> bool:
+        """Whether the robot is inside the clearance that was asked for."""
+        return self.slow_from < len(self.start.v)
 
 
 class _Options:
