@@ -733,10 +733,11 @@ def _along_wall(robot: RobotModel, angle: float) -> Figures:
     at = rows.time <= _WALL_RUN
     y, t = rows.coordinates[at, 1], rows.time[at]
     top = GuardParams().speed * float(driven.limits.drive_speed[0])
+    top /= max(top, *np.abs(twist[:2])) if omni else 1.0  # of what is commanded
     late = t >= 0.5 * _WALL_RUN
     whole = float((y[-1] - y[0]) / (t[-1] - t[0]))
     settled = float((y[late][-1] - y[late][0]) / (t[late][-1] - t[late][0]))
-    along = top * math.cos(a) if omni else top
+    along = float(top * twist[1]) if omni else top
     return {"whole": whole / along, "settled": settled / along, "contacts": figures["contacts_at_speed"]}
 
 
