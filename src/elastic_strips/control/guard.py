@@ -49,7 +49,7 @@ _STOP_MARGIN = 5e-4  # [rad or m] before its stop a joint comes to rest, besides
 _DAMPING = 0.05  # of a hand's twist near singular postures
 _SELF_REACH = 0.1  # [m] within which links count for each other
 _FARTHEST = 1.0  # [m] and obstacles, at most
-_SOFTER = (0.6, 0.25, 0.0)  # parts of the base's, or the arm's command that are tried after its refusal
+_SHARES = (1.0, 0.6, 0.25, 0.0)  # of the base's, or the arm's command that are tried one after the other
 _STUCK = 1e-3  # [m] of room below which none of them is tried
 
 
@@ -265,6 +265,7 @@ class Guard:
         self._trouble = "no scene has come yet"
         self._outlook: Outlook | None = None
         self._proof: tuple[Trajectory, Outlook] | None = None  # a certified motion, and what against
+        self._levels = (0, 0)  # where in `_SHARES` the next period begins
         self._inside = False  # whether the robot leaves its clearance, or has to
         self._said: tuple[GuardOutcome, str, str] | None = None
         self._clearance = drive.clearance  # that the active motion is certified with
@@ -512,8 +513,8 @@ class Guard:
         if float(np.abs(v[self._columns] / self._scale).max()) < _NOTHING:
             none = self._none(t, f"{cause[0]} is near {cause[1]}")
             return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause))
-        options, tries = _Options(v, self.robot.space.base_nv), 0
-        option: Array | None = v
+        options, tries = _Options(v, self.robot.space.base_nv, self._levels), 0
+        option = options.now()
         tried = np.full(len(self._change), np.inf)
         while option is not None and tries < self.params.tries:
             if tries and self._meter() - began > self.params.budget:
@@ -534,7 +535,7 @@ class Guard:
                 executor.submit(motion, certificate, at_goal=False, proven=outlook.margins.tracking_error)
                 if executor.active is not motion:
                     return replace(self._none(t, executor.run.reason), tries=tries)
-                self._proof, self._clearance = (motion, outlook), now.clearance
+                self._proof, self._clearance, self._levels = (motion, outlook), now.clearance, options.easier
                 return self._taken(v, wanted, now, cause, tries)
             pair = broken.labels or (broken.link, broken.obstacle)
             if tries == 1:
@@ -643,7 +644,7 @@ class Guard:
 
     def _none(self, t: float, reason: str, *, holds: bool = False) -> _Taken:
         """Let the active motion go on to its end, or brake harder where the scene no longer allows for it."""
-        executor = self.executor
+        executor, self._levels = self.executor, (0, 0)
         if self._steering is not None:
             self._steering.forget()
         if holds and not executor.waits:
@@ -707,16 +708,27 @@ class _Options:
     """Workspace: velocities to try, one after the other, by what the one before was refused for.
 
     Args:
-        v: (nv,) the first.
+        v: (nv,) the proposed one.
         base: number of the base's coordinates.
+        levels: where in `_SHARES` to begin, for the base and for the arm.
     """
 
-    def __init__(self, v: Array, base: int) -> None:
-        self.v: Array = v
-        self._base = base
-        self._drive = [share for share in _SOFTER if v[:base].any()]
-        self._arm = [share for share in _SOFTER if v[base:].any()]
-        self._shares = [1.0, 1.0]
+    def __init__(self, v: Array, base: int, levels: tuple[int, int]) -> None:
+        self._v, self._base = v, base
+        self._moves = [bool(part.any()) for part in (v[:base], v[base:])]
+        self._levels = [level if moves else 0 for level, moves in zip(levels, self._moves, strict=True)]
+
+    @property
+    def easier(self) -> tuple[int, int]:
+        """Where the next period had better begin: with a little more than this one came to."""
+        return max(self._levels[0] - 1, 0), max(self._levels[1] - 1, 0)
+
+    def now(self) -> Array | None:
+        """The present one (nv,); None where nothing is left of it."""
+        v = self._v.copy()
+        v[: self._base] *= _SHARES[self._levels[0]]
+        v[self._base :] *= _SHARES[self._levels[1]]
+        return v if v.any() else None
 
     def after(self, arm: bool, *, stuck: bool) -> Array | None:
         """The next one (nv,) after a refusal for the arm, or for the base; None where there is none.
@@ -725,14 +737,10 @@ class _Options:
             arm: whether a link of the arm was in it.
             stuck: whether they are so near that the base, or the arm, had better stay.
         """
-        of_arm = bool(self._arm) and (arm or not self._drive)
-        left = self._arm if of_arm else self._drive
-        if not left:
+        last = len(_SHARES) - 1
+        left = [moves and level < last for moves, level in zip(self._moves, self._levels, strict=True)]
+        of_arm = left[1] and (arm or not left[0])
+        if not left[of_arm]:
             return None
-        self._shares[of_arm] = left.pop(-1 if stuck else 0)
-        if stuck:
-            left.clear()
-        v = self.v.copy()
-        v[: self._base] *= self._shares[0]
-        v[self._base :] *= self._shares[1]
-        return v if v.any() else None
+        self._levels[of_arm] = last if stuck else self._levels[of_arm] + 1
+        return self.now()
