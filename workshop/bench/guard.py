@@ -283,6 +283,7 @@ class Piloted:
         self.robot, self.params, self.limits, self.pilot = robot, params, limits, pilot
         self.time = 0.0
         self.goal: Array = robot.space.to_coordinates(start)
+        self.plan_tick: object = self.step  # faults of planning have nothing to act on
         self.tick: None = None
         self.result: None = None
         self.statistics: TickStatistics = TickStatistics()
