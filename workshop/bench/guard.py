@@ -53,7 +53,7 @@ WALL_ANGLES = (20.0, 40.0, 60.0)
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a pilot sees: time [s], the robot's estimated coordinate row (nv,), and the true scene."""
+    """What a pilot sees: time [s], the robot's estimated coordinate row (nv,), and the last sensed scene."""
 
     time: float
     coordinates: Array
@@ -111,7 +111,7 @@ def _rammer(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -
             target, until = near[int(rng.integers(min(4, len(near))))], seen.time + float(rng.uniform(2.0, 4.0))
             joints = limits.joint_speed * rng.integers(-1, 2, len(joints)) * (rng.random() < 0.5)
         twist = _towards(robot, limits, seen.coordinates, where[target]) if limits.drive_dim else None
-        return Desired(twist=twist, joints=joints)
+        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
 
     return pilot
 
@@ -130,7 +130,7 @@ def _jerks(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) ->
 
     def draw(_: Seen) -> Desired:
         twist, joints = _full(robot, limits, rng)
-        return Desired(twist=twist, joints=joints)
+        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
 
     return _held(rng, 0.03, 0.6, draw)
 
@@ -147,7 +147,9 @@ def _broken(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -
             twist[int(rng.integers(3))] = math.nan
         if kind == 2:
             joints[int(rng.integers(len(joints)))] = math.inf
-        return Desired(twist=twist, joints=joints, time=seen.time - 1.0 if kind == 3 else None)
+        return Desired(
+            twist=twist if limits.drive_dim else None, joints=joints, time=seen.time - 1.0 if kind == 3 else None
+        )
 
     return _held(rng, 0.05, 1.0, draw)
 
@@ -159,7 +161,7 @@ def _spinner(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) 
         twist, joints = _full(robot, limits, rng)
         twist[0] = float(rng.uniform(-0.6, 0.6))
         twist[2] = float(rng.choice((-2.0, 2.0)))
-        return Desired(twist=twist, joints=joints)
+        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
 
     return _held(rng, 1.0, 2.5, draw)
 
@@ -176,7 +178,7 @@ def _wanderer(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator)
         step, last = seen.time - last, seen.time
         state = state * math.exp(-step / 1.5) + math.sqrt(1.0 - math.exp(-2.0 * step / 1.5)) * rng.standard_normal(size)
         v = np.clip(state, -1.0, 1.0) * top
-        return Desired(twist=v[:3], joints=v[3:])
+        return Desired(twist=v[:3] if limits.drive_dim else None, joints=v[3:])
 
     return pilot
 
@@ -293,7 +295,7 @@ class Piloted:
         self.answers: list[GuardedCommand] = []
         self.wanted: list[bool] = []  # whether something was
         self.seconds: list[float] = []  # of the processor, of each step
-        self._world_scene = known
+        self._scene = known
         self._until = until
         self._meter, self._busy, self._last = meter, -1.0, Command.rest(limits)
         self._measured: Measurement | None = None  # in a period that was lost
@@ -364,9 +366,9 @@ class Piloted:
         """One control period; those that the computing of the one before takes are lost."""
         self.time = t
         self._steps += 1
-        if scene is not None:
-            self._world_scene = scene
-        desired = self.pilot(Seen(t, self.estimate, self._world_scene))
+        if scene is not None and len(scene):
+            self._scene = scene
+        desired = self.pilot(Seen(t, self.estimate, self._scene))
         if self._measured is not None and measurement is not None:
             measurement = _together(self._measured, measurement)
         self._measured = None
@@ -718,7 +720,7 @@ class _Worker:
         if self._posture is not None:
             aim = self._posture + self._size * np.sin(self._rate * seen.time + self._phase) * min(seen.time, 1.0)
             joints = np.clip(2.0 * (aim - seen.coordinates[self._base :]), -self._top, self._top)
-        return Desired(twist=twist, joints=joints)
+        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
 
 
 def _along_wall(robot: RobotModel, angle: float) -> Figures:

@@ -6,6 +6,7 @@ the answer says how much was taken, and why.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -36,7 +37,9 @@ from .interfaces import Command, Measurement
 from .monitor import SceneMonitor
 from .params import DriveParams, Margins
 from .prediction import Outlook
+from .process.priority import undisturbed
 
+_log = logging.getLogger(__name__)
 _Part = Annotated[float, Bound(above=0.0, high=1.0)]
 _ZERO = 1e-6  # [m/s, rad/s] a command below this is rest
 _SAME = 1e-6  # of the motors' largest speeds: a command that differs by less is the same
@@ -306,7 +309,12 @@ class Guard:
         executor = self.executor
         executor.measure(t, measurement)
         self._see(t, scene, trouble)
-        taken = self._decide(t, desired, began)
+        try:
+            with undisturbed():
+                taken = self._decide(t, desired, began)
+        except Exception as error:  # nothing new is driven, and nothing that was known counts any more
+            _log.exception("the guard failed")
+            taken = self._failed(t, f"guarding failed: {type(error).__name__}: {error}")
         command = executor.command(t)
         self._say(t, taken)
         standing = executor.active.end_time - t
@@ -394,6 +402,8 @@ class Guard:
     def _check(self, desired: Desired | None) -> None:
         if desired is None:
             return
+        if desired.twist is not None and not self.robot.space.base_nv:
+            raise ParameterError(f"Desired.twist: the base of {self.robot.name!r} is fixed")
         count = len(self.limits.joint_speed)
         if desired.joints is not None and len(desired.joints) != count:
             raise ParameterError(
@@ -654,6 +664,19 @@ class Guard:
         stands = executor.at_rest(t)
         if not stands:
             self._recheck(t)
+        outcome = GuardOutcome.STOPPED if stands else GuardOutcome.BRAKING
+        return _Taken(np.zeros(self.robot.nv), outcome, 0.0, reason)
+
+    def _failed(self, t: float, reason: str) -> _Taken:
+        """Forget what is known after an exception; the active motion goes on to its end."""
+        self._certifier.reset()
+        self._proposer.reset()
+        self._forget()
+        if self._steering is not None:
+            self._steering.reset()
+        self.executor.log("fault", reason)
+        self.executor.reject(reason)
+        stands = self.executor.at_rest(t)
         outcome = GuardOutcome.STOPPED if stands else GuardOutcome.BRAKING
         return _Taken(np.zeros(self.robot.nv), outcome, 0.0, reason)
 

@@ -74,6 +74,11 @@ class Steering:
         """What was found does not hold any more: look ahead anew at the next command."""
         self._until = -np.inf
 
+    def reset(self) -> None:
+        """Forget all that is known, as is needed after an exception."""
+        self._near.reset()
+        self._wall, self._turn, self._until = None, 0, -np.inf
+
     def steer(
         self,
         wanted: Array,

@@ -91,7 +91,8 @@ def hostile(robot, limits, rng):
             joints = rng.integers(-1, 2, count) * limits.joint_speed
             if rng.random() < 0.1:
                 twist[0] = math.nan
-            now = None if rng.random() < 0.1 else Desired(twist=twist, joints=joints)
+            base = robot.space.base_nv
+            now = None if rng.random() < 0.1 else Desired(twist=twist if base else None, joints=joints)
         return now
 
     return pilot
@@ -382,8 +383,10 @@ def test_only_a_controller_of_this_robot_is_taken_over(silvermate, bridge_arm):
         guard.hand_back()
 
 
-def test_wrong_commands_are_refused(silvermate):
+def test_wrong_commands_are_refused(silvermate, arm):
     guard = Guard(silvermate)
+    with refused(ParameterError, "twist"):
+        Guard(arm).step(0.0, None, None, Desired(twist=[1.0, 0.0, 0.0]))
     with refused(ParameterError, "(2,)"):
         Desired(twist=[1.0, 0.0])
     with refused(ParameterError, "frame"):
@@ -394,6 +397,25 @@ def test_wrong_commands_are_refused(silvermate):
         guard.step(0.0, None, None, Desired(hand=np.zeros(6), frame="palm_lnk"))
     with refused(ParameterError, "hold=0"):
         GuardParams(hold=0)
+
+
+def test_a_guard_that_fails_brakes_and_goes_on(silvermate, monkeypatch):
+    drive = Drive(silvermate, [FAR]).run(0.6, Desired(twist=[0.5, 0.0, 0.0]))
+    with monkeypatch.context() as broken:
+        broken.setattr(TrajectoryCertifier, "certify", lambda *_, **__: 1 / 0)
+        answer = drive.step(Desired(twist=[0.5, 0.0, 0.0]))
+        assert answer.outcome is GuardOutcome.BRAKING
+        assert "ZeroDivisionError" in answer.reason
+        drive.run(1.0, Desired(twist=[0.5, 0.0, 0.0]))
+        assert np.abs(drive.plant.v).max() < 0.01
+    drive.run(0.5, Desired(twist=[0.5, 0.0, 0.0]))
+    assert drive.answers[-1].outcome is GuardOutcome.PASSED
+
+
+def test_a_robot_without_joints_is_guarded(jackal_box):
+    drive = Drive(jackal_box, [WALL]).run(3.0, Desired(twist=[1.0, 0.0, 0.0]))
+    assert drive.answers[-1].obstacle == "wall"
+    assert not drive.evaluated().contacts
 
 
 def test_it_stops_and_resumes(silvermate):
