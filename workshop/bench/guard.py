@@ -481,7 +481,8 @@ def _simulated(
     """A run, and what its true states say."""
 
     def make(known: Scene, **options: object) -> Controller:
-        return cast("Controller", Piloted(robot, start, pilot, method, known, until=until, **options))  # type: ignore[arg-type]
+        piloted = Piloted(robot, start, pilot, method, known, until=until, **options)  # type: ignore[arg-type]
+        return cast("Controller", piloted)
 
     machine = None
     if plant == "mujoco":

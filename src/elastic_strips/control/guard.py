@@ -493,11 +493,9 @@ class Guard:
             return self._none(t, "no command", holds=True)
         if not desired.finite:
             return self._none(t, "the command is not finite")
-        if (
-            desired.time is not None
-            and not -self.params.drive.monitor.clock_skew <= t - desired.time <= self.params.oldest
-        ):
-            return self._none(t, "the command is old" if t > desired.time else "the command's time is still to come")
+        age = 0.0 if desired.time is None else t - desired.time
+        if not -self.params.drive.monitor.clock_skew <= age <= self.params.oldest:  # a time that is no number, too
+            return self._none(t, "the command's time is still to come" if age < 0.0 else "the command is old")
         wanted = self._wanted(desired)
         if np.abs(wanted).max(initial=0.0) <= _ZERO:
             rest = self._none(t, "the command is to rest", holds=True)

@@ -273,6 +273,7 @@ def test_silence_nonsense_and_old_commands_are_rest(nothing, silvermate):
     assert answer.share == 0.0
     assert 0.0 < answer.stops_in < 1.0
     drive.run(1.0, nothing)
+    assert not [event for event in drive.guard.executor.run.events if event.kind == "fault"]
     assert np.abs(drive.plant.v).max() < 0.01
     assert drive.answers[-1].outcome is GuardOutcome.STOPPED
 
