@@ -721,7 +721,7 @@ class _Worker:
         if self._posture is not None:
             aim = self._posture + self._size * np.sin(self._rate * seen.time + self._phase) * min(seen.time, 1.0)
             joints = np.clip(2.0 * (aim - seen.coordinates[self._base :]), -self._top, self._top)
-        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
+        return Desired(twist=twist, joints=joints)
 
 
 def _along_wall(robot: RobotModel, angle: float) -> Figures:

@@ -67,8 +67,10 @@ def teleop(
     no_browser: bool,
 ) -> int:
     """Drive the robot of a scenario in the browser, in simulated time against the wall clock: W A S D or the arrows, Q
-    E sideways where the base slides, or the stick in the page. Try to crash it: what cannot be certified down to its
-    stop is bent, and the card says by what. Without a name it is moving-corridor.
+    E sideways where the base slides, or the stick in the page.
+
+    Without a name it is moving-corridor. Try to crash it: what cannot be certified down to its stop is bent, and the
+    card says by what.
 
     Exit code 0: nothing was touched at speed. 2: wrong input. 3: something was.
     """

@@ -368,6 +368,7 @@ def test_a_controllers_robot_is_taken_over_and_handed_back_in_motion(silvermate)
     assert abs(drive.plant.coordinates[2]) > 0.2
     assert drive.plant.v[0] > 0.3
     drive.guard.hand_back()
+    assert controller.planner.off_strip  # it joins its strip from beside
     follow(12.0)
     assert controller.state is RunState.REACHED, controller.reason
     speeds = np.array(drive.speeds)[:, 0]

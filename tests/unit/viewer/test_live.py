@@ -197,7 +197,8 @@ def test_a_message_is_read_and_applied():
     "line",
     [
         b"", b"{", b"[]", b'{"type": "steer"}', b'{"type": "steer", "forward": 2, "left": 0, "turn": 0}',
-        b'{"type": "steer", "forward": NaN, "left": 0, "turn": 0}', b'{"type": "drag", "forward": 0, "left": 0, "turn": 0}',
+        b'{"type": "steer", "forward": NaN, "left": 0, "turn": 0}',
+        b'{"type": "drag", "forward": 0, "left": 0, "turn": 0}',
     ],
 )  # fmt: skip
 def test_what_is_not_steered_is_none(line):
