@@ -197,6 +197,21 @@ def test_bench_tick(tmp_path: Path) -> None:
     assert "nodes_scaling" not in figures
 
 
+def test_bench_guard(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "guard.json"
+    line = "guard --robot silvermate --base own --pilot rammer --method guard --method none --seeds 1 --time 4"
+    assert call(*line.split(), "--processes", "1", "--json", file) == 0
+    document = json.loads(file.read_text())
+    guarded, alone = document["groups"]
+    assert guarded["method"] == "guard"
+    assert guarded["contacts_at_speed"] == 0
+    assert guarded["path_m"] > 0.2
+    assert alone["method"] == "none"
+    assert alone["contacts_at_speed"] > 0
+    assert {run["pilot"] for run in document["runs"]} == {"rammer"}
+    assert "contacts at speed" in capsys.readouterr().out
+
+
 def test_bench_robots(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """A named robot and one of a folder, which is refused: both are rows of the table, put between a page's marks."""
     caplog.set_level(logging.ERROR)  # as the command line does in a process of its own

@@ -391,6 +391,151 @@ def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None
     output.write_document("figures", json_file, figures)
 
 
+@click.command(short_help="Hostile pilots, and what a guard makes of them.")
+@click.option(
+    "--robot",
+    "robots",
+    multiple=True,
+    default=("silvermate", "tiago"),
+    show_default=True,
+    metavar="NAME|URDF",
+    help="A robot; may be given again.",
+)
+@seeds_option(2, "Runs of each pilot; every second one among moving obstacles.")
+@click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
+@click.option(
+    "--base",
+    "bases",
+    multiple=True,
+    type=click.Choice(["own", "omni"]),
+    default=("own", "omni"),
+    show_default=True,
+    help="The robot's own base, or one that slides; may be given again.",
+)
+@click.option(
+    "--pilot",
+    "pilots",
+    multiple=True,
+    type=options.LateChoice("workshop.bench.guard", "PILOTS"),
+    help="Only this pilot; may be given again.",
+)
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    type=options.LateChoice("workshop.bench.guard", "METHODS"),
+    default=("guard",),
+    show_default=True,
+    help="The guard or a peer; may be given again.",
+)
+@click.option(
+    "--obstacles",
+    multiple=True,
+    type=click.IntRange(0, 1000),
+    default=(20,),
+    show_default=True,
+    help="Obstacles in the hall; may be given again.",
+)
+@click.option("--kind", type=options.FAULT_KIND, default="", metavar="KIND", help="A fault that is put into each run.")
+@click.option("--plant", type=options.PLANT, default="kinematic", show_default=True, help="The machine.")
+@click.option("--time", type=click.FloatRange(1.0, 3600.0), default=15.0, show_default=True, help="Of a run [s].")
+@click.option("--passing", is_flag=True, help="Measure what passes: far from everything, along walls, in doors.")
+@options.compute_option
+@options.processes_option
+@runs_option
+def guard(
+    robots: tuple[str, ...],
+    seeds: int,
+    first: int,
+    bases: tuple[str, ...],
+    pilots: tuple[str, ...],
+    methods: tuple[str, ...],
+    obstacles: tuple[int, ...],
+    kind: str,
+    plant: str,
+    time: float,
+    passing: bool,
+    compute: str | None,
+    processes: int | None,
+    json_file: str | None,
+) -> None:
+    """Pilots who mean harm drive a robot in a hall: the guard must let nobody touch anything at speed, and pass on what
+    it can."""
+    from elastic_strips.sim import Fault
+    from workshop.bench.guard import PILOTS, bench_guard, bench_passing
+
+    chosen = ["" if base == "own" else base for base in bases]
+    if passing:
+        with options.LateProgress("passing") as bar:
+            figures = bench_passing(robots, bar.step, bases=chosen)
+        _passing_rows(figures)
+    else:
+        runs = len(robots) * len(chosen) * len(pilots or PILOTS) * len(methods) * len(obstacles) * seeds
+        with options.LateProgress("guarding", runs) as bar:
+            figures = bench_guard(
+                robots,
+                range(first, first + seeds),
+                bar.step,
+                bases=chosen,
+                pilots=pilots or None,
+                methods=methods,
+                obstacles=obstacles,
+                fault=Fault.parse(f"{kind}@0").kind if kind else "",
+                plant=plant,
+                time=time,
+                compute=compute or "free",
+                processes=processes,
+            )
+        _guarded_rows(figures)
+    output.write_document("figures", json_file, figures)
+
+
+def _guarded_rows(figures: Figures) -> None:
+    for some in figures["groups"]:
+        near = some["least_clearance_m"]
+        row(
+            f"{some['robot']} {some['base']} {some['method']}".replace("  ", " "),
+            f"{some['obstacles']} obstacles, {some['count']} runs: {some['contacts_at_speed']} contacts at speed in "
+            f"{some['runs_with_contacts']}, {some['contacts_at_rest']} at rest, "
+            + ("" if near is None else f"least distance {1e3 * near:.0f} mm, ")
+            + ("" if some["share"] is None else f"share {some['share']:.2f}, ")
+            + f"path {some['path_m']:.1f} m, {some['unproven']} unproven, step {times(some['step_ms'])}",
+            some["contacts_at_speed"] == 0,
+        )
+
+
+def _passing_rows(figures: Figures) -> None:
+    for some in figures["rows"]:
+        output.say(f"{some['robot']}, {some['base']}")
+        for what, told in (
+            ("base", "base command"),
+            ("whole", "whole command"),
+            ("whole_at_home", "about the home posture"),
+        ):
+            free = some.get(f"free_{what}")
+            if free is not None:
+                causes = ", ".join(f"{name} ({count})" for name, count in free["causes"])
+                row(
+                    told,
+                    f"{100 * free['share']:.1f} % where nothing is near, as it is in {100 * free['passed']:.1f} % of "
+                    f"the periods; bent by {causes or 'nothing'}",
+                )
+        for name, wall in some.items():
+            if name.startswith("wall"):
+                row(
+                    f"wall at {name[5:]}°",
+                    f"{100 * wall['whole']:.0f} % of the speed, {100 * wall['settled']:.0f} % in its second half",
+                )
+            elif name.startswith("door"):
+                row(
+                    f"door of {name[5:]} m",
+                    ", ".join(
+                        f"{method} " + ("not through" if door["time_s"] is None else f"{door['time_s']:.2f} s")
+                        for method, door in wall.items()
+                    ),
+                )
+
+
 def _compute(given: str | None) -> str:
     """What computing costs: as it was measured, unless something else was asked for."""
     from elastic_strips.sim.computing import Computing

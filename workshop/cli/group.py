@@ -37,6 +37,7 @@ for _command in (
     driving.soak,
     driving.realtime,
     driving.trials,
+    driving.guard,
     driving.barn,
     driving.dynabarn,
     driving.bridge,

@@ -31,6 +31,7 @@ Start with:
   elastic-strips drag case-7              push its obstacles with the mouse
   elastic-strips run case-7 --json r.json write the strip and its certificate
   elastic-strips drive moving-corridor    drive among moving obstacles
+  elastic-strips teleop moving-corridor   drive it yourself, and try to crash it
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
   elastic-strips certify path.csv --robot panda --scene scene.yaml
@@ -53,6 +54,7 @@ _COMMANDS = {
     "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not checked."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
     "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),
+    "teleop": ("teleop_command", "teleop", "Drive with keys or a stick in the browser, through the guard."),
     "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""

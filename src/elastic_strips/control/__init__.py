@@ -5,6 +5,7 @@ from __future__ import annotations
 from .controller import Controller
 from .driver import Driver
 from .estimation import StateEstimator
+from .guard import Desired, Guard, GuardedCommand, GuardOutcome, GuardParams
 from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
 from .params import DriveParams, EvasionParams, MonitorParams, ObstacleAssumptions, Tolerance
@@ -16,10 +17,15 @@ __all__ = [
     "Command",
     "Controller",
     "Driver",
+    "Desired",
     "DriveParams",
     "DriveResult",
     "EvasionParams",
     "Event",
+    "Guard",
+    "GuardOutcome",
+    "GuardParams",
+    "GuardedCommand",
     "LocalPlanner",
     "Measurement",
     "MonitorParams",

@@ -81,7 +81,7 @@ class Tick:
     reason: str
 
 
-def _stale(t: float, scene: Scene, most: float) -> str:
+def stale(t: float, scene: Scene, most: float) -> str:
     """Why a scene is too old to be driven on; empty where it is not, or is a map, which has no time and no motions."""
     age = t - scene.time
     if age <= most or (scene.stamp is None and all(obstacle.motion is None for obstacle in scene)):
@@ -443,6 +443,23 @@ class Controller:
         self._next_plan = self._onward_plan = self._replan_task = self._onward = None
         self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
 
+    def lend(self) -> MotionExecutor:
+        """Let somebody else drive the robot with this controller's executor, until :meth:`take_back`.
+
+        Raises:
+            ConfigurationError: the executor runs elsewhere.
+        """
+        if self._here is None:
+            raise ConfigurationError("lend: the executor of this controller runs elsewhere")
+        self._ready.clear()
+        return self._here
+
+    def take_back(self) -> None:
+        """Drive on after :meth:`lend`, from wherever the robot is, moving or not: it joins the strip from there."""
+        self._ready.clear()
+        self._replan_task = None  # it leads from where the robot would have come to rest
+        self.planner.take(self.strip, beside=True)
+
     def warm_up(self) -> None:
         """Plan without using the result, while the robot stands: then modules are loaded when time is 0, and it is
         known how long a tick takes. Garbage collection only looks through later objects (:func:`keep_memory`)."""
@@ -583,9 +600,9 @@ class Controller:
             executor.log("fault", self._trouble)
             return
         scene = self._newest
-        stale = _stale(t, scene, params.max_scene_age)
-        if stale:
-            executor.reject(stale)
+        old = stale(t, scene, params.max_scene_age)
+        if old:
+            executor.reject(old)
             executor.log("fault", "stale scene")
             return
         if self._here is not None and self._here.period.seconds > params.monitor.longest_period:

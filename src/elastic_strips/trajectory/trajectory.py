@@ -222,7 +222,13 @@ class TrajectoryCertifier(OneThread):
 
     @exclusive
     def certify(
-        self, trajectory: Trajectory, scene: Scene, forecast: Forecast, *, clearance: float | None = None
+        self,
+        trajectory: Trajectory,
+        scene: Scene,
+        forecast: Forecast,
+        *,
+        clearance: float | None = None,
+        self_clearance: float | None = None,
     ) -> Certificate:
         """Certify a trajectory, from its first sample until it has come to rest.
 
@@ -231,6 +237,8 @@ class TrajectoryCertifier(OneThread):
             scene: sensed at ``scene.time``, on the clock of ``trajectory.time``.
             forecast: of that scene, for all its moving obstacles.
             clearance: distance [m] to keep from obstacles; that of the certifier where None.
+            self_clearance: distance [m] to keep between the robot's own links, at most that of the certifier; that
+                where None.
 
         Raises:
             ParameterError: the forecast's horizon is shorter than the motion.
@@ -247,6 +255,6 @@ class TrajectoryCertifier(OneThread):
             v,
             scene,
             forecast.predict(times),
-            self_clearance=self.self_clearance,
+            self_clearance=self.self_clearance if self_clearance is None else min(self_clearance, self.self_clearance),
             clearance=self.clearance if clearance is None else clearance,
         )

@@ -2,12 +2,12 @@
 
 A key is ``path + NUL + kind``. A later command with the same key replaces an earlier one, so that a slow
 receiver (a browser, a pipe) may skip to the newest. Kinds ``object``, ``property …``, ``delete`` and ``animation`` are
-meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions``, ``camera``, ``names``, ``labels`` and
-``draggable`` are read by the scripts in ``web``.
+meshcat's own commands; ``transforms``, ``instances``, ``hud``, ``captions``, ``camera``, ``names``, ``labels``,
+``draggable`` and ``steerable`` are read by the scripts in ``web``.
 
 The page is meshcat's script plus those: ``page.js`` adds a better background, lights and camera, objects that are drawn
 many times at once, a card with numbers and legend, and buttons for playing; ``controls.js`` adds buttons that show and
-hide things, names and labels; ``drag.js`` makes things draggable in a live page.
+hide things, names and labels; ``drag.js`` makes things draggable in a live page, and ``steer.js`` is for driving in it.
 """
 
 from __future__ import annotations
@@ -171,6 +171,11 @@ def labels(group: str, texts: Sequence[str], points: ArrayLike) -> Command:
 def draggable(*, obstacles: bool, goal: bool, hand: bool) -> Command:
     """Whether obstacles, the ring at the goal, and the ball at its hand can be dragged."""
     return key("", "draggable"), packb({"type": "draggable", "obstacles": obstacles, "goal": goal, "hand": hand})
+
+
+def steerable(*, on: bool, slides: bool) -> Command:
+    """Whether somebody can steer with keys and a stick, and whether the base can move sideways."""
+    return key("", "steerable"), packb({"type": "steerable", "on": on, "slides": slides})
 
 
 def visible(path: str, value: bool) -> Command:
@@ -337,7 +342,7 @@ def _page(title: str, scripts: str) -> str:
 
 def live_page(title: str) -> str:
     """Return the page that gets the picture from its server."""
-    ours = "".join(map(_text, ("page.js", "controls.js", "drag.js", "live.js")))
+    ours = "".join(map(_text, ("page.js", "controls.js", "drag.js", "steer.js", "live.js")))
     return _page(title, f"<script>{_meshcat_script()}</script>\n<script>{ours}</script>")
 
 

@@ -1,4 +1,4 @@
-"""Drag: messages of a page while an obstacle, or the goal, is held with the mouse."""
+"""Drag: messages of a page while an obstacle, or the goal, is held with the mouse, or while somebody steers."""
 
 from __future__ import annotations
 
@@ -57,3 +57,27 @@ def parse(line: bytes) -> Drag | None:
     ):  # NaN neither
         return None
     return Drag(kind, name, shift, turn, hand)
+
+
+@dataclass(frozen=True, slots=True)
+class Steer:
+    """What somebody steers with keys, or with the stick in the page: parts of the largest speeds, from −1 to 1.
+
+    Attributes:
+        forward, left: of the base in its own frame.
+        turn: to the left.
+    """
+
+    forward: float = 0.0
+    left: float = 0.0
+    turn: float = 0.0
+
+
+def parse_steer(line: bytes) -> Steer | None:
+    """Read a message of somebody who steers; None where it is not one."""
+    try:
+        data = json.loads(line)
+        kind, values = data["type"], [float(data[name]) for name in ("forward", "left", "turn")]
+    except (AttributeError, LookupError, TypeError, ValueError, RecursionError, OverflowError):
+        return None
+    return Steer(*values) if kind == "steer" and all(-1.0 <= x <= 1.0 for x in values) else None  # NaN neither

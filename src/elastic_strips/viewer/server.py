@@ -238,16 +238,20 @@ class _Picture:
             client.push()
 
     def heard(self, client: _Page, message: str | bytes) -> bool:
-        """Tell the parent what a page says; False where it grabs something while another one holds something."""
+        """Tell the parent what a page says; False where it grabs something, or steers, while another one does."""
         try:
             line = json.loads(message)
             kind = line["type"]
         except (LookupError, TypeError, ValueError, RecursionError):
             return True
+        if kind == "steer" and self.holder in (None, client):
+            self.holder = client if any(line.get(name) for name in ("forward", "left", "turn")) else None
+            _say(json.dumps(line))
+            return True
         if kind == "grab" and self.holder is None:
             self.holder = client
         if self.holder is not client:
-            return kind != "grab"
+            return kind not in ("grab", "steer")
         if kind == "release":
             self.holder = None
         _say(json.dumps(line))

@@ -24,7 +24,7 @@ from elastic_strips.validation import check_count, check_type, shown
 from . import animation, commands, film
 from .animation import Animated, RunReplay, StripAnimation
 from .commands import Command, inline_frame, live_page, static_page
-from .drag import Drag, parse
+from .drag import Drag, Steer, parse, parse_steer
 from .drawing import Drawing, Snapshot
 from .server import CommandLog, ServerError, ServerProcess
 
@@ -85,6 +85,7 @@ class Viewer:
         self._failed = self._lost = self._closed = False
         self._missed: Snapshot | None = None
         self._listener: Callable[[Drag], None] | None = None
+        self._steered: Callable[[Steer], None] | None = None
         self._extra: list[Command] = []  # to be sent with the next picture
         self._server: ServerProcess | None = None
         if server:
@@ -179,6 +180,19 @@ class Viewer:
         self._drawing.hand = hand and on
         with self._condition:
             self._extra.append(commands.draggable(obstacles=on, goal=goal and on, hand=hand and on))
+            self._condition.notify_all()
+
+    def steered(self, listener: Callable[[Steer], None] | None, *, slides: bool = False) -> None:
+        """Let somebody steer in the page, with keys and a stick, and call ``listener`` with it; None ends that.
+
+        Args:
+            listener: called about twenty times a second while somebody steers, and once when that ends, in a thread of
+                the viewer's own; it must not block.
+            slides: Whether the base can move sideways.
+        """
+        self._steered = listener
+        with self._condition:
+            self._extra.append(commands.steerable(on=listener is not None, slides=slides))
             self._condition.notify_all()
 
     def single(self, name: str) -> None:
@@ -350,14 +364,18 @@ class Viewer:
                 self._condition.notify_all()
 
     def _heard(self, line: bytes) -> None:
-        drag, listener = parse(line), self._listener
-        if drag is None:
-            _log.debug("a page sent something that is not understood: %r", line[:200])
-        elif listener is not None:
-            try:
-                listener(drag)
-            except Exception:
-                _log.exception("the listener to the pages fails")
+        drag, steer = parse(line), parse_steer(line)
+        try:
+            if drag is not None:
+                if self._listener is not None:
+                    self._listener(drag)
+            elif steer is not None:
+                if self._steered is not None:
+                    self._steered(steer)
+            else:
+                _log.debug("a page sent something that is not understood: %r", line[:200])
+        except Exception:
+            _log.exception("the listener to the pages fails")
 
     def _send(self, items: list[Command]) -> None:
         if self._server is None or self._lost:

@@ -14,7 +14,7 @@ from elastic_strips.planning import plan
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Twist
 from elastic_strips.viewer import Drag, LiveStrip
-from elastic_strips.viewer.drag import parse
+from elastic_strips.viewer.drag import Steer, parse, parse_steer
 
 
 @pytest.fixture(scope="module")
@@ -191,3 +191,19 @@ def test_a_message_is_read_and_applied():
     np.testing.assert_allclose(moved[:3, 3], (6.0, 6.0, 9.0))
     np.testing.assert_allclose(moved[:3, :3] @ (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), atol=1e-12)
     assert parse(b'{"type": "grab"}') == Drag("grab", None)
+
+
+@each(
+    "line",
+    [
+        b"", b"{", b"[]", b'{"type": "steer"}', b'{"type": "steer", "forward": 2, "left": 0, "turn": 0}',
+        b'{"type": "steer", "forward": NaN, "left": 0, "turn": 0}',
+        b'{"type": "drag", "forward": 0, "left": 0, "turn": 0}',
+    ],
+)  # fmt: skip
+def test_what_is_not_steered_is_none(line):
+    assert parse_steer(line) is None
+
+
+def test_what_is_steered_is_read():
+    assert parse_steer(b'{"type": "steer", "forward": 1, "left": 0, "turn": -0.5}') == Steer(1.0, 0.0, -0.5)
