@@ -656,7 +656,7 @@ class Guard:
         if self._steering is not None:
             self._steering.forget()
         if holds and not executor.waits:
-            executor.hold(reason, executor.proven)
+            executor.hold(reason, executor.active, executor.proven)
         else:
             executor.reject(reason)
         stands = executor.at_rest(t)
