@@ -16,7 +16,7 @@ from elastic_strips.collision import Certificate, Forecast
 from elastic_strips.control import Controller, DriveParams, Guard, GuardedCommand, GuardOutcome, GuardParams, RunState
 from elastic_strips.control.guard import Desired
 from elastic_strips.control.guard_proposal import NearPairs, Proposal, Proposer
-from elastic_strips.control.interfaces import Command, Event, Measurement
+from elastic_strips.control.interfaces import Command, Event, GoalReached, Measurement
 from elastic_strips.control.params import ObstacleAssumptions
 from elastic_strips.control.prediction import Outlook
 from elastic_strips.control.record import TickStatistics
@@ -285,6 +285,8 @@ class Piloted:
         self.robot, self.params, self.limits, self.pilot = robot, params, limits, pilot
         self.time = 0.0
         self.goal: Array = robot.space.to_coordinates(start)
+        self.goals: list[Array] = []
+        self.goals_reached: list[GoalReached] = []
         self.plan_tick: object = self.step  # faults of planning have nothing to act on
         self.tick: None = None
         self.result: None = None
