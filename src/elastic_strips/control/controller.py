@@ -297,7 +297,8 @@ class Controller:
     @property
     def plans_next(self) -> bool:
         """Whether the next step has a planning tick, which needs a scene."""
-        return not self._stopping and self._steps >= self._next_tick
+        stands = bool(self._stopping) and self.executor.at_rest(self.time)
+        return not stands and self._steps >= self._next_tick
 
     @property
     def ended(self) -> bool:
@@ -440,6 +441,9 @@ class Controller:
         """Forget what leads to the goals that there were; brakes that are due stay."""
         self._no_path, self._path = "", None
         self.planner.keep_to(None)
+        for plan in (self._next_plan, self._onward_plan, self._replan_task):
+            if plan is not None:
+                plan.cancel()  # where it has not begun
         self._next_plan = self._onward_plan = self._replan_task = self._onward = None
         self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
 
@@ -518,7 +522,7 @@ class Controller:
         self.time = t
         self._count(t)
         self._see(t, scene, trouble)
-        if not self._stopping:
+        if not self._stopping or not self.executor.at_rest(t):
             self._planning_tick(t)
         self._publish(np.inf)
         self.executor.planned()
@@ -594,6 +598,7 @@ class Controller:
         params, executor = self.params, self.executor
         self._retreat.note(self.reference.coordinates)
         if executor.waits and executor.waits != executor.contact:
+            self._watch_stop(t)
             return
         if self._trouble or self._newest is None:
             executor.reject(self._trouble)
@@ -616,11 +621,10 @@ class Controller:
             return
         if self._backs_off(t, scene):
             return
-        if self._no_path:  # the strip leads to the previous goal
-            executor.reject(self._no_path)
-            return
-        if self._speed == 0.0:
-            executor.reject("the speed is set to 0")
+        stops = self._no_path or ("the speed is set to 0" if self._speed == 0.0 else "")
+        if stops:  # the strip leads to the previous goal, or nowhere for now
+            executor.reject(stops)
+            self._watch_stop(t)
             return
         self._prove_again(t, scene)
         waiting, at_rest = self._path is None and self._replan(t), executor.at_rest(t)
@@ -648,6 +652,16 @@ class Controller:
         drives_on = self._next_plan is not None and t < self._asked + _DRIVES_ON
         if not waiting or drives_on or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
+
+    def _watch_stop(self, t: float) -> None:
+        """While the robot comes to rest and nothing else is planned, brake harder where a scene is not what the motion
+        was certified for, and it is certified no longer."""
+        scene, executor = self._newest, self.executor
+        if scene is None or executor.at_rest(t) or stale(t, scene, self.params.max_scene_age):
+            return
+        broken = self.planner.refuted(executor.active, scene, self._begin(t))
+        if broken:
+            executor.brake(broken)
 
     def _backs_off(self, t: float, scene: Scene) -> bool:
         """Whether the robot touches something; where it has stood so for a while, it is to back off along the way that

@@ -341,24 +341,38 @@ class LocalPlanner:
         self._next = self._onward = None
         self.passed = float(times[k]), rows[k]
 
+    def refuted(self, active: Trajectory, scene: Scene, begin: float) -> str:
+        """Why the rest of the active trajectory is certified no longer, where a scene is not what it was certified for;
+        empty where it still is.
+
+        Args:
+            active: the trajectory that is executed.
+            scene: the newest scene.
+            begin: time [s] from which on it could be braked.
+        """
+        if not self._surprised(active, scene):
+            return ""
+        outlook = self._outlook(scene)
+        certificate = self.timer.certify(active.tail(begin), outlook)
+        if certificate.certified:
+            self._proof = active, outlook
+            return ""
+        self._proof = None
+        return f"the held motion is no longer certified: {certificate.broken}"
+
     def _brake(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
     ) -> PlanResult | None:
         """The active trajectory braked, where the scene is not what it was certified for, and it is certified no
         longer; else None."""
-        if not self._surprised(active, outlook.scene):
-            return None
-        certificate = self.timer.certify(active.tail(start.time), outlook)
+        reason = self.refuted(active, outlook.scene, start.time)
         watch.mark("motion certificate")
-        if certificate.certified:
-            self._proof = active, outlook
+        if not reason:
             return None
-        self._proof = None
-        reason = f"the held motion is no longer certified: {certificate.broken}"
         braked = self.timer.hard.brake(active, start.time)
         if braked.end_time >= active.end_time - 0.01:  # it brakes already: look for a way on
             return None
-        return PlanResult(PlanOutcome.BRAKE, braked, certificate, reason, report, 0.0, watch.phases)
+        return PlanResult(PlanOutcome.BRAKE, braked, None, reason, report, 0.0, watch.phases)
 
     def _on_active(
         self, result: PlanResult, start: ReferenceState, active: Trajectory, outlook: Outlook, watch: PhaseClock

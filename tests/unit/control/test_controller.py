@@ -124,7 +124,8 @@ class Later:
 
     def work(self):
         for future, fn, arguments in self.jobs:
-            future.set_result(fn(*arguments))
+            if future.set_running_or_notify_cancel():
+                future.set_result(fn(*arguments))
         self.jobs.clear()
 
 

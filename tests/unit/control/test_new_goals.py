@@ -67,12 +67,12 @@ class Later:
 class Ride:
     def __init__(self, controller, plant):
         self.controller, self.plant, self.k, self.measured = controller, plant, 0, None
-        self.speeds, self.places = [], []
+        self.speeds, self.places, self.scene = [], [], Scene([PILLAR])
 
     def until(self, true, seconds=60.0):
         """Drive until something is true; whether it came to be."""
         for _ in range(round(seconds / DT)):
-            command = self.controller.step(self.k * DT, self.measured, Scene([PILLAR]))
+            command = self.controller.step(self.k * DT, self.measured, self.scene)
             self.measured = self.plant.step(command, DT)
             self.k += 1
             self.speeds.append(float(np.abs(self.controller.reference.v).max()))
@@ -178,6 +178,25 @@ def test_cancelled_it_comes_to_rest_and_takes_another_goal(silvermate):
     assert driven.plant.coordinates[0] == pytest.approx(stood, abs=0.01)
     driven.controller.retarget(silvermate.home(x=0.5))
     assert driven.until(lambda: driven.controller.ended), driven.controller.reason
+
+
+@each("stop", ["stop", "cancel", "speed"])
+def test_what_appears_while_it_comes_to_rest_is_looked_at(silvermate, stop):
+    """Whatever is said to it, the motion that it ends on was certified for another scene."""
+    ends = []
+    for seen in (False, True):
+        driven = ride(silvermate, silvermate.home(x=6.0))
+        driven.wait(1.6)
+        {"stop": driven.controller.stop, "cancel": driven.controller.cancel,
+         "speed": lambda d=driven: d.controller.set_speed(0.0)}[stop]()  # fmt: skip
+        if seen:
+            wall = Box((0.1, 3.0, 1.0), at=(driven.places[-1][0] + 0.85, 0.0, 0.5), name="wall")
+            driven.scene = Scene([PILLAR, wall])
+        driven.wait(2.0)
+        assert driven.speeds[-1] == 0.0
+        ends.append(driven.plant.coordinates[0])
+        assert seen == any("wall" in event.reason for event in driven.controller.events)
+    assert ends[1] < ends[0] - 0.02
 
 
 def test_it_drives_as_slowly_as_it_is_told(silvermate):
