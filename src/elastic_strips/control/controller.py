@@ -204,6 +204,7 @@ class Controller:
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
+        self._leaving: Trajectory | None = None  # the motion along which it backs off
         self._retreat = Retreat(robot, self.planner.timer.easy)
         self.tolerance: Tolerance = self.params.tolerance
         self._here: MotionExecutor | None = None
@@ -664,24 +665,41 @@ class Controller:
             executor.brake(broken)
 
     def _backs_off(self, t: float, scene: Scene) -> bool:
-        """Whether the robot touches something; where it has stood so for a while, it is to back off along the way that
-        it came, proven to be free of all that it does not touch."""
+        """Whether the robot backs off, or touches something.
+
+        Where it has stood so for a while, or so near to something that no motion is certified, it backs off along the
+        way that it came, proven to be free of all else.
+        """
         executor = self.executor
-        due = self._retreat.due(t, touching=bool(executor.contact), stands=executor.at_rest(t)) and executor.settled
-        if not executor.contact:
-            return False
+        stands = executor.at_rest(t)
+        if executor.active is self._leaving and not stands:
+            certificate = self.planner.certify_leaving(executor.active.tail(self._begin(t)), scene)
+            if not certificate.certified:
+                executor.brake(f"the way back is not free: {certificate.broken}")
+            return True
+        near = executor.contact
+        if not near and stands and self._stuck:
+            near = self.planner.cramped(executor.active.at(self._begin(t)), scene)
+        due = self._retreat.due(t, touching=bool(near), stands=stands) and executor.settled
         motion = self._retreat.motion(executor.active.coordinates[-1], self._begin(t)) if due else None
         if motion is None:
-            return True
+            return bool(executor.contact)
         certificate = self.planner.certify_leaving(motion, scene)
         if certificate.certified:
-            executor.log("leaving", f"backs off along the way that it came, after: {executor.contact}")
+            executor.log("leaving", f"backs off along the way that it came, after: {near}")
             proven = self.planner.margins.tracking_error
             executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
             self._retreat.went(motion)
-        else:
-            executor.log("refused", f"cannot back off: {certificate.broken}")
-        return True
+            self._leaving = motion
+            return True
+        executor.log("refused", f"cannot back off: {certificate.broken}")
+        return bool(executor.contact)
+
+    @property
+    def _stuck(self) -> bool:
+        """Whether the last planning tick found no motion."""
+        result = self.tick.result if self.tick is not None else None
+        return bool(self._no_path) or result is None or not result.accepted
 
     def _prove_again(self, t: float, scene: Scene) -> None:
         """Certify the active motion with a larger error, where the robot comes near to what it was proven with."""

@@ -29,6 +29,7 @@ from .prediction import ArrivalTimes, Outlook
 from .progress import reconnect, trim_passed
 from .strip_timer import PlanOutcome, PlanResult, StripTimer, fastest_drive
 
+_NEARER = 0.002  # [m] by which a motion may come nearer to what it leaves
 _CURVE_ENDS = 0.05  # [m in the metric] before the end of a curve onto a strip, the robot is on it
 _LOOKED_BACK, _LOOKED_STEP = 0.5, 0.01
 """Longest time [s], and its steps, over which it is looked whether the end of a strip was passed."""
@@ -157,14 +158,30 @@ class LocalPlanner:
         return self.timer.certify(motion, outlook)
 
     def certify_leaving(self, motion: Trajectory, scene: Scene) -> Certificate:
-        """Certify a motion from rest against all of a scene but what is nearer to the robot than the clearance where it
-        begins: it leads away from that."""
+        """Certify a motion that leads away from what is nearer to the robot than the clearance where it begins.
+
+        To that it keeps its distance, to within 2 mm, where it does not touch it; to all else the clearance.
+        """
+        start = motion.at(motion.start_time)
         while True:
             outlook = self._outlook(scene)
-            near = self.timer.certify(self._still(motion.at(motion.start_time)), outlook).broken
+            near = self.timer.certify(self._still(start), outlook).broken
             if near is None or near.obstacle not in scene:
                 return self.timer.certify(motion, outlook)
+            alone = self._outlook(Scene([scene.obstacle(near.obstacle)], time=scene.time))
+            if near.clearance > _NEARER:
+                margins = Margins(near.clearance - _NEARER, 0.0)
+                certificate = self.timer.certify(motion, replace(alone, margins=margins))
+                if not certificate.certified:
+                    return certificate
             scene = Scene([each for each in scene if each.name != near.obstacle], time=scene.time)
+
+    def cramped(self, state: ReferenceState, scene: Scene) -> str:
+        """What is nearer to a robot that rests in a state than any motion may be; empty where nothing is."""
+        outlook = self._outlook(scene)
+        outlook = replace(outlook, margins=replace(outlook.margins, margin=0.0))
+        near = self.timer.certify(self._still(state), outlook).broken
+        return "" if near is None else f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}"
 
     def _still(self, state: ReferenceState) -> Trajectory:
         """A trajectory that stays where a state is."""

@@ -180,6 +180,30 @@ def test_cancelled_it_comes_to_rest_and_takes_another_goal(silvermate):
     assert driven.until(lambda: driven.controller.ended), driven.controller.reason
 
 
+def test_where_it_stands_too_near_to_plan_it_first_goes_back_the_way_it_came(silvermate):
+    """Within the tracking error of something no motion is certified: it may have been pushed there."""
+    driven = ride(silvermate, silvermate.home(x=6.0))
+    driven.wait(1.6)
+    driven.controller.stop()
+    driven.wait(2.0)
+    rests, planner = driven.controller.reference, driven.controller.planner
+
+    def wall(ahead):
+        at = (float(rests.coordinates[0]) + ahead, 0.0, 0.5)
+        return Scene([PILLAR, Box((0.1, 3.0, 1.0), at=at, name="wall")])
+
+    near, far = 0.4, 1.5
+    while far - near > 1e-4:
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if planner.cramped(rests, wall(middle)) else (near, middle)
+    driven.scene = wall(near - 0.008)
+    driven.controller.resume()
+    driven.controller.retarget(silvermate.home(y=-1.0))
+    assert driven.until(lambda: driven.controller.ended, 40.0), driven.controller.reason
+    assert [event for event in driven.controller.events if event.kind == "leaving" and "wall" in event.reason]
+    assert max(place[0] for place in driven.places[360:]) < rests.coordinates[0] + 0.003
+
+
 @each("stop", ["stop", "cancel", "speed"])
 def test_what_appears_while_it_comes_to_rest_is_looked_at(silvermate, stop):
     """Whatever is said to it, the motion that it ends on was certified for another scene."""
