@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -292,7 +292,7 @@ class LocalPlanner:
         )
         for curve, rest in islice(curves, _MOST_CURVES):
             self._curve, self.strip = curve, Strip.from_coordinates(self.robot, rest)
-            segments = report.certificate.segments[len(report.strip) - len(rest) :]
+            segments = _segments(report)[len(report.strip) - len(rest) :]
             beyond = replace(report, strip=self.strip, certificate=replace(report.certificate, segments=segments))
             result = self._along(start, active, outlook, beyond, watch)
             if result.accepted:
@@ -311,7 +311,7 @@ class LocalPlanner:
         rows = report.strip.coordinates
         way = np.sqrt(self.deformer.spacing_weight) * self.robot.space.difference(rows[:-1], rows[1:])
         ahead = np.cumsum(np.linalg.norm(way, axis=1)) < _FREE_AHEAD
-        return bool(report.certificate.segments[ahead].all())
+        return bool(_segments(report)[ahead].all())
 
     def _along(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
@@ -470,3 +470,10 @@ class LocalPlanner:
         self.strip, self.report = report.strip, report
         watch.mark("deform")
         return report
+
+
+def _segments(report: DeformReport) -> Mask:
+    """(N−1,) which segments of a report's strip are certified. Where the strip was only trimmed or joined since, it is
+    another one at its beginning: what is new there counts as certified, for the motion along it will be."""
+    known, count = report.certificate.segments, len(report.strip) - 1
+    return np.concatenate([np.ones(max(count - len(known), 0), dtype=bool), known])[-count:]

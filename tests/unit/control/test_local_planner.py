@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import each
@@ -238,3 +240,19 @@ def test_what_cannot_stop_in_time_is_not_tried_at_lower_speeds(silvermate, monke
     assert "no room to brake" in result.reason
     assert len(tried) > 1
     assert set(tried) <= {1.0, PARAMS.speed_scale}
+
+
+@each("nodes", [0, -3, 2])
+def test_a_strip_that_was_trimmed_or_joined_has_the_certificate_of_its_end(silvermate, nodes):
+    """A robot that waits keeps the report of an earlier strip, with more or fewer nodes at its beginning."""
+    ride = Ride(silvermate, Scene([PILLAR]))
+    for _ in range(40):
+        ride.tick()
+    report, planner = ride.planner.report, ride.planner
+    rows = report.strip.coordinates
+    other = rows[-nodes:] if nodes < 0 else np.vstack([np.repeat(rows[:1], nodes, axis=0), rows])
+    known = replace(report, strip=Strip.from_coordinates(silvermate, other))
+    start = replace(ride.active.at(ride.time), v=np.eye(silvermate.nv)[0])
+    assert planner._runs_on(start, known) == planner._runs_on(start, report)
+    broken = replace(report.certificate, segments=np.zeros_like(report.certificate.segments))
+    assert not planner._runs_on(start, replace(known, certificate=broken))
