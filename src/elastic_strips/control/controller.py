@@ -759,12 +759,12 @@ class Controller:
             return False
         broken = None if result.certificate is None else result.certificate.broken
         broken = result.report.certificate.broken if broken is None else broken
-        what = result.reason if broken is None or not broken.obstacle else broken.obstacle
+        what = "a way" if broken is None else (broken.labels or (broken.link, broken.obstacle))[1]
         if not path.wait and stuck >= self.params.replan_after:
             self.cancel(f"the path is blocked by {what}: {result.reason}")
             return True
-        if path.told != what:
-            path.told = what
+        if what not in path.told:
+            path.told.add(what)
             self.executor.log("waiting", f"for {what}: {result.reason}")
         if path.due(t, self.params.replan_after):
             self.planner.take(path.strip_from(self.executor.active.coordinates[-1]))

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -262,7 +262,7 @@ class LocalPlanner:
         )
         for curve, rest in islice(curves, _MOST_CURVES):
             self._curve, self.strip = curve, Strip.from_coordinates(self.robot, rest)
-            segments = report.certificate.segments[len(report.strip) - len(rest) :]
+            segments = _proven(report)[len(report.strip) - len(rest) :]
             beyond = replace(report, strip=self.strip, certificate=replace(report.certificate, segments=segments))
             result = self._along(start, active, outlook, beyond, watch)
             if result.accepted:
@@ -281,7 +281,7 @@ class LocalPlanner:
         rows = report.strip.coordinates
         way = np.sqrt(self.deformer.spacing_weight) * self.robot.space.difference(rows[:-1], rows[1:])
         ahead = np.cumsum(np.linalg.norm(way, axis=1)) < _FREE_AHEAD
-        return bool(report.certificate.segments[ahead].all())
+        return bool(_proven(report)[ahead].all())
 
     def _along(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
@@ -426,3 +426,10 @@ class LocalPlanner:
         self.strip, self.report = report.strip, report
         watch.mark("deform")
         return report
+
+
+def _proven(report: DeformReport) -> Mask:
+    """(N−1,) segments of the strip of a report that are certified; of the nodes that the robot has passed since it was
+    certified the segments are gone, and those of new ones are not certified."""
+    known, count = report.certificate.segments, len(report.strip) - 1
+    return np.concatenate([np.zeros(max(count - len(known), 0), dtype=bool), known[max(len(known) - count, 0) :]])

@@ -26,12 +26,12 @@ class PathDrive:
 
     Attributes:
         wait: see above.
-        told: what it was said to wait for last; empty while it moves.
+        told: what it was said to wait for since it got stuck.
     """
 
     def __init__(self, robot: RobotModel, path: FollowedPath, yaw: float | None, *, wait: bool) -> None:
         self.wait: bool = wait
-        self.told: str = ""
+        self.told: set[str] = set()
         self._robot, self._path, self._yaw = robot, path, yaw
         self._goal: Array | None = None
         self._since: float | None = None  # [s] when it got stuck
@@ -59,7 +59,8 @@ class PathDrive:
     def stuck(self, t: float, *, moves: bool) -> float:
         """For how long [s] the robot has been stuck at the time ``t`` [s]."""
         if moves:
-            self._since, self.told = None, ""
+            self._since = None
+            self.told.clear()
             return 0.0
         if self._since is None:
             self._since = t

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import each
@@ -12,6 +14,7 @@ from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
 from elastic_strips.strip import Strip
+from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.trajectory import MotionLimits, RetimingError
 from elastic_strips.trajectory.trajectory import stationary
 
@@ -238,3 +241,32 @@ def test_what_cannot_stop_in_time_is_not_tried_at_lower_speeds(silvermate, monke
     assert "no room to brake" in result.reason
     assert len(tried) > 1
     assert set(tried) <= {1.0, PARAMS.speed_scale}
+
+
+def test_a_robot_that_has_stopped_at_the_border_of_its_path_goes_on(silvermate):
+    """Motions keep the margin to the border, too: else nothing is left to a robot that stops a little beyond."""
+    ride, off = Ride(silvermate, Scene([])), PARAMS.tracking_error + 0.4 * PARAMS.margin
+    path = FollowedPath([(0.0, off - 0.3), (4.0, off - 0.3)], 0.3)
+    ride.planner.keep_to(path)
+    stands = ride.planner.certify(ride.active, ride.scene)
+    assert stands.broken is not None
+    assert stands.broken.kind == "path"
+    for _ in range(8):
+        ride.tick()
+    moved = ride.active.coordinates[:, :2]
+    assert np.linalg.norm(moved[-1]) > 0.1
+    assert path.off(moved).max() <= 0.3 - PARAMS.tracking_error
+
+
+@each("known", [3, 6, 9])
+def test_a_strip_that_was_certified_with_other_nodes_is_joined_at_speed(silvermate, known):
+    """While a robot waits, nodes go and come that the certificate of the last tick does not know."""
+    ride = Ride(silvermate, Scene([]))
+    report = ride.tick().report
+    nodes = report.strip.coordinates[-7:]
+    segments = np.ones(known, dtype=bool)
+    segments[-1] = False
+    certificate = replace(report.certificate, segments=segments)
+    other = replace(report, strip=Strip.from_coordinates(silvermate, nodes), certificate=certificate)
+    new = max(6 - known, 0)
+    assert local_planner._proven(other).tolist() == [False] * new + [True] * (5 - new) + [False]
