@@ -27,7 +27,7 @@ from elastic_strips.strip import Strip
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
-from elastic_strips.validation import check_able, check_array, check_count, check_number, check_type
+from elastic_strips.validation import check_able, check_array, check_count, check_number, check_type, named_arguments
 
 from .executor import ExecutorLink, MotionExecutor
 from .interfaces import Command, Event, GoalReached, Measurement, RunState
@@ -151,6 +151,7 @@ class Controller:
         GoalError: no configuration that is free reaches the first goal.
     """
 
+    @named_arguments
     def __init__(
         self,
         robot: RobotModel,
@@ -344,6 +345,7 @@ class Controller:
         self._cancelled = ""
         self._set_goal(first)
 
+    @named_arguments
     def follow(self, path: npt.ArrayLike, *, within: float, wait: bool = True) -> None:
         """Follow a path of the base, such as another planner's, in place of all goals.
 
@@ -785,9 +787,10 @@ class Controller:
 
     def _pass_goal(self, t: float, at: Array) -> None:
         """The robot has gone on from the goal to the next one, without a stop."""
-        assert self._onward is not None
-        self._reach(t, at, passed=True)
         self.planner.passed = None
+        if self._onward is None:  # other goals were asked for meanwhile, and the strip to them is being planned
+            return
+        self._reach(t, at, passed=True)
         report, self._onward, self._onward_plan, self._replan_task = self._onward, None, None, None
         self.goals.pop(0)
         self._take_goal(report)
