@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision.certificate import LEFT_PATH
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import Goal, PlanReport
 from elastic_strips.planning.goals import is_goal_region
@@ -769,7 +770,9 @@ class Controller:
             path.told.add(what)
             self.executor.log("waiting", f"for {what}: {result.reason}")
         if path.due(t, self.params.replan_after):
-            self.planner.take(path.strip_from(self.executor.active.coordinates[-1]))
+            out = broken is not None and broken.kind == LEFT_PATH
+            strip = path.strip_from(self.executor.active.coordinates[-1], turns=out)
+            self.planner.take(strip, as_it_is=out)
         return False
 
     def _look_onward(self, scene: Scene) -> None:

@@ -103,16 +103,19 @@ class LocalPlanner:
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._broken = 0  # steps in a row that have left the strip without a certificate
+        self._kept = 0  # ticks for which the strip stays as it is
         self._step_took = self._evasion_took = 0.0  # [s] the last time
 
-    def take(self, strip: Strip, *, beside: bool = False) -> None:
+    def take(self, strip: Strip, *, beside: bool = False, as_it_is: bool = False) -> None:
         """Follow another strip from now on.
 
         Args:
             strip: begins where the robot is, or near it.
             beside: whether it begins only near the robot, so that it has to be joined.
+            as_it_is: whether motions along it are tried before it gives way, at each of the speeds.
         """
         self._follow(strip, None)
+        self._kept = len(self.params.speeds) if as_it_is else 0
         self.off_strip = self._joins = beside
         self._next = self._onward = self.passed = None
 
@@ -124,7 +127,7 @@ class LocalPlanner:
     def _follow(self, strip: Strip, curve: Array | None) -> None:
         """Follow a strip, after rows (R, nv) of a curve onto it."""
         self.strip = strip
-        self._curve, self._last, self._broken = curve, None, 0
+        self._curve, self._last, self._broken, self._kept = curve, None, 0, 0
         self.off_strip = self._joins = False
 
     def lead_on(self, strip: Strip, within: Tolerance) -> None:
@@ -408,6 +411,10 @@ class LocalPlanner:
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
         stuck = self._broken > BROKEN_STEPS
         every = _STUCK_EVERY if stuck else 1 if prediction is None else 2
+        if before is not None and self._kept:
+            self._kept -= 1
+            self.strip, self.report = strip, replace(before, strip=strip)
+            return self.report
         if before is not None and waits and scene.names == self._names and self._ticks % every:
             report = replace(before, strip=strip)  # only the motion is planned again
         else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, sin
+from math import atan2, cos, hypot, sin
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from elastic_strips.strip import Strip
 from elastic_strips.strip.followed import FollowedPath
 
 _NODE_SPACING = 0.15  # [m] of the strip along a path
+_SAME_HEADING = 0.01  # [rad] there is nothing to turn
+_SAME_PLACE = 0.05  # [m] a place that is nearer is in no direction
 
 
 class PathDrive:
@@ -37,10 +39,16 @@ class PathDrive:
         self._since: float | None = None  # [s] when it got stuck
         self._laid = -np.inf  # [s] when the strip was laid anew
 
-    def strip_from(self, here: Array) -> Strip:
-        """The strip along the rest of the path from a coordinate row (nv,) on; the joints end as they first were."""
+    def strip_from(self, here: Array, *, turns: bool = False) -> Strip:
+        """The strip along the rest of the path from a coordinate row (nv,) on; the joints end as they first were.
+
+        Args:
+            here: where it begins.
+            turns: whether it goes straight to the path, a little ahead, for which a differential drive first turns on
+                the spot: next to what bounds it, an arc may lead out.
+        """
         robot, (_, passed) = self._robot, self._path.nearest(here[None, :2])
-        points = np.vstack([here[:2], self._path.ahead(float(passed[0]))])
+        points = np.vstack([here[:2], self._path.ahead(float(passed[0]) + (self._path.within if turns else 0.0))])
         goal = self._goal
         if goal is None:
             goal, yaw = here.copy(), self._yaw
@@ -51,10 +59,12 @@ class PathDrive:
             if yaw is not None:
                 goal[2] = here[2] + atan2(sin(yaw - here[2]), cos(yaw - here[2]))
             self._goal = goal
-        start, end = robot.space.from_coordinates(np.stack([here, goal]))
+        turn = _turn(here, points[1]) if turns and robot.base_kind is BaseKind.DIFF_DRIVE else here[None]
+        start, end = robot.space.from_coordinates(np.stack([turn[-1], goal]))
         if float(np.hypot(*np.diff(points, axis=0).T).sum()) < 1e-3:
             return Strip.from_coordinates(robot, np.stack([here, goal]))
-        return Strip.from_coordinates(robot, waypoint_rows(robot, start, end, points, spacing=_NODE_SPACING))
+        rows = waypoint_rows(robot, start, end, points, spacing=_NODE_SPACING)
+        return Strip.from_coordinates(robot, np.vstack([turn[:-1], rows]))
 
     def stuck(self, t: float, *, moves: bool) -> float:
         """For how long [s] the robot has been stuck at the time ``t`` [s]."""
@@ -72,3 +82,15 @@ class PathDrive:
             return False
         self._laid = t
         return True
+
+
+def _turn(here: Array, to: Array) -> Array:
+    """(K, nv) rows on which a base turns on the spot, from a row (nv,) until it looks at a place (2,)."""
+    x, y = (to - here[:2]).tolist()
+    yaw = atan2(y, x) if hypot(x, y) > _SAME_PLACE else float(here[2])
+    turn = atan2(sin(yaw - here[2]), cos(yaw - here[2]))
+    if abs(turn) < _SAME_HEADING:
+        return here[None]
+    rows = np.repeat(here[None], int(abs(turn)) + 2, axis=0)
+    rows[:, 2] += np.linspace(0.0, turn, len(rows))
+    return rows

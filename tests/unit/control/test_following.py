@@ -71,6 +71,16 @@ def test_it_waits_for_what_is_in_the_way_and_says_for_what(silvermate):
     assert controller.replans == 0
 
 
+def test_next_to_what_bounds_it_the_robot_turns_on_the_spot(silvermate):
+    """It looks out of the border, and any arc from there leads beyond it."""
+    along, left = np.array((np.cos(0.5), -np.sin(0.5))), np.array((np.sin(0.5), np.cos(0.5)))
+    path = np.array([-0.27 * left - along, -0.27 * left + 4.0 * along])
+    controller, places = followed(silvermate, 0.3, lambda t: Scene([], time=t), path=path)
+    assert controller.state is RunState.REACHED, controller.reason
+    assert FollowedPath(path, 0.3).off(places).max() <= 0.3
+    np.testing.assert_allclose(places[-1], path[-1], atol=0.06)
+
+
 def test_where_it_is_not_to_wait_the_path_is_given_up_with_the_reason(silvermate):
     controller, places = followed(silvermate, 0.3, lambda t: Scene([GATE], time=t), wait=False)
     assert controller.halted
