@@ -757,7 +757,7 @@ class Controller:
     def _blocked(self, t: float, path: PathDrive, result: PlanResult, at_rest: bool) -> bool:
         """Where the robot stands and cannot go on along the path that it follows, say for what it waits, and lay the
         strip onto the path anew; or give the path up, which is answered by True."""
-        stuck = path.stuck(t, moves=result.accepted or not at_rest)
+        stuck = path.stuck(t, self.reference.coordinates, moves=result.accepted or not at_rest)
         if not stuck:
             return False
         broken = None if result.certificate is None else result.certificate.broken

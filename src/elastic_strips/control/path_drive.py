@@ -13,6 +13,7 @@ from elastic_strips.strip import Strip
 from elastic_strips.strip.followed import FollowedPath
 
 _NODE_SPACING = 0.15  # [m] of the strip along a path
+_FURTHER = 0.1  # [m] along the path, by which a robot is no longer stuck
 _SAME_HEADING = 0.01  # [rad] there is nothing to turn
 _SAME_PLACE = 0.05  # [m] a place that is nearer is in no direction
 
@@ -37,6 +38,7 @@ class PathDrive:
         self._robot, self._path, self._yaw = robot, path, yaw
         self._goal: Array | None = None
         self._since: float | None = None  # [s] when it got stuck
+        self._stuck_at = 0.0  # [m] along the path
         self._laid = -np.inf  # [s] when the strip was laid anew
 
     def strip_from(self, here: Array, *, turns: bool = False) -> Strip:
@@ -66,14 +68,19 @@ class PathDrive:
         rows = waypoint_rows(robot, start, end, points, spacing=_NODE_SPACING)
         return Strip.from_coordinates(robot, np.vstack([turn[:-1], rows]))
 
-    def stuck(self, t: float, *, moves: bool) -> float:
-        """For how long [s] the robot has been stuck at the time ``t`` [s]."""
+    def stuck(self, t: float, here: Array, *, moves: bool) -> float:
+        """For how long [s] the robot has been stuck at the time ``t`` [s], where it stands; 0 while it moves.
+
+        Who moves to and fro before something, and gets no further along the path, stays stuck.
+        """
+        passed = float(self._path.nearest(here[None, :2])[1][0])
         if moves:
-            self._since = None
-            self.told.clear()
+            if passed > self._stuck_at + _FURTHER:
+                self._since = None
+                self.told.clear()
             return 0.0
         if self._since is None:
-            self._since = t
+            self._since, self._stuck_at = t, passed
         return t - self._since
 
     def due(self, t: float, every: float) -> bool:

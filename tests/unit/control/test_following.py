@@ -87,6 +87,7 @@ def test_where_it_is_not_to_wait_the_path_is_given_up_with_the_reason(silvermate
     assert controller.state is RunState.STOPPED
     assert "gate" in controller.reason
     assert places[-1][0] < 4.2
+    assert controller.time - controller.stops[0][0] < 10.0, "to and fro is not on"
     controller.retarget(silvermate.home())
     assert not controller.halted
 
