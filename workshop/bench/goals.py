@@ -497,5 +497,8 @@ def _summary(runs: list[Figures]) -> Figures:
         if any(name in r for r in done):
             figures[name] = max(r[name] for r in done)
     if any("hands_off_m" in r for r in done):
-        figures["hands_off_m"] = max(miss for r in done if r["reached"] for miss in r["hands_off_m"])
+        misses = [miss for r in done if r["reached"] for miss in r["hands_off_m"]]
+        figures["hands_off_m"] = max(misses, default=float("nan"))
+    if any("within" in r for r in done):
+        figures["within"] = float(np.mean([r["within"] for r in done]))
     return figures

@@ -378,6 +378,7 @@ _OF_A_CASE = {
     "off_path_m": "at most {:.3f} m off the path",
     "from_end_m": "at most {:.3f} m from the end of the path in the end",
     "off_rad": "at most {:.3f} rad off the gaze",
+    "within": "{:.1%} of the samples within the gaze's tolerance",
     "hands_off_m": "at most {:.3f} m off the pose, of those that reached it",
 }
 """Figures of some cases alone, and how they are told."""
