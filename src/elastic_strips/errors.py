@@ -63,7 +63,7 @@ class GoalError(ConfigurationError):
 
 
 class ParameterError(InputError):
-    """A parameter is outside its range."""
+    """A parameter is outside its range, or nothing takes one of that name."""
 
 
 class NumericalError(ElasticStripsError, FloatingPointError):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import numbers
 import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields, is_dataclass
-from functools import cache, partial
-from types import NoneType, UnionType
-from typing import Annotated, Literal, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
+from functools import cache, partial, wraps
+from types import FunctionType, NoneType, UnionType
+from typing import Annotated, Literal, TypeGuard, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -35,6 +36,38 @@ def shown(value: object) -> str:
     except Exception:  # a value that cannot even say what it is
         text = f"<{type(value).__name__}>"
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+_Called = TypeVar("_Called", bound=Callable[..., object])
+
+
+def named_arguments(called: _Called) -> _Called:
+    """A function, or a class, that answers to a keyword which it does not have with the one that may have been meant.
+
+    Its signature, its documentation and its type stay as they are. A call takes 0.2 µs longer. One that passes on what
+    else it is given is left as it is.
+
+    Raises:
+        ParameterError: by the function, at a keyword that it does not have.
+    """
+    if isinstance(called, type):
+        setattr(called, "__init__", named_arguments(called.__init__))  # noqa: B010 (pyright takes no plain assignment)
+        return cast("_Called", called)
+    parameters = inspect.signature(called).parameters.values()
+    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+        return called
+    valid = frozenset(p.name for p in parameters if p.kind is not p.POSITIONAL_ONLY)
+    function = cast("FunctionType", called)
+
+    @wraps(function)
+    def checked(*args: object, **named: object) -> object:
+        if not named.keys() <= valid:
+            what = type(args[0]).__name__ if function.__name__ == "__init__" else function.__name__
+            name = next(name for name in named if name not in valid)
+            raise ParameterError(f"{what}() has no argument {name!r}{nearest_name(name, valid - {'self'})}")
+        return function(*args, **named)
+
+    return cast("_Called", checked)
 
 
 def check_type(

@@ -186,6 +186,42 @@ def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFi
     assert "reached" not in captured.out
 
 
+@each(
+    ("case", "options", "ways"),
+    [
+        ("every", ("--seconds", "5", "--rate", "50"), ["flow", "stop"]),
+        ("patrol", ("--seconds", "12"), ["flow", "stop"]),
+        ("path", (), ["flow"]),
+        ("look", (), ["flow"]),
+        ("hands", (), ["flow"]),
+    ],
+)
+def test_bench_goals(
+    case: str, options: tuple[str, ...], ways: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each way is a drive; what a case is about is among its figures, and the summary is made of the drives."""
+    figures = _bench(tmp_path, "goals", "--case", case, "--seeds", "1", "--processes", "1", *options)
+    assert (figures["case"], figures["compute"], figures["moving"]) == (case, "work", False)
+    assert [run["way"] for run in figures["runs"]] == list(figures["ways"]) == ways
+    for run in figures["runs"]:
+        some = figures["ways"][run["way"]]
+        assert run["contacts"] == []
+        assert run["goals_missed"] == 0
+        assert some["path_m"] == run["path_m"] > 1.0
+    flow = figures["ways"]["flow"]
+    if case == "every":
+        assert flow["asked"] == 2
+        assert flow["rests"] < figures["ways"]["stop"]["rests"]
+    elif case == "patrol":
+        assert flow["passed"] == flow["goals"] >= 3
+        assert figures["ways"]["stop"]["passed"] == 0
+    else:
+        assert flow["reached"] == 1
+        off = {"path": ("off_path_m", 0.3), "look": ("off_rad", 0.1), "hands": ("hands_off_m", 0.07)}[case]
+        assert 0.0 < flow[off[0]] <= off[1]
+    assert "contacts at speed" in capsys.readouterr().out
+
+
 def test_bench_tick(tmp_path: Path) -> None:
     """Phases are parts of the tick; no --scaling, nothing else measured."""
     figures = _bench(tmp_path, "tick", "--ticks", "20", "--no-scaling")

@@ -541,13 +541,18 @@ def hall_world(seed: int) -> World:
         Box((0.4, 0.4, 1.2), at=(x, y, 0.6)) for x, y in ((-2.0, 1.1), (-0.7, -1.0), (0.8, 1.2), (2.2, -1.1))
     ]
     for k in range(5):
-        x, period = rng.uniform(-2.5, 2.5), rng.uniform(14.0, 22.0)
-        t = np.arange(0.0, period + 0.05, 0.1) * (period / (np.ceil(period / 0.1) * 0.1))
-        phase = 2.0 * np.pi * t / t[-1]
-        track = np.column_stack([x + 0.4 * np.cos(phase), 3.2 * np.sin(phase), np.full_like(t, 0.85)])
-        track[-1] = track[0]
-        obstacles.append(Cylinder(0.25, 1.7, name=f"person-{k}", motion=Keyframes(t, track, loop=True)))
+        obstacles.append(crossing(f"person-{k}", rng.uniform(-2.5, 2.5), rng.uniform(14.0, 22.0)))
     return World(Scene(obstacles))
+
+
+def crossing(name: str, x: float, period: float, reach: float = 3.2) -> Cylinder:
+    """A pedestrian that crosses the line y = 0 near ``x`` [m] for ever, up to ``reach`` [m] to both sides, once in
+    ``period`` [s]."""
+    t = np.arange(0.0, period + 0.05, 0.1) * (period / (np.ceil(period / 0.1) * 0.1))
+    phase = 2.0 * np.pi * t / t[-1]
+    track = np.column_stack([x + 0.4 * np.cos(phase), reach * np.sin(phase), np.full_like(t, 0.85)])
+    track[-1] = track[0]
+    return Cylinder(0.25, 1.7, name=name, motion=Keyframes(t, track, loop=True))
 
 
 def _resident() -> float:

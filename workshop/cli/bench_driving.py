@@ -282,6 +282,108 @@ def house(
     output.write_document("figures", json_file, figures)
 
 
+@click.command(short_help="Goals that change, are passed, or are paths and poses of both hands.")
+@options.robot_option("silvermate")
+@options.base_option()
+@click.option(
+    "--case",
+    type=options.LateChoice("workshop.bench.goals", "CASES"),
+    default="every",
+    show_default=True,
+    help="What is measured.",
+)
+@seeds_option(3, "Number of drives.")
+@click.option(
+    "--rate", type=options.Finite(1.0, 1000.0), default=100.0, show_default=True, help="Of the control loop [1/s]."
+)
+@click.option(
+    "--seconds", type=options.Finite(1.0, 36000), default=120.0, show_default=True, help="Of a drive, at most [s]."
+)
+@click.option("--moving/--static", default=False, show_default=True, help="Whether something moves beside what stands.")
+@options.compute_option
+@options.processes_option
+@runs_option
+def goals(
+    robot: str,
+    base: str | None,
+    case: str,
+    seeds: int,
+    rate: float,
+    seconds: float,
+    moving: bool,
+    compute: str | None,
+    processes: int | None,
+    json_file: str | None,
+) -> None:
+    """Drives with goals on the move, with computing charged by modelled times unless another cost is asked for.
+
+    every: a new goal every two seconds, taken at speed and, for comparison, after a stop. patrol: ten goals, passed
+    and, for comparison, with a stop at each. path: a path of the base, kept to within 0.3 m. look: a hand that points
+    at a place. hands: poses of all hands at once; of one hand and the base where there is one only.
+    """
+    from workshop.bench.goals import bench_goals
+
+    with options.LateProgress("driving", seeds) as bar:
+        figures = bench_goals(
+            robot,
+            case,
+            range(seeds),
+            bar.step,
+            base=base,
+            rate=rate,
+            seconds=seconds,
+            moving=moving,
+            compute=_compute(compute or "work"),
+            processes=processes,
+        )
+    output.say(f"{robot}, {case}, {'moving' if moving else 'static'}, {rate:g} Hz, computing: {figures['compute']}")
+    for way, some in figures["ways"].items():
+        output.say(f"{way}, {some['count']} drives")
+        _goal_rows(case, some)
+    for run in figures["runs"]:
+        if "error" in run or run["contacts"] or run["goals_missed"] or (case != "every" and not run["reached"]):
+            row(f"{run['way']}, seed {run['seed']}", run.get("error") or f"{run['state']}: {run['reason']}", False)
+    output.write_document("figures", json_file, figures)
+
+
+def _goal_rows(case: str, figures: Figures) -> None:
+    minutes = max(figures["time_s"], 1e-9) / 60.0
+    if case == "every":
+        row("nearer to the goals", f"{figures['progress_m']:.1f} m, {figures['progress_m'] / minutes:.1f} m a minute")
+    else:
+        row("reached", f"{figures['reached']} of {figures['count']}", figures["reached"] == figures["count"])
+    row("driven", f"{figures['path_m']:.1f} m in {figures['time_s']:.1f} s, {figures['rest_s']:.1f} s of it at rest")
+    row("came to rest", f"{figures['rests']} times, stood {figures['longest_stand_s']:.1f} s short of a goal at most")
+    row(
+        "contacts at speed",
+        f"{figures['contacts']} ({figures['contacts_standing']} with what stands)",
+        figures["contacts"] == 0,
+    )
+    row(
+        "goals",
+        f"{figures['goals']} reached, {figures['passed']} of them passed, at most {figures['goals_off_m']:.3f} m off, "
+        f"{figures['goals_missed']} beyond tolerance and tracking error",
+        figures["goals_missed"] == 0,
+    )
+    for name, text in _OF_A_CASE.items():
+        if name in figures:
+            row(name.replace("_", " "), text.format(figures[name]))
+    for what in ("stop_reasons", "waits"):
+        for reason, count in figures[what].items():
+            row("stopped" if what == "stop_reasons" else "waited", f"{count} times: {reason}")
+
+
+_OF_A_CASE = {
+    "astray_m": "at most {:.3f} m off what was asked, where a goal was called reached",
+    "off_path_m": "at most {:.3f} m off the path",
+    "from_end_m": "at most {:.3f} m from the end of the path in the end",
+    "off_rad": "at most {:.3f} rad off the gaze",
+    "within": "{:.1%} of the samples within the gaze's tolerance",
+    "hands_off_m": "at most {:.3f} m off the pose, of those that reached it",
+}
+"""Figures of some cases alone, and how they are told."""
+
+
 @click.command(short_help="How soon a new obstacle is answered.")
 @options.robot_option("silvermate")
 @seeds_option(50, "Number of corridors.")

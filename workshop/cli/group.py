@@ -33,6 +33,7 @@ for _command in (
     driving.drive,
     driving.disturb,
     driving.faults,
+    driving.goals,
     driving.reaction,
     driving.soak,
     driving.realtime,

@@ -20,7 +20,7 @@ from elastic_strips.robot import BaseKind, Kinematics, RobotModel
 from elastic_strips.scene import Obstacle, Scene, UnknownMotion, World
 from elastic_strips.scene.motion import MAX_SPEED
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_array, check_choice, check_number, check_type
+from elastic_strips.validation import check_array, check_choice, check_number, check_type, named_arguments
 
 from .bounds import BodySet, MotionBounds
 from .certificate import BrokenSegment, half_turn
@@ -93,6 +93,7 @@ class PathCertificate(Summary):
         return {"verdict": self.verdict.value, "clearance": f"{self.clearance:g} m", "reason": self.reason}
 
 
+@named_arguments
 def certify(
     robot: RobotModel,
     scene: Scene | World,

@@ -27,7 +27,7 @@ from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_choice, check_number, check_type
+from elastic_strips.validation import check_choice, check_number, check_type, named_arguments
 
 from .bounds import BodySet
 from .path_rows import INTERPOLATIONS, PathLike, PathRows, column_names, path_rows
@@ -89,6 +89,7 @@ class PathProof(Summary):
         return atomic_write(target, stream.getvalue())
 
 
+@named_arguments
 def prove(
     robot: RobotModel,
     scene: Scene,

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision.certificate import LEFT_PATH
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import Goal, PlanReport
 from elastic_strips.planning.goals import is_goal_region
@@ -27,7 +28,7 @@ from elastic_strips.strip import Strip
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
-from elastic_strips.validation import check_able, check_array, check_count, check_number, check_type
+from elastic_strips.validation import check_able, check_array, check_count, check_number, check_type, named_arguments
 
 from .executor import ExecutorLink, MotionExecutor
 from .interfaces import Command, Event, GoalReached, Measurement, RunState
@@ -152,6 +153,7 @@ class Controller:
         GoalError: no configuration that is free reaches the first goal.
     """
 
+    @named_arguments
     def __init__(
         self,
         robot: RobotModel,
@@ -348,6 +350,7 @@ class Controller:
         self._cancelled = ""
         self._set_goal(first)
 
+    @named_arguments
     def follow(self, path: npt.ArrayLike, *, within: float, wait: bool = True) -> None:
         """Follow a path of the base, such as another planner's, in place of all goals.
 
@@ -828,20 +831,22 @@ class Controller:
     def _blocked(self, t: float, path: PathDrive, result: PlanResult, at_rest: bool) -> bool:
         """Where the robot stands and cannot go on along the path that it follows, say for what it waits, and lay the
         strip onto the path anew; or give the path up, which is answered by True."""
-        stuck = path.stuck(t, moves=result.accepted or not at_rest)
+        stuck = path.stuck(t, self.reference.coordinates, moves=result.accepted or not at_rest)
         if not stuck:
             return False
         broken = None if result.certificate is None else result.certificate.broken
         broken = result.report.certificate.broken if broken is None else broken
-        what = result.reason if broken is None or not broken.obstacle else broken.obstacle
+        what = "a way" if broken is None else (broken.labels or (broken.link, broken.obstacle))[1]
         if not path.wait and stuck >= self.params.replan_after:
             self.cancel(f"the path is blocked by {what}: {result.reason}")
             return True
-        if path.told != what:
-            path.told = what
+        if what not in path.told:
+            path.told.add(what)
             self.executor.log("waiting", f"for {what}: {result.reason}")
         if path.due(t, self.params.replan_after):
-            self.planner.take(path.strip_from(self.executor.active.coordinates[-1]))
+            out = broken is not None and broken.kind == LEFT_PATH
+            strip = path.strip_from(self.executor.active.coordinates[-1], turns=out)
+            self.planner.take(strip, as_it_is=out)
         return False
 
     def _look_onward(self, scene: Scene) -> None:
@@ -859,9 +864,10 @@ class Controller:
 
     def _pass_goal(self, t: float, at: Array) -> None:
         """The robot has gone on from the goal to the next one, without a stop."""
-        assert self._onward is not None
-        self._reach(t, at, passed=True)
         self.planner.passed = None
+        if self._onward is None:  # other goals were asked for meanwhile, and the strip to them is being planned
+            return
+        self._reach(t, at, passed=True)
         report, self._onward, self._onward_plan, self._replan_task = self._onward, None, None, None
         self.goals.pop(0)
         self._take_goal(report)

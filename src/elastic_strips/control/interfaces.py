@@ -9,8 +9,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.trajectory import MotionLimits
+from elastic_strips.validation import named_arguments
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """Readings of the robot's own sensors at one time.
@@ -38,6 +40,7 @@ class Measurement:
     emergency: str = ""
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
     """Commanded speeds of the motors.

@@ -104,16 +104,19 @@ class LocalPlanner:
         self._names: tuple[str, ...] = ()
         self._ticks = self._age = 0
         self._broken = 0  # steps in a row that have left the strip without a certificate
+        self._kept = 0  # ticks for which the strip stays as it is
         self._step_took = self._evasion_took = 0.0  # [s] the last time
 
-    def take(self, strip: Strip, *, beside: bool = False) -> None:
+    def take(self, strip: Strip, *, beside: bool = False, as_it_is: bool = False) -> None:
         """Follow another strip from now on.
 
         Args:
             strip: begins where the robot is, or near it.
             beside: whether it begins only near the robot, so that it has to be joined.
+            as_it_is: whether motions along it are tried before it gives way, at each of the speeds.
         """
         self._follow(strip, None)
+        self._kept = len(self.params.speeds) if as_it_is else 0
         self.off_strip = self._joins = beside
         self._next = self._onward = self.passed = None
 
@@ -125,7 +128,7 @@ class LocalPlanner:
     def _follow(self, strip: Strip, curve: Array | None) -> None:
         """Follow a strip, after rows (R, nv) of a curve onto it."""
         self.strip = strip
-        self._curve, self._last, self._broken = curve, None, 0
+        self._curve, self._last, self._broken, self._kept = curve, None, 0, 0
         self.off_strip = self._joins = False
 
     def lead_on(self, strip: Strip, within: Tolerance) -> None:
@@ -292,7 +295,7 @@ class LocalPlanner:
         )
         for curve, rest in islice(curves, _MOST_CURVES):
             self._curve, self.strip = curve, Strip.from_coordinates(self.robot, rest)
-            segments = _segments(report)[len(report.strip) - len(rest) :]
+            segments = _proven(report)[len(report.strip) - len(rest) :]
             beyond = replace(report, strip=self.strip, certificate=replace(report.certificate, segments=segments))
             result = self._along(start, active, outlook, beyond, watch)
             if result.accepted:
@@ -311,7 +314,7 @@ class LocalPlanner:
         rows = report.strip.coordinates
         way = np.sqrt(self.deformer.spacing_weight) * self.robot.space.difference(rows[:-1], rows[1:])
         ahead = np.cumsum(np.linalg.norm(way, axis=1)) < _FREE_AHEAD
-        return bool(_segments(report)[ahead].all())
+        return bool(_proven(report)[ahead].all())
 
     def _along(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
@@ -452,6 +455,10 @@ class LocalPlanner:
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
         stuck = self._broken > BROKEN_STEPS
         every = _STUCK_EVERY if stuck else 1 if prediction is None else 2
+        if before is not None and self._kept:
+            self._kept -= 1
+            self.strip, self.report = strip, replace(before, strip=strip)
+            return self.report
         if before is not None and waits and scene.names == self._names and self._ticks % every:
             report = replace(before, strip=strip)  # only the motion is planned again
         else:
@@ -472,8 +479,8 @@ class LocalPlanner:
         return report
 
 
-def _segments(report: DeformReport) -> Mask:
-    """(N−1,) which segments of a report's strip are certified. Where the strip was only trimmed or joined since, it is
-    another one at its beginning: what is new there counts as certified, for the motion along it will be."""
+def _proven(report: DeformReport) -> Mask:
+    """(N−1,) segments of the strip of a report that are certified; of the nodes that the robot has passed since it was
+    certified the segments are gone, and those of new ones are not certified."""
     known, count = report.certificate.segments, len(report.strip) - 1
-    return np.concatenate([np.ones(max(count - len(known), 0), dtype=bool), known])[-count:]
+    return np.concatenate([np.zeros(max(count - len(known), 0), dtype=bool), known[max(len(known) - count, 0) :]])

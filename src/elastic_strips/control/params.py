@@ -7,7 +7,17 @@ from typing import Annotated
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.strip import AxisConstraint, DeformParams
-from elastic_strips.validation import Bound, Checked, Count, Fraction, NonNegative, Positive, Whole, check_fields
+from elastic_strips.validation import (
+    Bound,
+    Checked,
+    Count,
+    Fraction,
+    NonNegative,
+    Positive,
+    Whole,
+    check_fields,
+    named_arguments,
+)
 
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
 """Parameters of strips that are driven: nodes may be further apart and the certificate coarser, because motions have a
@@ -55,6 +65,7 @@ class Margins:
         return self.tracking_error + self.margin
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvasionParams:
     """How manoeuvres among moving obstacles are compared; none of this is needed for safety, which is certified.

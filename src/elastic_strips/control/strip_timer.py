@@ -109,7 +109,8 @@ class StripTimer:
         pace: how long planning takes; where None, as long as ``params`` say.
 
     Attributes:
-        path: path that certified motions keep to, with the tracking error; None where there is none.
+        path: path that certified motions keep to, with the clearance that is kept from obstacles; None where there is
+            none.
     """
 
     easy: Retimer
@@ -304,7 +305,7 @@ class StripTimer:
         certificate = self.certifier.certify(motion, outlook.scene, outlook.possible, clearance=margins.clearance)
         if self.path is None or not certificate.certified:
             return certificate
-        beyond = self.path.bound(motion.coordinates[:, :2]) + margins.tracking_error - self.path.within
+        beyond = self.path.bound(motion.coordinates[:, :3]) + margins.clearance - self.path.within
         worst = int(beyond.argmax())
         if beyond[worst] <= 0.0:
             return certificate

@@ -32,7 +32,7 @@ from elastic_strips.files import atomic_write, check_writable, open_input, read_
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_choice, check_number
+from elastic_strips.validation import check_choice, check_number, named_arguments
 
 from .nodes import MAX_JSON_BYTES, Source, load_json
 from .npy_source import NpyError, NpzArrays, read_npy
@@ -90,6 +90,7 @@ class PathFile(Summary):
         return {"configurations": len(self.q), **timed, **{key: "; ".join(value) for key, value in said.items()}}
 
 
+@named_arguments
 def load_path(
     path: str | os.PathLike[str],
     robot: RobotModel,

@@ -28,7 +28,7 @@ from elastic_strips.control.record import DRIVE_NAMES, ControlRows, PlanningRows
 from elastic_strips.errors import InputError, RobotError, missing_extra
 from elastic_strips.files import atomic_write, check_writable, open_input
 from elastic_strips.robot import BaseKind, RobotModel, load_robot
-from elastic_strips.validation import check_type
+from elastic_strips.validation import check_type, named_arguments
 
 from .nodes import Node, Source
 from .npy_source import NpzArrays
@@ -146,6 +146,7 @@ def write_record(record: Record, path: str | os.PathLike[str]) -> Path:
     return atomic_write(target, data)
 
 
+@named_arguments
 def read_record(path: str | os.PathLike[str]) -> Record:
     """Read a ``.npz`` record; its world holds convex obstacles that follow the recorded poses.
 

@@ -21,7 +21,7 @@ from elastic_strips.robot import LoadOptions, RobotModel
 from elastic_strips.robot.reach import highest_reach
 from elastic_strips.scene import Obstacle, Scene, World
 from elastic_strips.scene.quantities import pose_of
-from elastic_strips.validation import check_type
+from elastic_strips.validation import check_type, named_arguments
 
 from .nodes import Node, Source, load_yaml
 from .obstacle_document import obstacle_entries, obstacle_from_node, quaternion_of_rpy, warn_of_degrees
@@ -58,6 +58,7 @@ _SCENARIO_KEYS = (
 )  # fmt: skip
 
 
+@named_arguments
 def read_scene(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,
@@ -84,6 +85,7 @@ def read_scene(
     return world.at(world.scene.time) if world.names_moving or world.event_times else world.scene
 
 
+@named_arguments
 def read_world(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,
@@ -286,6 +288,7 @@ def _span(node: Node) -> tuple[float | None, float | None]:
     return begin, end
 
 
+@named_arguments
 def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     """Write a scene file that `read_scene` reads back; an existing file is replaced in one step.
 
@@ -298,6 +301,7 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     _write(scene, {}, path)
 
 
+@named_arguments
 def write_world(world: World, path: str | os.PathLike[str]) -> None:
     """Write a scene file that `read_world` reads back: all obstacles, and when they appear and vanish.
 

@@ -24,11 +24,12 @@ from elastic_strips.errors import InputError, nearest_name
 from elastic_strips.files import atomic_write, check_writable, write_json
 from elastic_strips.scene import Scene
 from elastic_strips.trajectory import Trajectory
-from elastic_strips.validation import check_type
+from elastic_strips.validation import check_type, named_arguments
 
 from .trajectory_data import row_names, trajectory_columns, trajectory_document
 
 
+@named_arguments
 def write_trajectory(
     path: str | os.PathLike[str], trajectory: Trajectory, *, scene: Scene | None = None, frame: str = "map"
 ) -> Path:

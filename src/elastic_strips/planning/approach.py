@@ -17,7 +17,7 @@ from elastic_strips.robot.inverse_kinematics import PoseSolver
 from elastic_strips.scene import Scene
 from elastic_strips.strip import AxisConstraint, DeformParams
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_array, check_choice, check_number
+from elastic_strips.validation import check_array, check_choice, check_number, named_arguments
 
 from .goals import HandPose, goal_configurations
 from .leaving import MOST_DEPTH
@@ -59,6 +59,7 @@ class ApproachReport(Summary):
         return {"certified": self.certified, "reason": self.reason}
 
 
+@named_arguments
 def plan_approach(
     robot: RobotModel,
     scene: Scene,

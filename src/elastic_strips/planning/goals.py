@@ -23,7 +23,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import AxisConstraint, Deformer, DeformParams
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.summary import Summary
-from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields
+from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields, named_arguments
 
 from .problem import Deadline, nearest_things
 from .validity import ValidityChecker
@@ -276,6 +276,7 @@ def _of_several_frames(goals: Sequence[Goal]) -> None:
         )
 
 
+@named_arguments
 def find_goals(
     robot: RobotModel,
     scene: Scene,

@@ -21,7 +21,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import AxisConstraint, Deformer, DeformParams, DeformReport, DeformStatus, Strip
 from elastic_strips.strip.constraint import ConstraintForce
-from elastic_strips.validation import check_count, check_number
+from elastic_strips.validation import check_count, check_number, named_arguments
 
 from .goals import Goal, goal_configurations, is_goal_region
 from .homotopy.alternatives import AlternativesSearch
@@ -35,6 +35,7 @@ _DETOUR_RATIO, _DETOUR_LENGTH = 3.0, 5.0  # a grid's path of more than 3 times t
 _SHORTENING_SHARE, _LONGEST_SHORTENING = 0.25, 2.0  # of the time, and most [s], is OMPL's then
 
 
+@named_arguments
 def plan_report(
     robot: RobotModel,
     scene: Scene,
@@ -269,6 +270,7 @@ def _several(
     )
 
 
+@named_arguments
 def plan(
     robot: RobotModel,
     scene: Scene,

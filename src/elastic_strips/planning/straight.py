@@ -14,7 +14,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSolver, PoseTarget
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformStatus, Strip
-from elastic_strips.validation import check_array, check_choice, check_number
+from elastic_strips.validation import check_array, check_choice, check_number, named_arguments
 
 from .leaving import MOST_DEPTH, joined, leave_along
 from .problem import ARM, check_kinds, ease, nearest_things
@@ -28,6 +28,7 @@ _LARGEST_JOINT_STEP = 0.3  # [rad or m] most that a joint may move between two n
 _MOST_ITERATIONS = 15
 
 
+@named_arguments
 def plan_straight(
     robot: RobotModel,
     scene: Scene,

@@ -17,7 +17,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import KnownRobot, find_robot, is_known, is_ours
 from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError
-from elastic_strips.validation import MAX_LENGTH
+from elastic_strips.validation import MAX_LENGTH, named_arguments
 
 from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
@@ -61,6 +61,7 @@ class LoadOptions(TypedDict, total=False):
     visual_as_collision: Collection[str] | str
 
 
+@named_arguments
 def load_robot(
     name_or_path: str | Path,
     *,

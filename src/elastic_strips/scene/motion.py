@@ -18,7 +18,7 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_number, shown
+from elastic_strips.validation import check_number, named_arguments, shown
 
 from .quantities import QUAT_TOLERANCE, check_points, check_quaternion, rotation_of
 
@@ -62,6 +62,7 @@ class Motion(abc.ABC):
         """
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, eq=False)
 class Twist(Motion):
     """A constant velocity: the origin moves at ``linear``, the orientation turns about it at ``angular``.
@@ -157,6 +158,7 @@ class Keyframes(Motion, Summary):
     _linear: Array  # (K - 1,) speed of the origin in each piece [m/s]
     _angular: Array  # (K - 1,) [rad/s]
 
+    @named_arguments
     def __init__(
         self, times: ArrayLike, positions: ArrayLike, *, quats: ArrayLike | None = None, loop: bool = False
     ) -> None:

@@ -14,7 +14,7 @@ from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.decompose import convex_pieces, load_mesh
 from elastic_strips.errors import SceneError
 from elastic_strips.summary import shortened
-from elastic_strips.validation import MAX_LENGTH, check_number, shown
+from elastic_strips.validation import MAX_LENGTH, check_number, named_arguments, shown
 
 from .motion import Motion, check_motion
 from .parts import Part, Solid, cluster_solid, hull_part, primitive
@@ -190,6 +190,7 @@ class Box(Obstacle):
 
     __slots__ = ()
 
+    @named_arguments
     def __init__(
         self,
         size: ArrayLike,
@@ -215,6 +216,7 @@ class Sphere(Obstacle):
 
     __slots__ = ()
 
+    @named_arguments
     def __init__(
         self,
         radius: float,
@@ -235,6 +237,7 @@ class _Round(Obstacle):
     _form: type[coal.CollisionGeometry]
     _caps = False  # whether half spheres add to the length
 
+    @named_arguments
     def __init__(
         self,
         radius: float,
@@ -302,6 +305,7 @@ class ConvexHull(Obstacle):
 
     __slots__ = ()
 
+    @named_arguments
     def __init__(
         self,
         vertices: ArrayLike,
@@ -327,6 +331,7 @@ class Mesh(Obstacle):
 
     __slots__ = ()
 
+    @named_arguments
     def __init__(
         self,
         vertices: ArrayLike,
@@ -392,6 +397,7 @@ class Voxels(Obstacle):
 
     __slots__ = ()
 
+    @named_arguments
     def __init__(
         self,
         centers: ArrayLike,
@@ -420,6 +426,7 @@ class Points(Obstacle):
 
     __slots__ = ()
 
+    @named_arguments
     def __init__(
         self,
         points: ArrayLike,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.summary import Summary, shortened, table
-from elastic_strips.validation import shown
+from elastic_strips.validation import named_arguments, shown
 
 from .motion import PedestrianMotion
 from .obstacle import Obstacle
@@ -155,6 +155,7 @@ class Scene:
     _source: PartTable | None  # table of an earlier snapshot ...
     _changed: tuple[int, ...]  # ... that differs in the poses of these obstacles
 
+    @named_arguments
     def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float | None = None) -> None:
         stamp = None if time is None else check_time("Scene time", time)
         time = 0.0 if stamp is None else stamp
@@ -338,6 +339,7 @@ class Scene:
         return _made, (self.obstacles, self.stamp)
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class World(Summary):
     """Obstacles that move, appear and vanish: an obstacle exists from ``appears`` on, until ``vanishes``.

@@ -60,6 +60,8 @@ class Simulation(Generic[_Driver]):
 
     Attributes:
         time: time of the present step [s].
+        period: of the control loop [s]; the parameters' own, unless it is set before the first step: the controller
+            measures it.
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class Simulation(Generic[_Driver]):
         self.realtime: bool = realtime
         self.computing: Computing = computing or Computing()
         self.time: float = 0.0
+        self.period: float = controller.params.control_dt
         self._goal = goal
         self._new_recorder = lambda: Recorder(self.robot, world, metadata=metadata or {})
         self.recorder: Recorder = self._new_recorder()
@@ -116,7 +119,7 @@ class Simulation(Generic[_Driver]):
         limit = params.time_limit if time_limit is None else check_number("time_limit", time_limit, low=0.0, unit="s")
         began, first, over = perf_counter(), self._step, False
         while True:
-            t = self.time = self._step * params.control_dt
+            t = self.time = self._step * self.period
             if t >= limit and not over:
                 over = True
                 controller.stop(f"time limit of {limit:g} s")
@@ -126,7 +129,7 @@ class Simulation(Generic[_Driver]):
             if ((controller.ended or controller.halted) and self._settled()) or t > limit + LONGEST_OVERTIME:
                 break
             if self.realtime:
-                ahead = began + (self._step - first) * params.control_dt - perf_counter()
+                ahead = began + (self._step - first) * self.period - perf_counter()
                 if ahead > 0.0:
                     sleep(ahead)
         if over:
@@ -172,7 +175,7 @@ class Simulation(Generic[_Driver]):
         self.pedestrians.step(t, plant.coordinates, plant.v)
         self._measurement = None
         try:
-            self._measurement = plant.step(command, self.params.control_dt)
+            self._measurement = plant.step(command, self.period)
         except Exception as error:  # of a driver: the controller gets no measurement
             _log.exception("the plant's driver failed")
             controller.log("fault", f"driver exception: {type(error).__name__}: {error}")

@@ -9,12 +9,13 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.planning import PlanReport
 from elastic_strips.scene import Scene, World
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import check_type
+from elastic_strips.validation import check_type, named_arguments
 
 from .closed_loop import simulation
 from .plant import KinematicPlant, PlantParams
 
 
+@named_arguments
 def drive_plan(
     plan: PlanReport,
     world: World | Scene,

@@ -17,7 +17,7 @@ from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import Bound, Checked, NonNegative, check_fields
+from elastic_strips.validation import Bound, Checked, NonNegative, check_fields, named_arguments
 
 STANDING_SPEED = 1e-3
 """Speed [m/s, rad/s] of bases and joints below which a machine stands."""
@@ -161,6 +161,7 @@ def speed_loop(v: float, u: float, lag: float, push: float, h: float) -> tuple[f
 _LONGEST_ARC = 0.005  # [s] longest time that is integrated as one arc
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantParams:
     """How a machine differs from its plan.
@@ -282,6 +283,7 @@ class KinematicPlant:
 
     lost: list[float]
 
+    @named_arguments
     def __init__(
         self,
         robot: RobotModel,

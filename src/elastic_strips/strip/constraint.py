@@ -18,7 +18,7 @@ from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.scene import Scene
-from elastic_strips.validation import Bound, Positive, check_array, check_fields, check_type
+from elastic_strips.validation import Bound, Positive, check_array, check_fields, check_type, named_arguments
 
 from .solver import System
 from .strip import Strip
@@ -76,6 +76,7 @@ class AxisConstraint:
         return self
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OrientationConstraint(AxisConstraint):
     """An axis of a frame of the robot that is to point in a direction, such as that of a tray that stays level.
@@ -120,6 +121,7 @@ class OrientationConstraint(AxisConstraint):
         return OrientationConstraint(frame=frame, axis=(float(x), float(y), float(z)), direction=direction, **values)
 
 
+@named_arguments
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LookAt(AxisConstraint):
     """An axis of a frame of the robot that is to point at a place, such as a camera's at what it is to see.

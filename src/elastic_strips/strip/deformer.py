@@ -15,7 +15,7 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.validation import check_type
+from elastic_strips.validation import check_type, named_arguments
 
 from .constraint import AxisConstraint, ConstraintForce
 from .followed import FollowedPath
@@ -90,6 +90,7 @@ class Deformer(OneThread):
         RobotError: a constraint for a frame that the robot does not have.
     """
 
+    @named_arguments
     def __init__(
         self, robot: RobotModel, params: DeformParams | None = None, *, constraint: AxisConstraint | None = None
     ) -> None:

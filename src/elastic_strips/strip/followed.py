@@ -69,12 +69,22 @@ class FollowedPath:
         first = self.points[k - 1] + part * (self.points[k] - self.points[k - 1]) if k else self.points[0]
         return np.vstack([first, self.points[k:]])
 
-    def bound(self, xy: Array) -> Array:
-        """(N−1,) bound [m] of the distance from the path on straight lines and arcs between places (N, 2) that are less
-        than half a turn apart: a point between two is nearer than half of the way to one of them, and a little."""
-        off = self.off(xy)
-        chord = np.hypot(*np.diff(xy, axis=0).T)
-        return 0.5 * (off[:-1] + off[1:] + _ARC * chord)
+    def bound(self, poses: Array) -> Array:
+        """(N−1,) bound [m] of the distance from the path on straight lines and arcs between poses (N, 3) x, y [m] and
+        yaw [rad] that are less than half a turn apart.
+
+        A point of the chord is no further from the line between the places of the path that are next to its ends than
+        the further end is. The path between these two is no further from that line than the half width of an ellipse
+        about them; the arc is no further from its chord than in its middle. Where that path is long, the way to the
+        nearer end, which is half of the arc at most, says more.
+        """
+        xy, (at, passed) = poses[:, :2], self.nearest(poses[:, :2])
+        off, chord = np.hypot(*(xy - at).T), np.hypot(*np.diff(xy, axis=0).T)
+        turn = np.abs(np.remainder(np.diff(poses[:, 2]) + np.pi, 2.0 * np.pi) - np.pi)
+        between = np.square(np.diff(passed)) - np.square(np.diff(at, axis=0)).sum(axis=1)
+        near = np.maximum(off[:-1], off[1:]) + 0.5 * np.sqrt(np.maximum(between, 0.0))
+        near += 0.5 * chord * np.tan(0.25 * turn)
+        return np.minimum(near, 0.5 * (off[:-1] + off[1:] + _ARC * chord))
 
     def push(self, system: System, coordinates: Array) -> None:
         """Add force and matrix of V = Σ ½ k (d − d₀)² over nodes (N, nv) that are further off than a part d₀ of the

@@ -12,7 +12,7 @@ from elastic_strips.collision import BodySet
 from elastic_strips.robot import BaseKind, Kinematics, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_count
+from elastic_strips.validation import check_count, named_arguments
 
 from .deformer import Deformer
 from .params import DeformParams
@@ -45,6 +45,7 @@ class RepairReport(Summary):
         return {"certified": self.certified, "moved": f"{self.moved:.3f} m", "reason": self.reason}
 
 
+@named_arguments
 def repair(
     robot: RobotModel,
     scene: Scene,

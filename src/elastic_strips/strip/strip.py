@@ -14,7 +14,7 @@ from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_number, check_type
+from elastic_strips.validation import check_number, check_type, named_arguments
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,6 +117,7 @@ class Strip(Summary):
         return self.robot.space.from_coordinates(np.vstack([*rows, self.coordinates[-1:]]))
 
 
+@named_arguments
 def strip_clearance(strip: Strip, scene: Scene, *, tolerance: float = 1e-4) -> float:
     """Smallest distance [m] between robot and obstacles along the interpolated strip; negative in penetration.
 

@@ -18,7 +18,7 @@ from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.robot.space import UNLIMITED_SPEED
 from elastic_strips.robot.wheels import DrivenWheels
 from elastic_strips.summary import Summary
-from elastic_strips.validation import NonNegative, check_fields, check_number, check_type
+from elastic_strips.validation import NonNegative, check_fields, check_number, check_type, named_arguments
 
 _ASK = "give wheel_speed=…, track=… and wheel_radius=… (options of drive: --wheel-speed, --track, --wheel-radius)"
 
@@ -75,6 +75,7 @@ class MotionLimits(Summary):
                 raise ParameterError(f"MotionLimits.{name}={length!r} [m] must be positive for a differential drive")
 
     @staticmethod
+    @named_arguments
     def for_robot(
         robot: RobotModel,
         *,

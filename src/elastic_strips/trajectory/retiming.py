@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.strip import Strip
-from elastic_strips.validation import check_array, check_number, check_type
+from elastic_strips.validation import check_array, check_number, check_type, named_arguments
 
 from .limits import MotionLimits
 from .path import DrivePath, Polyline, RetimingError, integrate_travel, metric, polyline, smooth_path
@@ -297,6 +297,7 @@ class Retimer:
         return Trajectory(self.robot, limits, time, rows, limits.to_tangent(v), limits.to_tangent(a))
 
 
+@named_arguments
 def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01, speed: float = 1.0) -> Trajectory:
     """A whole strip from rest to rest, as fast as the limits allow; it stops at cusps and sharp corners.
 

@@ -19,7 +19,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
 from elastic_strips.strip.report import DeformReport
-from elastic_strips.validation import check_count, check_type, shown
+from elastic_strips.validation import check_count, check_type, named_arguments, shown
 
 from . import animation, commands, film
 from .animation import Animated, RunReplay, StripAnimation
@@ -47,6 +47,7 @@ class Viewer:
         ...     viewer.show(robot, scene, report).save_html("strip.html")
     """
 
+    @named_arguments
     def __init__(
         self,
         *,

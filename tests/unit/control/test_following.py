@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from cases import each, refused
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from elastic_strips import load_robot
@@ -71,12 +71,23 @@ def test_it_waits_for_what_is_in_the_way_and_says_for_what(silvermate):
     assert controller.replans == 0
 
 
+def test_next_to_what_bounds_it_the_robot_turns_on_the_spot(silvermate):
+    """It looks out of the border, and any arc from there leads beyond it."""
+    along, left = np.array((np.cos(0.5), -np.sin(0.5))), np.array((np.sin(0.5), np.cos(0.5)))
+    path = np.array([-0.27 * left - along, -0.27 * left + 4.0 * along])
+    controller, places = followed(silvermate, 0.3, lambda t: Scene([], time=t), path=path)
+    assert controller.state is RunState.REACHED, controller.reason
+    assert FollowedPath(path, 0.3).off(places).max() <= 0.3
+    np.testing.assert_allclose(places[-1], path[-1], atol=0.06)
+
+
 def test_where_it_is_not_to_wait_the_path_is_given_up_with_the_reason(silvermate):
     controller, places = followed(silvermate, 0.3, lambda t: Scene([GATE], time=t), wait=False)
     assert controller.halted
     assert controller.state is RunState.STOPPED
     assert "gate" in controller.reason
     assert places[-1][0] < 4.2
+    assert controller.time - controller.stops[0][0] < 10.0, "to and fro is not on"
     controller.retarget(silvermate.home())
     assert not controller.halted
 
@@ -113,10 +124,28 @@ places = st.lists(st.tuples(st.floats(-1.0, 7.0), st.floats(-2.0, 3.0)), min_siz
 
 @given(places)
 def test_distances_from_a_path(xy):
-    path, xy = FollowedPath(PATH, 0.3), np.array(xy)
-    np.testing.assert_allclose(path.off(xy), off_path(xy), atol=2e-3)
-    between = np.linspace(0.0, 1.0, 12)[:, None, None] * (xy[1:] - xy[:-1]) + xy[:-1]
-    assert (path.off(between.reshape(-1, 2)).reshape(12, -1) <= path.bound(xy) + 1e-9).all()
+    np.testing.assert_allclose(FollowedPath(PATH, 0.3).off(np.array(xy)), off_path(np.array(xy)), atol=2e-3)
+
+
+def arc_of(start, length, turn):
+    """41 poses on an arc of a length [m] that turns by an angle [rad], from a pose on."""
+    part = np.linspace(0.0, 1.0, 41)
+    step, towards = part * length * np.sinc(0.5 * part * turn / np.pi), start[2] + 0.5 * part * turn
+    return np.column_stack(
+        [start[0] + step * np.cos(towards), start[1] + step * np.sin(towards), start[2] + part * turn]
+    )
+
+
+@given(places, st.floats(0.001, 2.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+@example([(0.3, 0.1), (0.0, 0.0)], 0.8, 0.75, -1.5)  # bulges away from a straight part of the path
+@example([(1.2, 0.0), (0.0, 0.0)], 0.6, 0.3, 0.0)  # cuts a corner of it
+@example([(5.5, 1.0 / 3.0), (0.0, 0.0)], 1.0, 2.3, 0.0)  # across the loop at its end
+def test_no_point_of_an_arc_is_further_from_the_path_than_its_bound(xy, length, towards, turn):
+    path = FollowedPath([*PATH, (4.0, 0.5), (2.9, 0.95)], 0.3)
+    arc = arc_of((*xy[0], towards), length, turn)
+    assert path.off(arc[:, :2]).max() <= float(path.bound(arc[[0, -1]])[0]) + 1e-9
+    short = arc_of((*xy[0], towards), 0.02, 0.02 * turn)
+    assert float(path.bound(short[[0, -1]])[0]) <= path.off(short[[0, -1], :2]).max() + 0.011
 
 
 def test_the_rest_of_a_path():

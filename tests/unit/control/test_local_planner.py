@@ -14,6 +14,7 @@ from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
 from elastic_strips.strip import Strip
+from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.trajectory import MotionLimits, RetimingError
 from elastic_strips.trajectory.trajectory import stationary
 
@@ -242,17 +243,30 @@ def test_what_cannot_stop_in_time_is_not_tried_at_lower_speeds(silvermate, monke
     assert set(tried) <= {1.0, PARAMS.speed_scale}
 
 
-@each("nodes", [0, -3, 2])
-def test_a_strip_that_was_trimmed_or_joined_has_the_certificate_of_its_end(silvermate, nodes):
-    """A robot that waits keeps the report of an earlier strip, with more or fewer nodes at its beginning."""
-    ride = Ride(silvermate, Scene([PILLAR]))
-    for _ in range(40):
+def test_a_robot_that_has_stopped_at_the_border_of_its_path_goes_on(silvermate):
+    """Motions keep the margin to the border, too: else nothing is left to a robot that stops a little beyond."""
+    ride, off = Ride(silvermate, Scene([])), PARAMS.tracking_error + 0.4 * PARAMS.margin
+    path = FollowedPath([(0.0, off - 0.3), (4.0, off - 0.3)], 0.3)
+    ride.planner.keep_to(path)
+    stands = ride.planner.certify(ride.active, ride.scene)
+    assert stands.broken is not None
+    assert stands.broken.kind == "path"
+    for _ in range(8):
         ride.tick()
-    report, planner = ride.planner.report, ride.planner
-    rows = report.strip.coordinates
-    other = rows[-nodes:] if nodes < 0 else np.vstack([np.repeat(rows[:1], nodes, axis=0), rows])
-    known = replace(report, strip=Strip.from_coordinates(silvermate, other))
-    start = replace(ride.active.at(ride.time), v=np.eye(silvermate.nv)[0])
-    assert planner._runs_on(start, known) == planner._runs_on(start, report)
-    broken = replace(report.certificate, segments=np.zeros_like(report.certificate.segments))
-    assert not planner._runs_on(start, replace(known, certificate=broken))
+    moved = ride.active.coordinates[:, :2]
+    assert np.linalg.norm(moved[-1]) > 0.1
+    assert path.off(moved).max() <= 0.3 - PARAMS.tracking_error
+
+
+@each("known", [3, 6, 9])
+def test_a_strip_that_was_certified_with_other_nodes_is_joined_at_speed(silvermate, known):
+    """While a robot waits, nodes go and come that the certificate of the last tick does not know."""
+    ride = Ride(silvermate, Scene([]))
+    report = ride.tick().report
+    nodes = report.strip.coordinates[-7:]
+    segments = np.ones(known, dtype=bool)
+    segments[-1] = False
+    certificate = replace(report.certificate, segments=segments)
+    other = replace(report, strip=Strip.from_coordinates(silvermate, nodes), certificate=certificate)
+    new = max(6 - known, 0)
+    assert local_planner._proven(other).tolist() == [False] * new + [True] * (5 - new) + [False]

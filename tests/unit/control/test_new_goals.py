@@ -271,6 +271,23 @@ def test_the_goal_before_is_never_called_reached(silvermate):
     assert driven.plant.coordinates[0] == pytest.approx(3.0, abs=0.06)
 
 
+def test_another_goal_in_the_moment_in_which_one_is_passed(silvermate):
+    """The motion goes on to the next of the goals that there were, while the plan to the new one takes its time."""
+    later = Later()
+    driven = ride(silvermate, [silvermate.home(x=1.5), silvermate.home(x=3.0)], workers=later)
+    controller = driven.controller
+    assert driven.until(lambda: bool(later.jobs), 5.0)
+    later.work()
+    assert driven.until(lambda: 1.5 - controller.reference.coordinates[0] < 0.08, 10.0)
+    controller.retarget(BasePose(3.0, 1.0))
+    assert driven.until(lambda: controller.reference.coordinates[0] > 1.6, 2.0), "it drives on"
+    later.work()
+    assert driven.until(lambda: controller.ended, 30.0), controller.reason
+    assert [event.reason for event in controller.events if event.kind == "fault"] == []
+    assert len(controller.goals_reached) == 1
+    np.testing.assert_allclose(driven.plant.coordinates[:2], (3.0, 1.0), atol=0.06)
+
+
 def test_a_drive_has_what_it_reached(silvermate):
     goals = [silvermate.home(x=1.5), silvermate.home(x=3.0)]
     result = simulation(silvermate, Scene([]), silvermate.home(), goals, seed=1).run()

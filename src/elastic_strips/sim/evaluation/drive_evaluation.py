@@ -19,7 +19,7 @@ from elastic_strips.scene import World
 from elastic_strips.sim.perception import PerceptionParams
 from elastic_strips.summary import Summary
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import check_number, check_type, shown
+from elastic_strips.validation import check_number, check_type, named_arguments, shown
 
 from .clearance_search import ClearanceSearch, ClosestApproach
 
@@ -127,6 +127,7 @@ def _contact(c: Contact) -> Document:
 _SAME_EPISODE = 0.25  # [s]
 
 
+@named_arguments
 def evaluate(
     run: Record | Sequence[ArrayLike],
     robot: RobotModel,

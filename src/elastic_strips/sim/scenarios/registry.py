@@ -11,7 +11,7 @@ import numpy as np
 from elastic_strips.catalogue import SCENARIOS
 from elastic_strips.errors import ScenarioError, nearest_name
 from elastic_strips.io import PoseSpec, read_scenario
-from elastic_strips.validation import shown
+from elastic_strips.validation import named_arguments, shown
 
 from .corridors import CORRIDOR_LENGTH, COURTEOUS, COURTEOUS_SPEEDS, MOVING, corridor_scene, moving_corridor
 from .halls import BOTTLENECK, CLOSING, CLUTTER, DEAD_END, bottleneck, closing_side, clutter, dead_end
@@ -46,6 +46,7 @@ def scenario_names() -> tuple[str, ...]:
     return tuple(_REGISTRY)
 
 
+@named_arguments
 def get_scenario(name_or_path: str | Path, *, seed: int = 0) -> Scenario:
     """A scenario by name, or from a YAML file (a path that ends in .yaml or .yml, or holds a separator, or exists).
 

@@ -25,7 +25,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.strip.paper import PaperDeformer, PaperParams, PaperReport
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type
+from elastic_strips.validation import check_able, check_choice, check_count, check_number, check_type, named_arguments
 
 from .scenario import Scenario
 
@@ -96,6 +96,7 @@ class RunResult(Summary):
         return self.report.usable and self.departure is None
 
 
+@named_arguments
 def run_scenario(
     scenario: Scenario,
     *,

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.control.itinerary import configurations
 from elastic_strips.errors import ConfigurationError, RobotError, ScenarioError, SceneError
 from elastic_strips.io import HandSpec, PoseSpec
 from elastic_strips.io.scene_file import ScenarioSpec
@@ -160,6 +159,8 @@ class Scenario(Summary):
             ConfigurationError: a joint that the robot does not plan (for the robot that the scenario was made for).
             GoalError: no configuration that is free has the hand at the goal.
         """
+        from elastic_strips.control.itinerary import configurations  # here: who plans loads nothing that drives
+
         start = self.start_of(robot)
         return start, configurations(robot, self.scene, start, [self._said("goal", robot, self.goal)])[0]
 
