@@ -280,8 +280,12 @@ class LocalPlanner:
             return False
         rows = report.strip.coordinates
         way = np.sqrt(self.deformer.spacing_weight) * self.robot.space.difference(rows[:-1], rows[1:])
-        ahead = np.cumsum(np.linalg.norm(way, axis=1)) < _FREE_AHEAD
-        return bool(report.certificate.segments[ahead].all())
+        ahead, segments = np.cumsum(np.linalg.norm(way, axis=1)) < _FREE_AHEAD, report.certificate.segments
+        if len(segments) != len(
+            ahead
+        ):  # that of an earlier strip: a robot that brakes or waits keeps it for some ticks
+            return False
+        return bool(segments[ahead].all())
 
     def _along(
         self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock

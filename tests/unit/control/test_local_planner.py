@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import each
@@ -49,6 +51,19 @@ class Ride:
             self.active = result.motion
         self.time += PERIOD
         return result
+
+
+def test_a_certificate_of_an_earlier_strip_shows_no_free_way(silvermate):
+    """A robot that brakes keeps the report for some ticks, while its strip gets shorter, or leads back to it."""
+    ride = Ride(silvermate, Scene([PILLAR]))
+    for _ in range(20):
+        ride.tick()
+    start, report = ride.active.at(ride.time), ride.planner.report
+    assert start.v[0] > 0.5
+    assert ride.planner._runs_on(start, report)
+    rows = report.strip.coordinates
+    for other in (rows[2:], np.vstack([start.coordinates, rows])):
+        assert not ride.planner._runs_on(start, replace(report, strip=Strip.from_coordinates(silvermate, other)))
 
 
 @pytest.mark.parametrize("obstacles", [[PILLAR], [PILLAR, WALKER]], ids=["still", "moving"])
