@@ -137,6 +137,7 @@ class EvasivePlanner(OneThread):
         certify: Callable[[Trajectory, Outlook], Certificate],
         arrival: ArrivalTimes,
         pace: Pace | None = None,
+        trend: Array | None = None,
     ) -> PlanResult:
         """The given result, or one with a certified motion off the strip where that has a lower cost.
 
@@ -148,9 +149,10 @@ class EvasivePlanner(OneThread):
             certify: certifies motions.
             arrival: times at the strip's nodes.
             pace: how much time there is for further motions where the best is not certified; enough where None.
+            trend: (M, 3) accelerations [m/s²] with which the moving obstacles are expected to go on for a little while.
         """
         scene = outlook.scene
-        if not self.look(outlook, start, result.way):
+        if not self.look(outlook, start, result.way, trend):
             return result
         if result.accepted:
             rows = self._followed(result, start, arrival)
@@ -198,13 +200,14 @@ class EvasivePlanner(OneThread):
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)
 
     @exclusive
-    def look(self, outlook: Outlook, start: ReferenceState, strip: Array) -> bool:
+    def look(self, outlook: Outlook, start: ReferenceState, strip: Array, trend: Array | None = None) -> bool:
         """Take in a scene, for :meth:`cost` and :meth:`options`.
 
         Args:
             outlook: of the tick.
             start: first state of the next motion.
-            strip: (M, nv) coordinate rows of the path to the goal from there.
+            strip: (K, nv) coordinate rows of the path to the goal from there.
+            trend: (M, 3) accelerations [m/s²] that are expected of the moving obstacles for a little while.
 
         Returns:
             Whether any moving obstacle may come near within the horizon; only then costs are defined.
@@ -217,7 +220,7 @@ class EvasivePlanner(OneThread):
         horizon = self.params.horizon
         reach = self._footprint.reach() + self.params.radius + float(self.limits.drive_speed[:2].max()) * horizon
         lookahead = ObstacleLookahead(
-            self._footprint, scene, possible, start.coordinates[:2], reach=reach, horizon=horizon
+            self._footprint, scene, possible, start.coordinates[:2], reach=reach, horizon=horizon, trend=trend
         )
         if not lookahead.movers:
             self._last = None

@@ -190,6 +190,31 @@ def test_separations_from_above(jackal_box):
     assert 1.4 - half[1] - 0.1 < lookahead.from_standing(pose)[0, 0] <= 1.4 - half[1] + 1e-9
 
 
+def test_a_mover_that_accelerates_is_looked_for_where_that_leads(jackal_box):
+    """It brakes, turns round, and goes on; only what is expected changes, not what is possible."""
+    footprint = PlanarFootprint(jackal_box)
+    footprint.update(jackal_box.space.to_coordinates(jackal_box.home()))
+    disc = Cylinder(0.2, 1.0, at=(5.0, 0.0, 0.5), name="disc", motion=Twist((0.3, 0.2, 0.0)))
+    scene = Scene([disc])
+    forecast, trend = predict(scene, ObstacleAssumptions()), np.array([[-0.5, 0.4, 0.0]])
+    straight, bent = (
+        ObstacleLookahead(footprint, scene, forecast, np.zeros(2), reach=6.0, horizon=3.0, trend=each)
+        for each in (None, trend)
+    )
+    time = np.array([0.1, 0.5, 0.7, 1.0, 1.5, 2.0])
+    pose = np.zeros((1, len(time), 3))
+    for k, t in enumerate(time):
+        held = min(t, 1.0)
+        way = np.array([0.3, 0.2]) * t + trend[0, :2] * held * (t - 0.5 * held)
+        pose[0, k, :2] = np.array([5.0, 0.0]) + way + np.array([0.0, 2.0])
+    apart = bent.near(pose, time, 0.0)[0]
+    np.testing.assert_allclose(apart, apart[1], atol=0.02)  # two straight courses follow the bend to some millimetres
+    np.testing.assert_allclose(apart[[1, 3, 4, 5]], apart[1], atol=1e-9)
+    assert np.ptp(straight.near(pose, time, 0.0)) > 0.3
+    np.testing.assert_array_equal(bent.possible(pose, time), straight.possible(pose, time))
+    np.testing.assert_allclose(bent.near(pose[:, ::-1], time[::-1], 0.0)[0], apart[::-1], atol=1e-12)
+
+
 @pytest.mark.skipif(kernel() is None, reason="no native kernel")
 def test_separations_are_those_of_the_twin(jackal_box, silvermate):
     rng, touched = np.random.default_rng(5), np.zeros(2)
