@@ -43,8 +43,9 @@ class MoverTracks:
     def trend(self, outlook: Outlook) -> Array:
         """(M, 3) accelerations [m/s²] with which the obstacles of an outlook's forecast change their velocities.
 
-        It is 0 for those that have only just appeared, and for those that have changed their velocities by more than is
-        assumed: they have taken another course, and do not go on turning to it.
+        It is 0 for those that have only just appeared, where errors of the sensed velocities may feign as much, and
+        for those that have changed their velocities by more than is assumed: they have taken another course, and do not
+        go on turning to it.
         """
         possible, names = outlook.possible, outlook.scene.names
         trend = np.zeros((len(possible), 3))
@@ -53,5 +54,7 @@ class MoverTracks:
             if track is not None and len(track) > 1:
                 (then, before), (now, velocity) = track[0], track[-1]
                 trend[m] = (velocity - before) / max(now - then, _CHANGE_TIME)
-        trend[np.linalg.norm(trend, axis=1) > _PLAUSIBLE * possible.acceleration] = 0.0
+        size = np.linalg.norm(trend, axis=1)
+        feigned = 2.0 * outlook.assumptions.velocity_error / _CHANGE_TIME
+        trend[(size < feigned) | (size > _PLAUSIBLE * possible.acceleration)] = 0.0
         return trend

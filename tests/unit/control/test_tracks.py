@@ -29,7 +29,7 @@ def test_the_trend_is_the_acceleration_of_late():
     for k in range(31):
         t = 0.05 * k
         velocities = {
-            "steady": (0.5, 0.0),
+            "steady": (0.5 + 0.018 * (-1.0) ** (k // 4), 0.0),  # as sensed
             "braking": (0.8 - 0.4 * t, 0.0),
             "turning": (0.8 * np.cos(0.5 * t), 0.8 * np.sin(0.5 * t)),
             "jumping": (0.8, 0.0) if t < 1.4 else (-0.8, 0.0),
