@@ -86,6 +86,11 @@ class ObstacleLookahead:
         self._size: Array = self._discs[:, 4] + footprint.reaches(self._discs[:, 5], self._discs[:, 6])
 
     @property
+    def growth(self) -> float:
+        """Half the largest acceleration [m/s²] that is possible for any of the moving pieces."""
+        return float(self._error[2].max(initial=0.0))
+
+    @property
     def movers(self) -> int:
         """Number of moving pieces that count."""
         return len(self._discs)
