@@ -151,6 +151,7 @@ class LocalPlanner:
         self.deformer.reset()
         self.timer.certifier.reset()
         self._last = self._proof = None
+        self.tracks = MoverTracks()
 
     def certify(self, motion: Trajectory, scene: Scene, tracking_error: float | None = None) -> Certificate:
         """Certify the rest of a motion against a newer scene, with the present tracking error or another one [m]."""
