@@ -66,6 +66,8 @@ def motion_to(
 
 _CONTACT_COST = 40.0
 """Cost of a contact, per second."""
+_STOP_COST = 10.0
+"""Cost of a place and speed from which a stop could not be certified, per second."""
 _HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
 _LONGER_BY = np.array([0.0, 0.2, 0.5, 0.9])
@@ -119,6 +121,7 @@ class EvasivePlanner(OneThread):
         self.hold: float = hold
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._weight = params.step * np.exp(-self.time / params.discount_time)
+        self._braking = params.acceleration * float(limits.drive_acceleration[:2].min(initial=np.inf))
         self._radius = params.radius + params.radius_growth * self.time
         if limits.drive_dim:
             self._lattice = lattice(limits, backward=backward)
@@ -137,6 +140,7 @@ class EvasivePlanner(OneThread):
         certify: Callable[[Trajectory, Outlook], Certificate],
         arrival: ArrivalTimes,
         pace: Pace | None = None,
+        trend: Array | None = None,
     ) -> PlanResult:
         """The given result, or one with a certified motion off the strip where that has a lower cost.
 
@@ -148,9 +152,10 @@ class EvasivePlanner(OneThread):
             certify: certifies motions.
             arrival: times at the strip's nodes.
             pace: how much time there is for further motions where the best is not certified; enough where None.
+            trend: (M, 3) accelerations [m/s²] with which the moving obstacles are expected to go on for a little while.
         """
         scene = outlook.scene
-        if not self.look(outlook, start, result.way):
+        if not self.look(outlook, start, result.way, trend):
             return result
         if result.accepted:
             rows = self._followed(result, start, arrival)
@@ -198,13 +203,14 @@ class EvasivePlanner(OneThread):
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)
 
     @exclusive
-    def look(self, outlook: Outlook, start: ReferenceState, strip: Array) -> bool:
+    def look(self, outlook: Outlook, start: ReferenceState, strip: Array, trend: Array | None = None) -> bool:
         """Take in a scene, for :meth:`cost` and :meth:`options`.
 
         Args:
             outlook: of the tick.
             start: first state of the next motion.
-            strip: (M, nv) coordinate rows of the path to the goal from there.
+            strip: (K, nv) coordinate rows of the path to the goal from there.
+            trend: (M, 3) accelerations [m/s²] that are expected of the moving obstacles for a little while.
 
         Returns:
             Whether any moving obstacle may come near within the horizon; only then costs are defined.
@@ -217,7 +223,7 @@ class EvasivePlanner(OneThread):
         horizon = self.params.horizon
         reach = self._footprint.reach() + self.params.radius + float(self.limits.drive_speed[:2].max()) * horizon
         lookahead = ObstacleLookahead(
-            self._footprint, scene, possible, start.coordinates[:2], reach=reach, horizon=horizon
+            self._footprint, scene, possible, start.coordinates[:2], reach=reach, horizon=horizon, trend=trend
         )
         if not lookahead.movers:
             self._last = None
@@ -318,7 +324,22 @@ class EvasivePlanner(OneThread):
         params = self.params
         apart = self._lookahead.near(pose, self._delay + self.time, params.lookahead) - self._clearance
         near = np.minimum(np.maximum(1.0 - apart / self._radius, 0.0), 1.5)
-        return (params.proximity_weight * near * near + _CONTACT_COST * (apart < 0.0)) @ self._weight
+        cost = params.proximity_weight * near * near + _CONTACT_COST * (apart < 0.0)
+        cost[:, 1:] += _STOP_COST * self._blocked(pose)
+        return cost @ self._weight
+
+    def _blocked(self, pose: Array) -> Mask:
+        """(N, T−1) where a robot that follows poses (N, T, 3) could not be certified to stop, from the second pose on:
+        something may come there while it brakes.
+
+        From each pose on it brakes straight ahead. Obstacles have come as expected, and may then leave their courses.
+        """
+        step = pose[:, 1:] - pose[:, :-1]
+        braking = np.hypot(step[..., 0], step[..., 1]) / (self.params.step * self._braking)  # [s]
+        stop, wait = pose[:, 1:] + (0.5 / self.params.step) * braking[..., None] * step, braking + self.hold
+        time = (self._delay + self.time[1:] + wait).reshape(-1)
+        apart = self._lookahead.near(stop.reshape(1, -1, 3), time, _FREE_PLACE_TIME).reshape(wait.shape)
+        return apart < self._clearance + self._lookahead.growth * wait * wait
 
     def _standing_risk(self, pose: Array) -> Array:
         """(N,) cost [s] of touching static obstacles."""

@@ -28,6 +28,7 @@ from .params import DriveParams, Margins, Tolerance
 from .prediction import ArrivalTimes, Outlook
 from .progress import reconnect, trim_passed
 from .strip_timer import PlanOutcome, PlanResult, StripTimer, fastest_drive
+from .tracks import MoverTracks
 
 _NEARER = 0.002  # [m] by which a motion may come nearer to what it leaves
 _CURVE_ENDS = 0.05  # [m in the metric] before the end of a curve onto a strip, the robot is on it
@@ -61,6 +62,7 @@ class LocalPlanner:
         off_strip: whether the robot has left it to evade, and has not come back.
         report: report of the strip's last tick; None before the first.
         evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
+        tracks: how moving obstacles have changed their velocities of late.
         passed: when the end of the strip before was passed [s], and the reference (nv,) then; None where the robot has
             not gone on from one strip to another since :meth:`take`.
     """
@@ -86,6 +88,7 @@ class LocalPlanner:
                 hold=self.timer.held,
                 backward=params.backward,
             )
+        self.tracks: MoverTracks = MoverTracks()
         self.strip: Strip = strip
         self.off_strip: bool = False
         self.report: DeformReport | None = None
@@ -152,6 +155,7 @@ class LocalPlanner:
         self.deformer.reset()
         self.timer.certifier.reset()
         self._last = self._proof = None
+        self.tracks = MoverTracks()
 
     def certify(self, motion: Trajectory, scene: Scene, tracking_error: float | None = None) -> Certificate:
         """Certify the rest of a motion against a newer scene, with the present tracking error or another one [m]."""
@@ -202,6 +206,8 @@ class LocalPlanner:
             active: the trajectory that is executed.
             begin: start time [s] of the new motion.
         """
+        if self.evasion is not None:
+            self.tracks.take(scene)
         result = self._unchanged(scene, active, begin) or self._plan(now, scene, active, begin)
         self._names, self._last = scene.names, result
         return result
@@ -255,7 +261,8 @@ class LocalPlanner:
         if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
             self.evasion.hold = self.timer.held
             before = self.pace.reading()
-            result = self.evasion.improved(result, start, active, outlook, self.timer.certify, self.arrival, self.pace)
+            evade, trend = self.evasion.improved, self.tracks.trend(outlook)
+            result = evade(result, start, active, outlook, self.timer.certify, self.arrival, self.pace, trend)
             self._evasion_took = self.pace.reading() - before
             watch.mark("evasion")
         refused = not result.accepted and result.outcome is not PlanOutcome.BRAKE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -18,6 +19,7 @@ from elastic_strips.work import count_work
 
 FARTHEST_SEPARATION = 3.0
 """Largest separation that is returned [m]."""
+_TREND_TIMES = (0.5, 1.0)  # [s] until which obstacles go on with their accelerations, in straight courses
 _ROUND_SHAPES = ("Cylinder", "Sphere", "Capsule", "Cone")
 _LEAST_DISC = 0.12  # [m] radius of the smallest discs that cover the robot's boxes
 _HORIZON_SHARES = np.linspace(0.0, 1.0, 7)[:, None]  # of the horizon, at which moving pieces are looked at
@@ -34,6 +36,8 @@ class ObstacleLookahead:
         reach: distance from there within which static obstacles count [m].
         horizon: time within which moving obstacles count [s].
         most: largest number of moving pieces, beginning with those that come nearest soonest.
+        trend: (M, 3) accelerations [m/s²] with which the forecast's obstacles are expected to go on for a little while;
+            for :meth:`near` alone.
     """
 
     def __init__(
@@ -46,6 +50,7 @@ class ObstacleLookahead:
         reach: float,
         horizon: float,
         most: int = 12,
+        trend: Array | None = None,
     ) -> None:
         count_work(batches=1, obstacles=len(scene))
         self.body = footprint
@@ -74,8 +79,16 @@ class ObstacleLookahead:
         order = np.argsort(soon, kind="stable")[:most]
         self._discs: Array = found[order[soon[order] < footprint.reach()]].copy()
         at = self._discs[:, 7].astype(int)
+        self._courses: tuple[tuple[float, Array], ...] = ((np.inf, self._discs),)
+        if trend is not None and trend[at].any():
+            self._courses = tuple(_courses(self._discs, trend[at, :2]))
         self._error: Array = np.array([forecast.offset[at], forecast.speed[at], 0.5 * forecast.acceleration[at]])
         self._size: Array = self._discs[:, 4] + footprint.reaches(self._discs[:, 5], self._discs[:, 6])
+
+    @property
+    def growth(self) -> float:
+        """Half the largest acceleration [m/s²] that is possible for any of the moving pieces."""
+        return float(self._error[2].max(initial=0.0))
 
     @property
     def movers(self) -> int:
@@ -97,13 +110,23 @@ class ObstacleLookahead:
             (N, T) separations [m].
         """
         count_work(outlooks=_pairs(pose, self._discs))
+        if len(self._courses) == 1:
+            return self._near(pose, time, lookahead, self._discs)
+        result, begin = np.empty(pose.shape[:2]), -np.inf
+        for end, discs in self._courses:
+            at = (time >= begin) & (time < end)
+            begin = end
+            if at.any():
+                result[:, at] = self._near(pose[:, at], time[at], lookahead, discs)
+        return result
+
+    def _near(self, pose: Array, time: Array, lookahead: float, discs: Array) -> Array:
+        """As :meth:`near`, of discs that go straight on."""
         if self._native is not None:
             result = np.empty(pose.shape[:2])
-            self._native.near_discs(
-                *by_rows(pose, time, self._discs, self._size), lookahead, FARTHEST_SEPARATION, result
-            )
+            self._native.near_discs(*by_rows(pose, time, discs, self._size), lookahead, FARTHEST_SEPARATION, result)
             return result
-        x, y, vx, vy = self._discs[:, :4].T
+        x, y, vx, vy = discs[:, :4].T
         t = time[:, None]
         dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
         ahead = np.clip(-(dx * vx + dy * vy) / np.maximum(vx * vx + vy * vy, 1e-6), 0.0, lookahead)
@@ -168,6 +191,22 @@ class ObstacleLookahead:
                 d = box_distance(c * dx + s * dy, c * dy - s * dx, self._boxes[at, 2], self._boxes[at, 3])
                 np.minimum(result, d.min(axis=-1) - radius, out=result)
         return result
+
+
+def _courses(discs: Array, trend: Array) -> Iterator[tuple[float, Array]]:
+    """Straight courses that follow discs (P, 8) with accelerations (P, 2) [m/s²], each with the time [s] until which it
+    is followed."""
+    place, velocity, begin = discs[:, :2], discs[:, 2:4], 0.0
+    for end in _TREND_TIMES:
+        span = end - begin
+        mean = velocity + 0.5 * span * trend
+        course = discs.copy()
+        course[:, :2], course[:, 2:4] = place - begin * mean, mean
+        yield end, course
+        place, velocity, begin = place + span * mean, velocity + span * trend, end
+    course = discs.copy()
+    course[:, :2], course[:, 2:4] = place - begin * velocity, velocity
+    yield np.inf, course
 
 
 @lru_cache(maxsize=4)

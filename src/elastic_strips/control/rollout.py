@@ -15,8 +15,8 @@ _SPEED_SHARE = 0.95
 """Largest speeds of manoeuvres, as a part of the limits."""
 _DRIVE_SHARES = (-1.0, -0.6, -0.25, 0.0, 0.25, 0.6, 1.0)  # parts of the largest speed
 _TURN_RATES = (-3.0, -1.5, -0.6, 0.0, 0.6, 1.5, 3.0)  # [rad/s]
-_SECOND_TARGETS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.2), (1.0, -1.2))
-_CHANGE_TIMES = (0.4, 1.0)  # times [s] at which the second target replaces the first
+_SECOND_TARGETS = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.2), (1.0, -1.2), (-1.0, 1.2), (-1.0, -1.2))
+_CHANGE_TIMES = (0.4, 1.0, 1.8)  # times [s] at which the second target replaces the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)

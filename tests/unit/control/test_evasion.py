@@ -128,6 +128,16 @@ def test_rollouts_keep_the_limits_and_reach_their_targets(jackal_box):
     assert np.abs(np.cos(middle) * step[:, 1] - np.sin(middle) * step[:, 0]).max() < 1e-12
 
 
+def test_manoeuvres_go_on_backing_off_in_a_turn_unless_they_may_not(jackal_box):
+    limits = limits_for(jackal_box)
+    for backward in (True, False):
+        targets = lattice(limits, backward=backward)
+        twist = limits.to_twist(targets.second)
+        for side in (1.0, -1.0):
+            turned = (twist[:, 0] < -0.1) & (side * twist[:, 2] > 0.1) & np.isfinite(targets.change)
+            assert (turned & (targets.first > 0.1).all(axis=1)).any() == backward
+
+
 @pytest.fixture
 def crowded(silvermate: RobotModel) -> tuple[EvasivePlanner, ReferenceState]:
     """A planner that has looked at what comes from several sides, between what stands."""
@@ -190,6 +200,31 @@ def test_separations_from_above(jackal_box):
     assert 1.4 - half[1] - 0.1 < lookahead.from_standing(pose)[0, 0] <= 1.4 - half[1] + 1e-9
 
 
+def test_a_mover_that_accelerates_is_looked_for_where_that_leads(jackal_box):
+    """It brakes, turns round, and goes on; only what is expected changes, not what is possible."""
+    footprint = PlanarFootprint(jackal_box)
+    footprint.update(jackal_box.space.to_coordinates(jackal_box.home()))
+    disc = Cylinder(0.2, 1.0, at=(5.0, 0.0, 0.5), name="disc", motion=Twist((0.3, 0.2, 0.0)))
+    scene = Scene([disc])
+    forecast, trend = predict(scene, ObstacleAssumptions()), np.array([[-0.5, 0.4, 0.0]])
+    straight, bent = (
+        ObstacleLookahead(footprint, scene, forecast, np.zeros(2), reach=6.0, horizon=3.0, trend=each)
+        for each in (None, trend)
+    )
+    time = np.array([0.1, 0.5, 0.7, 1.0, 1.5, 2.0])
+    pose = np.zeros((1, len(time), 3))
+    for k, t in enumerate(time):
+        held = min(t, 1.0)
+        way = np.array([0.3, 0.2]) * t + trend[0, :2] * held * (t - 0.5 * held)
+        pose[0, k, :2] = np.array([5.0, 0.0]) + way + np.array([0.0, 2.0])
+    apart = bent.near(pose, time, 0.0)[0]
+    np.testing.assert_allclose(apart, apart[1], atol=0.02)  # two straight courses follow the bend to some millimetres
+    np.testing.assert_allclose(apart[[1, 3, 4, 5]], apart[1], atol=1e-9)
+    assert np.ptp(straight.near(pose, time, 0.0)) > 0.3
+    np.testing.assert_array_equal(bent.possible(pose, time), straight.possible(pose, time))
+    np.testing.assert_allclose(bent.near(pose[:, ::-1], time[::-1], 0.0)[0], apart[::-1], atol=1e-12)
+
+
 @pytest.mark.skipif(kernel() is None, reason="no native kernel")
 def test_separations_are_those_of_the_twin(jackal_box, silvermate):
     rng, touched = np.random.default_rng(5), np.zeros(2)
@@ -229,6 +264,27 @@ def test_separations_are_those_of_the_twin(jackal_box, silvermate):
                 np.testing.assert_allclose(mine, own, rtol=0.0, atol=1e-12)
             touched += np.array([(native.from_standing(pose) < 0.0).any(), (native.possible(pose, time) < 0.0).any()])
     assert (touched > 3).all(), "what is far from everything shows little"
+
+
+def test_who_could_not_stop_before_a_mover_pays_for_it(jackal_box):
+    """It crosses ahead: who drives fast towards its course cannot be certified to stop, who creeps or backs off can."""
+    limits = limits_for(jackal_box)
+    evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1)
+    start = ReferenceState(0.0, jackal_box.space.to_coordinates(jackal_box.home()), np.zeros(3), np.zeros(3))
+    comer = Cylinder(0.3, 1.0, at=(2.5, -1.5, 0.5), name="comer", motion=Twist((0.0, 1.0, 0.0)))
+    strip = np.column_stack([np.linspace(0.0, 6.0, 31), np.zeros((31, 2))])
+    assert evasion.look(outlook(Scene([comer])), start, strip)
+    speed = np.array([1.9, 0.3, 0.0, -1.0])
+    pose = np.zeros((len(speed), len(evasion.time), 3))
+    pose[..., 0] = speed[:, None] * np.minimum(evasion.time, 0.75)  # all stop before they are touched
+    moving = evasion.time[1:] < 0.76
+    blocked = evasion._blocked(pose)
+    assert blocked[0, moving].any()
+    assert not blocked[1:, moving].any()
+    risk = evasion._risk(pose)
+    assert risk[0] - evasion.params.step > risk[1] >= risk[2] >= risk[3]
+    far = Cylinder(0.3, 1.0, at=(2.5, 9.0, 0.5), name="far", motion=Twist((0.0, -0.1, 0.0)))
+    assert not evasion.look(outlook(Scene([far])), start, strip) or not evasion._blocked(pose).any()
 
 
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
