@@ -77,7 +77,8 @@ def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
 
 
 def test_by_sensors(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    own = SHORT.replace("bridge-arm", "silvermate")  # its laser is on board
+    own = SHORT.replace("bridge-arm", "silvermate")  # its laser is on board, and does not see behind it
+    own = own.replace("at: [1.5, -3.0, 0.8]", "at: [1.5, -7.0, 0.8]")
     short.write_text(own)
     assert end_of("drive", str(short), "--sensors", "laser", "--json", "d.json") == 0
     assert "driven by laser" in capsys.readouterr().out

@@ -40,7 +40,7 @@ def make_base_simulation(
         problem.robot,
         problem.world,
         problem.start,
-        problem.goal,
+        problem.robot.check_q(problem.goals[-1], what="goal"),  # type: ignore[arg-type]
         method,
         limits=problem.limits,
         plant=problem.machine,
