@@ -184,11 +184,14 @@ class LocalPlanner:
             scene = Scene([each for each in scene if each.name != near.obstacle], time=scene.time)
 
     def cramped(self, state: ReferenceState, scene: Scene) -> str:
-        """What is nearer to a robot that rests in a state than any motion may be; empty where nothing is."""
+        """What stands nearer to a robot that rests in a state than any motion may be; empty where nothing does. What
+        moves is not left, but evaded."""
         outlook = self._outlook(scene)
         outlook = replace(outlook, margins=replace(outlook.margins, margin=0.0))
         near = self.timer.certify(self._still(state), outlook).broken
-        return "" if near is None else f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}"
+        if near is None or (near.obstacle in scene and scene.obstacle(near.obstacle).motion is not None):
+            return ""
+        return f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}"
 
     def _still(self, state: ReferenceState) -> Trajectory:
         """A trajectory that stays where a state is."""

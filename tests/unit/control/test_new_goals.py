@@ -17,7 +17,7 @@ from elastic_strips.control.joining import curves_onto, steered
 from elastic_strips.control.params import Tolerance
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, straight_line
-from elastic_strips.scene import Box, Scene
+from elastic_strips.scene import Box, Scene, Twist
 from elastic_strips.sim import KinematicPlant, simulation
 from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip.deformer import Deformer
@@ -202,6 +202,15 @@ def test_where_it_stands_too_near_to_plan_it_first_goes_back_the_way_it_came(sil
     assert driven.until(lambda: driven.controller.ended, 40.0), driven.controller.reason
     assert [event for event in driven.controller.events if event.kind == "leaving" and "wall" in event.reason]
     assert max(place[0] for place in driven.places[360:]) < rests.coordinates[0] + 0.003
+
+
+def test_whoever_comes_too_near_is_not_backed_away_from(silvermate):
+    """Somebody who walks into a robot that stands would be touched at speed."""
+    driven = ride(silvermate, silvermate.home(x=6.0))
+    state, planner = driven.controller.reference, driven.controller.planner
+    for motion in (None, Twist((0.0, 0.1, 0.0))):
+        scene = Scene([Box((0.4, 0.4, 1.0), at=(0.45, 0.0, 0.5), name="somebody", motion=motion)], time=0.0)
+        assert bool(planner.cramped(state, scene)) == (motion is None)
 
 
 @each("stop", ["stop", "cancel", "speed"])
