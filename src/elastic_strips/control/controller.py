@@ -700,7 +700,9 @@ class Controller:
 
     @property
     def _stuck(self) -> bool:
-        """Whether the last planning tick found no motion."""
+        """Whether the robot is to go on to a goal, and the last planning tick found no motion."""
+        if self.executor.at_goal or self._cancelled or self._speed == 0.0:
+            return False  # it is to stand where it is
         result = self.tick.result if self.tick is not None else None
         return bool(self._no_path) or result is None or not result.accepted
 

@@ -204,6 +204,24 @@ def test_where_it_stands_too_near_to_plan_it_first_goes_back_the_way_it_came(sil
     assert max(place[0] for place in driven.places[360:]) < rests.coordinates[0] + 0.003
 
 
+@each("why", ["reached", "cancelled", "speed"])
+def test_where_it_is_to_stand_it_stays_however_near_something_is(silvermate, why):
+    driven = ride(silvermate, silvermate.home(x=1.5))
+    if why == "reached":
+        assert driven.until(lambda: driven.controller.ended), driven.controller.reason
+    else:
+        driven.wait(1.2)
+        {"cancelled": driven.controller.cancel, "speed": lambda: driven.controller.set_speed(0.0)}[why]()
+        driven.wait(2.0)
+    stands = driven.plant.coordinates[0]
+    near = Box((0.1, 3.0, 1.0), at=(stands + 0.4, 0.0, 0.5), name="wall")
+    driven.scene = Scene([PILLAR, near])
+    driven.wait(3.0)
+    assert driven.controller.planner.cramped(driven.controller.reference, driven.scene)
+    assert abs(driven.plant.coordinates[0] - stands) < 0.01
+    assert not [event for event in driven.controller.events if event.kind == "leaving"]
+
+
 def test_whoever_comes_too_near_is_not_backed_away_from(silvermate):
     """Somebody who walks into a robot that stands would be touched at speed."""
     driven = ride(silvermate, silvermate.home(x=6.0))
