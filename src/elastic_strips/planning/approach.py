@@ -19,7 +19,8 @@ from elastic_strips.strip import AxisConstraint, DeformParams
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_choice, check_number, named_arguments
 
-from .goals import HandPose, goal_configurations
+from .goal_search import goal_configurations
+from .goals import HandPose
 from .leaving import MOST_DEPTH
 from .plan import plan_report
 from .problem import Deadline, PlanningProblem

@@ -79,6 +79,8 @@ def plan_straight(
         offset = solver.place(here[None])[1][0] @ offset
     rows, left = _line(solver, here, offset)
     ends = np.stack((q, robot.space.from_coordinates(rows[-1])))
+    if robot.space.planar:  # to the last bit
+        ends[1, :4] = q[:4]
     strip = Strip.from_coordinates(robot, rows, ends=ends)
     deformer = Deformer(robot, ARM if params is None else params)
     eased, departure, rest, why = "", None, strip, ""
