@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import cos, pi, sin
 
 import coal
@@ -15,7 +15,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array
 from elastic_strips.control.interfaces import RunState
 from elastic_strips.control.params import DriveParams
-from elastic_strips.errors import ElasticStripsError, GoalError, ParameterError, ScenarioError, nearest_name
+from elastic_strips.errors import GoalError, ParameterError, ScenarioError, nearest_name
 from elastic_strips.planning import HandPose, plan_approach
 from elastic_strips.planning.approach import ApproachReport
 from elastic_strips.planning.grid_path import grid_path
@@ -23,16 +23,17 @@ from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Box, Cylinder, Scene, World
 from elastic_strips.sim import PlantParams, drive_plan
 from elastic_strips.sim.evaluation import evaluate
+from elastic_strips.work import seconds_counted
 from workshop.datasets import house_scene, load_house
 
-from .measure import Figures
+from .measure import Figures, percentiles
 
 FOAM, STANDING, DRIVEN = "foam", "standing", "driven"
-"""The can is on foam, of which there is nothing in the scene; or stands on the surface itself; or is on foam, and all of
-it is planned with what drives keep, and driven."""
+"""The can is on foam, of which there is nothing in the scene; or it stands on the surface itself; or it is on foam, and
+all is planned with what drives keep, and driven."""
 _RADIUS, _HEIGHT = 0.03, 0.12  # of the can [m]
 _FOAM = 0.015  # [m] thickness
-_RAISED = 0.02  # [m] the can is held so far above its middle
+_RAISED = 0.03  # [m] the can is held so far above its middle: as far below its top as its side is from its axis
 _LIFT = (0.0, 0.0, 0.08)  # [m]
 _APPROACH = 0.15  # [m]
 _DEPTH = 0.002  # [m] that what stands may be in contact
@@ -230,13 +231,14 @@ def grasps(robot: RobotModel, can: Cylinder) -> list[HandPose]:
         ParameterError: the robot's hand is not known.
     """
     hand = _hand_of(robot)
-    held_at = can.pose[:3, 3] + (0.0, 0.0, _RAISED)
-    out: list[HandPose] = []
-    for tilt in _TILTS:
-        reach = hand.front + _RADIUS * cos(tilt) + (0.5 * _HEIGHT - _RAISED) * sin(tilt)
-        rotations = [pin.rpy.rpyToMatrix(0.0, tilt, 0.0) @ pin.rpy.rpyToMatrix(r, 0.0, 0.0) for r in hand.rolls]
-        out += HandPose.around(hand.frame, held_at, held=(reach, *hand.aside), rotations=rotations, count=_YAWS)
-    return out
+    return HandPose.around(
+        hand.frame,
+        can.pose[:3, 3] + (0.0, 0.0, _RAISED),
+        held=(hand.front + _RADIUS, *hand.aside),
+        rotations=[pin.rpy.rpyToMatrix(roll, 0.0, 0.0) for roll in hand.rolls],
+        tilts=_TILTS,
+        count=_YAWS,
+    )
 
 
 def _hand_of(robot: RobotModel) -> _Hand:
@@ -251,8 +253,7 @@ def plan_pick(robot: RobotModel, pick: Pick, way: str, seed: int) -> ApproachRep
     Raises:
         GoalError: no configuration has the hand at the can.
     """
-    hand = _hand_of(robot)
-    driven = way == DRIVEN
+    hand, driven = _hand_of(robot), way == DRIVEN
     return plan_approach(
         robot,
         pick.scene,
@@ -270,38 +271,56 @@ def plan_pick(robot: RobotModel, pick: Pick, way: str, seed: int) -> ApproachRep
 
 
 def measure_pick(robot: RobotModel, way: str, seed: int, root: str | None, compute: str) -> Figures:
-    """Plan one pick, and drive it where that is asked for."""
+    """Plan a pick, in the house or, without its folder, on a table of an open room; and drive it where that is asked
+    for."""
     gap = 0.0 if way == STANDING else _FOAM
     pick = table_pick(robot, seed, gap=gap) if root is None else house_pick(root, robot, seed, gap=gap)
     told: Figures = {"on": pick.on, "height_m": pick.surface}
+    before = seconds_counted()
     try:
         report = plan_pick(robot, pick, way, seed)
     except GoalError as error:
-        return told | {"certified": False, "reason": str(error), "failures": {"the search": 1}}
-    told |= {"certified": _certified(report), "reason": report.reason, "failures": dict(report.failures)}
-    return told | (_driven(robot, pick, report, seed, compute) if way == DRIVEN and report.certified else {})
+        told |= {"certified": False, "reason": str(error), "failures": {"the search": 1}}
+        return told | {"work_s": seconds_counted() - before}
+    told |= {"certified": report.certified, "reason": report.reason, "failures": dict(report.failures)}
+    told |= {"work_s": seconds_counted() - before}
+    return told | (_driven(pick, report, seed, compute) if way == DRIVEN and report.certified else {})
 
 
-def _certified(report: ApproachReport) -> bool:
-    """Whether every part is, but for what leaves contact."""
-    rests = all(p.certified or (p.departure is not None and p.departure.rest is not None) for p in report.then)
-    return report.certified and rests and len(report.then) == 1
-
-
-def _driven(robot: RobotModel, pick: Pick, report: ApproachReport, seed: int, compute: str) -> Figures:
+def _driven(pick: Pick, report: ApproachReport, seed: int, compute: str) -> Figures:
     """The parts driven one after the other, each from where its plan begins, and their contacts in truth."""
-    far, near = DriveParams(), DriveParams.standing()
     assert report.drive is not None
     assert report.reach is not None
-    beyond, contacts, states = pick.scene.with_obstacle(pick.can), 0, []
+    far, near, closely = DriveParams(), DriveParams.standing(), PlantParams.seen_closely()
     legs = (
-        (report.drive, beyond, far, PlantParams()),
-        (report.reach, pick.scene, near, PlantParams.seen_closely()),
-        (report.then[0], pick.scene, near, PlantParams.seen_closely()),
+        (report.drive, pick.scene.with_obstacle(pick.can), far, PlantParams()),
+        (report.reach, pick.scene, near, closely),
+        (report.then[0], pick.scene, near, closely),
     )
+    states, contacts = [], 0
     for plan, scene, params, plant in legs:
         result, _ = drive_plan(plan, scene, params, plant=plant, seed=seed, compute=compute)
         judged = evaluate(result.record, plan.strip.robot, World(scene))
         contacts += len(judged.collisions) + len(judged.rest_contacts)
         states.append(result.state)
     return {"reached": all(state is RunState.REACHED for state in states), "contacts": contacts}
+
+
+def summary(runs: Sequence[Figures]) -> Figures:
+    """Figures of some picks."""
+    done = [run for run in runs if "error" not in run]
+    driven = [run for run in done if "reached" in run]
+    failures: Counter[str] = Counter()
+    for run in done:
+        failures.update(run["failures"])
+    figures: Figures = {
+        "count": len(runs),
+        "certified": sum(run["certified"] for run in done),
+        "work_s": percentiles([run["work_s"] for run in done]),
+        "failures": dict(failures),
+        "errors": [run["error"] for run in runs if "error" in run],
+    }
+    if driven:
+        figures["reached"] = sum(run["reached"] for run in driven)
+        figures["contacts"] = sum(run["contacts"] for run in driven)
+    return figures

@@ -1,7 +1,7 @@
 """The search for configurations that reach a goal, near the start first, with the joints alone before the base.
 
-They must keep the clearance. Where none is found, a :class:`GoalSearch` says why, as data: how far out of reach, or what
-is touched.
+They must keep the clearance. Where none is found, a :class:`GoalSearch` says why, as data: how far out of reach, or
+what is touched.
 """
 
 from __future__ import annotations
@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseTarget
@@ -27,6 +26,7 @@ from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_count, named_arguments
 
 from .goals import AllOf, BasePose, Goal, HandPose, by_name, is_goal_region, refuse_several_frames
+from .grid_path import Ground, ground_about
 from .problem import Deadline, nearest_things
 from .validity import ValidityChecker
 
@@ -116,10 +116,11 @@ def find_goals(
 
 
 class _Source:
-    """Configurations of one goal, a few at a time, divided into those that have room, those that have less, and others.
+    """Configurations of one goal, a few at a time, divided into those that have room, those that have less, those to
+    whose place no way of the base is known, and others.
 
     Attributes:
-        free, narrow, touching: coordinate rows (nv,).
+        free, narrow, apart, touching: coordinate rows (nv,).
         found: whether there was one that is free, or has less room.
     """
 
@@ -128,6 +129,7 @@ class _Source:
         self.rng = rng
         self.free: list[Array] = []
         self.narrow: list[Array] = []
+        self.apart: list[Array] = []
         self.touching: list[Array] = []
         self.found: bool = False
         self.hand: PoseSearch | None = None
@@ -142,6 +144,8 @@ class _Source:
         for row in rows:
             if not self._search.tight.at(row):
                 self.touching.append(row)
+            elif not self._search.gets_to(row[None])[0]:
+                self.apart.append(row)
             else:
                 (self.free if self._search.wide.at(row) else self.narrow).append(row)
                 self.found = True
@@ -192,9 +196,8 @@ class _Source:
             stands = not moves
             if moves:
                 targets.append(_target_of_base(robot, base))
-        clear = partial(self._search.tight.each, base=True)
-        also = self._search.force
-        self.hand = hand = PoseSearch(robot, targets, near=near, rng=self.rng, also=also, promising=clear)
+        promising, also = self._search.promising, self._search.force
+        self.hand = hand = PoseSearch(robot, targets, near=near, rng=self.rng, also=also, promising=promising)
         if moves and hand.out_of_reach:
             stands = False
 
@@ -208,6 +211,7 @@ class _Source:
                     break
                 yield hand.round(base=False)
             for _ in range(_BASE_ROUNDS if moves and (self._search.further or not self.free) else 0):
+                self._search.look_about()
                 yield hand.round(base=True)
 
         return rounds()
@@ -312,6 +316,27 @@ class _Finder:
         self._sources = [_Source(self, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
         self.going = list(self._sources)
         self.rounds: int = 0
+        self._looked = False
+        self._ground: Ground | None = None
+
+    def look_about(self) -> None:
+        """Find out where the base gets to about the goals, once."""
+        if self._looked:
+            return
+        self._looked = True
+        hands = [hand for source in self._sources for hand in _hands_of(source.goal)]
+        places = np.array([hand.position[:2] for hand in hands])
+        self._ground = ground_about(self.robot, self.scene, self.start, places)
+
+    def gets_to(self, rows: Array) -> Mask:
+        """Whether a way of the base leads to rows (N, nv), as far as that is known."""
+        return np.ones(len(rows), dtype=bool) if self._ground is None else self._ground.reached(rows[:, :2])
+
+    def promising(self, rows: Array) -> Mask:
+        """Rows (N, nv) whose base is clear where a way leads to."""
+        there = self.gets_to(rows)
+        there[there] = self.tight.each(rows[there], base=True)
+        return there
 
     def look(self, count: int, deadline: Deadline, rounds: int | None) -> None:
         """Look until there are so many configurations with room, or the time or so many rounds are over."""
@@ -324,24 +349,31 @@ class _Finder:
 
     def result(self, count: int) -> GoalSearch:
         """The nearest to the start of what was found, or why nothing was."""
-        rows = [row for source in self._sources for row in source.free] or [
-            row for source in self._sources for row in source.narrow
-        ]
-        if not rows:
+        for rows in self._found():
+            if rows:
+                break
+        else:
             return self._nothing()
         goals = self._sources[0].said if len(self._sources) == 1 else f"any of {len(self._sources)} goals"
         found = self._nearest(rows)[:count]
         return GoalSearch(found, f"{goals}: {len(found)} configurations")
 
     def taken(self) -> Array:
-        """All that was found since the last time (K, nq), those with room first, and of each the nearest first."""
-        found = [
-            self._nearest([row for source in self._sources for row in rows(source)])
-            for rows in (lambda source: source.free, lambda source: source.narrow)
-        ]
+        """All that was found since the last time (K, nq): those with room, with less, and those to whose place no way
+        is known, of each the nearest first."""
+        found = np.concatenate([self._nearest(rows) for rows in self._found()])
         for source in self._sources:
-            source.free, source.narrow = [], []
-        return np.concatenate(found)
+            source.free, source.narrow, source.apart = [], [], []
+        return found
+
+    def _found(self) -> tuple[list[Array], list[Array], list[Array]]:
+        """Rows with room, with less, and those to whose place no way is known."""
+        sources = self._sources
+        return (
+            [row for source in sources for row in source.free],
+            [row for source in sources for row in source.narrow],
+            [row for source in sources for row in source.apart],
+        )
 
     def _nearest(self, rows: Sequence[Array]) -> Array:
         """Configurations (K, nq) with coordinates (K, nv), the nearest to the start first."""
@@ -422,10 +454,49 @@ def goal_configurations(
     return search.configurations
 
 
+def goal_turns(
+    robot: RobotModel,
+    scene: Scene,
+    start: npt.ArrayLike,
+    goal: Goal | Sequence[Goal],
+    *,
+    seed: int,
+    params: DeformParams | None,
+    count: int,
+    deadline: Deadline,
+) -> Iterator[Array]:
+    """Configurations (K, nq) of a goal for whom not every one will do, at least ``count`` at a time where there are so
+    many: those with room first, and of each the nearest to the start first. The base is moved, too, where the joints
+    alone get there. What the search computes does not count as work of the deadline; it ends after a number of rounds.
+
+    Raises:
+        GoalError: none is free; as for :func:`goal_configurations`.
+    """
+    with deadline.paused():
+        finder = _Finder(robot, scene, start, goal, seed=seed, params=params, further=True)
+    any_found = False
+    while finder.going:
+        with deadline.paused():
+            finder.look(count, Deadline(deadline.time_left), _ROUNDS_IN_ALL)
+        if not any_found:
+            search = finder.result(1)
+            if len(search.configurations) == 0:
+                raise GoalError(f"goal: {search.reason}", search)
+        any_found = True
+        rows = finder.taken()
+        if len(rows):
+            yield rows
+
+
+def _hands_of(goal: Goal) -> tuple[HandPose, ...]:
+    """The poses of hands of a goal."""
+    if isinstance(goal, HandPose):
+        return (goal,)
+    return goal.hands if isinstance(goal, AllOf) else ()
+
+
 def _target_of_base(robot: RobotModel, base: BasePose) -> PoseTarget:
     """The base's place as a target of the frame of its joint, whose height does not count."""
     turn = None if base.yaw is None else pin.rpy.rpyToMatrix(0.0, 0.0, base.yaw)
     within = np.array((*base.within, np.inf))
     return PoseTarget(robot.model.names[1], np.array((base.x, base.y, 0.0)), turn, within)
-
-

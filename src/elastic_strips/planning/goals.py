@@ -11,12 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot.inverse_kinematics import rotation_of
 from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields
 
 if TYPE_CHECKING:
     from typing import TypeAlias
+
+
+_LEAST_LEVER = 1e-3  # [rad] by which what is held is off the axis, at least, that there is a way to tilt
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,7 @@ class HandPose(Checked):
         rotations: npt.ArrayLike,
         axis: npt.ArrayLike = (0.0, 0.0, 1.0),
         count: int = 12,
+        tilts: npt.ArrayLike = (0.0,),
     ) -> list[HandPose]:
         """Poses of a frame with which a hand holds a point from all sides of an axis: grasps of round things.
 
@@ -61,9 +66,13 @@ class HandPose(Checked):
             rotations: (K, 3, 3) or (3, 3) first rotations of the frame.
             axis: (3,) axis in the world about which each of them is turned.
             count: number of even angles of these turns.
+            tilts: (T,) by how much the hand comes from further up the axis than by its first rotation [rad]: level and
+                from above where they are (0, π/2) and the first rotation holds it level. It is tilted about the point,
+                in the plane of the axis and of ``held``.
 
         Raises:
-            ParameterError: an array of another shape, an axis without length, a count below 1.
+            ParameterError: an array of another shape, an axis without length, a count below 1; tilts of a hand that
+                holds the point at its frame's origin, or up or down the axis from there.
         """
         place, hold = check_array("point", point, (3,)), check_array("held", held, (3,))
         count, about = check_count("count", count, low=1), check_array("axis", axis, (3,))
@@ -72,10 +81,14 @@ class HandPose(Checked):
         length = float(np.linalg.norm(about))
         if length < 1e-9:
             raise ParameterError(f"axis={about.tolist()} has no length")
+        angles = np.asarray(tilts, dtype=float)
+        angles = check_array("tilts", angles, (angles.size,))
+        about = about / length
+        tilted = [_tilted(R, about, hold, tilt) for tilt in angles.tolist() for R in first.reshape(-1, 3, 3)]
         out = []
         for angle in np.arange(count) * 2.0 * np.pi / count:
-            turn = pin.exp3(about / length * angle)
-            for rotation in first.reshape(-1, 3, 3):
+            turn = pin.exp3(about * angle)
+            for rotation in tilted:
                 R = turn @ rotation
                 x, y, z = (place - R @ hold).tolist()
                 qx, qy, qz, qw = pin.Quaternion(R).coeffs().tolist()
@@ -86,6 +99,23 @@ class HandPose(Checked):
         at = ", ".join(f"{v:g}" for v in self.position)
         turned = "" if self.orientation is None else ", turned as asked"
         return f"{self.frame!r} at ({at}) m{turned}"
+
+
+def _tilted(rotation: Array, axis: Array, held: Array, tilt: float) -> Array:
+    """A rotation (3, 3), tilted so that the line to what is held leads further down the axis [rad].
+
+    Raises:
+        ParameterError: there is no such line, or it leads along the axis.
+    """
+    if tilt == 0.0:
+        return rotation
+    sideways = np.cross(axis, rotation @ held)
+    size = float(np.linalg.norm(sideways))
+    if size < _LEAST_LEVER * float(np.linalg.norm(held)) or size == 0.0:
+        raise ParameterError(
+            f"tilts: held={held.tolist()} leads along the axis, or nowhere: there is no side to tilt to"
+        )
+    return pin.exp3(tilt / size * sideways) @ rotation
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,13 @@ The damping is that of Sugihara (2011): half of the squared error, which is robu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, ArrayLike, Mask
+from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.summary import Summary
@@ -64,8 +64,8 @@ class PoseTarget:
 
     Attributes:
         frame: name of the frame.
-        position: (3,) its position in the world [m].
-        turn: (3, 3) its rotation in the world; None leaves it free.
+        position: (3,) its position in the world [m]; or (N, 3), of each row another.
+        turn: (3, 3) its rotation in the world, or (N, 3, 3); None leaves it free.
         within: (3,) how far it may be off along the world's axes [m]; infinite where an axis does not count.
     """
 
@@ -86,6 +86,11 @@ class PoseTarget:
             raise ParameterError(f"within={about.tolist()} must not be negative")
         turn = None if orientation is None else rotation_of(orientation)
         return PoseTarget(frame, check_array("position", position, (3,)), turn, about)
+
+    def of_rows(self, rows: Indices) -> PoseTarget:
+        """The target of some of the rows."""
+        turn = self.turn if self.turn is None or self.turn.ndim == 2 else self.turn[rows]
+        return replace(self, position=self.position if self.position.ndim == 1 else self.position[rows], turn=turn)
 
 
 class Residual(Protocol):
@@ -186,7 +191,13 @@ class PoseSolver(OneThread):
 
     @exclusive
     def solve(
-        self, rows: Array, targets: Sequence[PoseTarget], free: Array, iterations: int = _ROUND_ITERATIONS
+        self,
+        rows: Array,
+        targets: Sequence[PoseTarget],
+        free: Array,
+        iterations: int = _ROUND_ITERATIONS,
+        *,
+        every: bool = False,
     ) -> tuple[Array, Array]:
         """Rows (N, nv) moved towards all targets together, and the weighted error [m] of each.
 
@@ -195,6 +206,7 @@ class PoseSolver(OneThread):
             targets: one for each of the frames, in their order.
             free: (nv,) 1 for coordinates that may move, 0 for others.
             iterations: largest number of steps.
+            every: whether all rows are to get there; with False it ends as soon as one does.
         """
         space, low, high = self.robot.space, self.robot.space.lower, self.robot.space.upper
         rows, size = rows.copy(), np.full(len(rows), np.inf)
@@ -203,15 +215,17 @@ class PoseSolver(OneThread):
         active = np.arange(len(rows))
         for _ in range(iterations):
             x = rows[active]
-            e = self._weighted(x, targets)
+            e = self._weighted(x, [target.of_rows(active) for target in targets])
             norm = np.sqrt((e * e).sum(axis=1))
             better = norm < size[active]
             best[active[better]], size[active[better]] = x[better], norm[better]
             history.append(size.copy())
-            if (size < _CONVERGED_ERROR).any():
+            if not every and (size < _CONVERGED_ERROR).any():
                 break
+            going = size[active] >= _CONVERGED_ERROR
             if len(history) > _STALL_ITERATIONS:
-                going = size[active] < _STALL_RATIO * history[-_STALL_ITERATIONS][active]
+                going &= size[active] < _STALL_RATIO * history[-_STALL_ITERATIONS][active]
+            if not going.all():
                 active, x, e, norm = active[going], x[going], e[going], norm[going]
                 if len(active) == 0:
                     break
