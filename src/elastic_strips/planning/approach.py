@@ -29,7 +29,7 @@ from .straight import AXES, plan_straight, straight_lines
 from .validity import ValidityChecker
 
 _WANTED = 24  # configurations that are looked for before the first is tried
-_MOST_CONFIGURATIONS = 192  # that are tried, at most
+_MOST_CONFIGURATIONS = 400  # that are tried, at most
 _TOGETHER = 16  # configurations that are looked at together
 _MOST_REASONS = 3  # reasons of each kind, at most
 _QUICK_DRIVE, _QUICK_SHARE = 0.5, 0.5  # [s] of work that a drive gets at first, and the part of all work for such
@@ -144,8 +144,9 @@ def plan_approach(
             said = f"from a configuration all of it can be done{others}; {report.drive.reason}"
         return replace(report, reason=said, failures={what: len(why) for what, why in reasons.items()})
 
+    look = _Look(robot, scene, beyond, frame, motion, axes, after, near, params)
     turns = goal_turns(robot, scene, start, goals, seed=seed, params=near, count=_WANTED, deadline=deadline)
-    for q, offset, hopeless in _Look(robot, scene, frame, motion, axes, after, near).at_each(turns):
+    for q, offset, hopeless in look.at_each(turns):
         if tried == _MOST_CONFIGURATIONS or (put_off and deadline.left < enough) or (tried and deadline.over()):
             break
         tried += 1
@@ -194,16 +195,20 @@ class _Look:
         self,
         robot: RobotModel,
         scene: Scene,
+        beyond: Scene,
         frame: str,
         motion: Array,
         axes: str,
         after: _After,
+        near: DeformParams | None,
         params: DeformParams | None,
     ) -> None:
         self._robot, self._motion, self._axes, self._after = robot, motion, axes, after
         self._solver = PoseSolver(robot, frame)
-        margin, own = (0.0, 0.0) if params is None else (params.clearance, params.self_clearance)
-        self._valid = ValidityChecker(robot, scene, margin=margin, self_margin=own)
+        self._valid, self._before = (
+            ValidityChecker(robot, world, margin=margin, self_margin=own)
+            for world, margin, own in ((scene, *_clearances(near)), (beyond, *_clearances(params)))
+        )
 
     def at_each(self, turns: Iterable[Array]) -> Iterator[tuple[Array, Array, str]]:
         """Each configuration (nq,), the hand's motion to there (3,) in the world, and what cannot be planned from
@@ -231,10 +236,18 @@ class _Look:
             for n, line, got in zip(going.tolist(), lines, steps.tolist(), strict=True):
                 if got < most or (by is None and not self._valid.each(line).all()):
                     failed[n] = what
+                elif by is None and not self._before.at(line[-1]):
+                    failed[n] = _DRIVE
             if by is not None:
                 rows[going] = lines[:, -1]
         self._valid.count()
+        self._before.count()
         return offsets, failed
+
+
+def _clearances(params: DeformParams | None) -> tuple[float, float]:
+    """What has to be kept to obstacles and between the robot's own links, at least [m]."""
+    return (0.0, 0.0) if params is None else (params.clearance, params.self_clearance)
 
 
 class _After:

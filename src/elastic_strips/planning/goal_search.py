@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import ceil
+from operator import itemgetter
 from typing import cast
 
 import numpy as np
@@ -36,6 +38,8 @@ _ENOUGH_CONFIGURATIONS = 6  # configurations of a goal
 _JOINT_ROUNDS, _BASE_ROUNDS = 12, 24  # of 16 starts, with the joints alone and with the base
 _POSTURE_ROUNDS = 4  # of 16 starts, of the joints at a base's place where a constraint asks for them
 _MOST_ASKED = 24  # configurations that touch something, of which it is asked what
+_LEAST_OF_A_GOAL = 2  # configurations of each goal that are tried before more are looked for
+_APART_COUNT = 4  # configurations that no way leads to end a search as one with room does
 _ROUNDS_IN_ALL = 400  # where work is bounded
 _YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
 _HOPELESS_ROUNDS, _HOPELESS_MISS = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
@@ -317,6 +321,7 @@ class _Finder:
         self.going = list(self._sources)
         self.rounds: int = 0
         self._looked = False
+        self._left: list[tuple[tuple[bool, int, int, float], Array]] = []
         self._ground: Ground | None = None
 
     def look_about(self) -> None:
@@ -339,8 +344,9 @@ class _Finder:
         return there
 
     def look(self, count: int, deadline: Deadline, rounds: int | None) -> None:
-        """Look until there are so many configurations with room, or the time or so many rounds are over."""
-        while self.going and sum(len(source.free) for source in self._sources) < count:
+        """Look until there are so many configurations with room, or the time or so many rounds are over; of those to
+        whose place no way is known, four count as one."""
+        while self.going and sum(len(s.free) + len(s.apart) / _APART_COUNT for s in self._sources) < count:
             if rounds is not None and self.rounds >= rounds:
                 self.going = []
                 return
@@ -349,44 +355,48 @@ class _Finder:
 
     def result(self, count: int) -> GoalSearch:
         """The nearest to the start of what was found, or why nothing was."""
-        for rows in self._found():
-            if rows:
-                break
-        else:
+        sources = self._sources
+        rows = [row for source in sources for row in source.free]
+        rows = rows or [row for source in sources for row in source.narrow]
+        rows = rows or [row for source in sources for row in source.apart]
+        if not rows:
             return self._nothing()
-        goals = self._sources[0].said if len(self._sources) == 1 else f"any of {len(self._sources)} goals"
-        found = self._nearest(rows)[:count]
+        goals = sources[0].said if len(sources) == 1 else f"any of {len(sources)} goals"
+        order = np.argsort(self._distances(rows), kind="stable")[:count]
+        found = self._configurations([rows[k] for k in order])
         return GoalSearch(found, f"{goals}: {len(found)} configurations")
 
-    def taken(self) -> Array:
-        """All that was found since the last time (K, nq): those with room, with less, and those to whose place no way
-        is known, of each the nearest first."""
-        found = np.concatenate([self._nearest(rows) for rows in self._found()])
+    def taken(self, most: int) -> Array:
+        """What was found since the last time (K, nq), to be tried in this order: of each goal one after the other,
+        those with room before those with less. Those to whose place no way is known, and more than ``most`` of a goal,
+        are left until nothing more is looked for."""
         for source in self._sources:
+            for apart, ways in ((False, (source.free, source.narrow)), (True, (source.apart,))):
+                rank = 0
+                for room, some in enumerate(ways):
+                    far = self._distances(some)
+                    for k in np.argsort(far, kind="stable").tolist():
+                        self._left.append(((apart, rank, room, float(far[k])), some[k]))
+                        rank += 1
             source.free, source.narrow, source.apart = [], [], []
-        return found
+        self._left.sort(key=itemgetter(0))
+        now = [row for (apart, rank, *_), row in self._left if not self.going or (rank < most and not apart)]
+        self._left = self._left[len(now) :]
+        return self._configurations(now)
 
-    def _found(self) -> tuple[list[Array], list[Array], list[Array]]:
-        """Rows with room, with less, and those to whose place no way is known."""
-        sources = self._sources
-        return (
-            [row for source in sources for row in source.free],
-            [row for source in sources for row in source.narrow],
-            [row for source in sources for row in source.apart],
-        )
+    def _distances(self, rows: Sequence[Array]) -> Array:
+        """Distance of each of some rows (K, nv) from the start."""
+        here = np.tile(self.here, (len(rows), 1))
+        apart = self.robot.space.difference(here, np.array(rows).reshape(-1, self.robot.nv))
+        return np.linalg.norm(apart, axis=1)
 
-    def _nearest(self, rows: Sequence[Array]) -> Array:
-        """Configurations (K, nq) with coordinates (K, nv), the nearest to the start first."""
-        robot, space = self.robot, self.robot.space
-        if not rows:
-            return np.zeros((0, robot.nq))
-        found = space.from_coordinates(np.array(rows))
-        if space.planar:  # one that did not move stands exactly where it stood
+    def _configurations(self, rows: Sequence[Array]) -> Array:
+        """Configurations (K, nq) of some rows (K, nv)."""
+        found = self.robot.space.from_coordinates(np.array(rows).reshape(-1, self.robot.nv))
+        if self.robot.space.planar:  # one that did not move stands exactly where it stood
             still = np.abs(found[:, :4] - self.start[:4]).max(axis=1) < 1e-9
             found[still, :4] = self.start[:4]
-        here = np.tile(self.here, (len(found), 1))
-        apart = np.linalg.norm(space.difference(here, space.to_coordinates(found)), axis=1)
-        return found[np.argsort(apart, kind="stable")]
+        return found
 
     def _nothing(self) -> GoalSearch:
         """Why nothing was found: of several goals of the first, and as data of the one that is missed the least."""
@@ -465,25 +475,26 @@ def goal_turns(
     count: int,
     deadline: Deadline,
 ) -> Iterator[Array]:
-    """Configurations (K, nq) of a goal for whom not every one will do, at least ``count`` at a time where there are so
-    many: those with room first, and of each the nearest to the start first. The base is moved, too, where the joints
-    alone get there. What the search computes does not count as work of the deadline; it ends after a number of rounds.
+    """Configurations (K, nq) of a goal of which not every one will do, to be tried in their order, some at a time:
+    there is a search for ``count`` with room, and for as many more each time. The base is moved, too, where the joints
+    alone get there. What the search computes does not count as work of the deadline; it ends after some rounds.
 
     Raises:
         GoalError: none is free; as for :func:`goal_configurations`.
     """
     with deadline.paused():
-        finder = _Finder(robot, scene, start, goal, seed=seed, params=params, further=True)
-    any_found = False
+        finder, first = _Finder(robot, scene, start, goal, seed=seed, params=params, further=True), True
+    several = len(goal) if isinstance(goal, Sequence) and is_goal_region(goal) else 1
+    most = max(_LEAST_OF_A_GOAL, ceil(count / several))
     while finder.going:
         with deadline.paused():
             finder.look(count, Deadline(deadline.time_left), _ROUNDS_IN_ALL)
-        if not any_found:
+        if first:
             search = finder.result(1)
             if len(search.configurations) == 0:
                 raise GoalError(f"goal: {search.reason}", search)
-        any_found = True
-        rows = finder.taken()
+        first = False
+        rows = finder.taken(most)
         if len(rows):
             yield rows
 
