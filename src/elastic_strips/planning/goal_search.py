@@ -99,7 +99,7 @@ def find_goals(
         goal: a goal, or several of which any will do; HandPoses in a list are of one frame.
         count: largest number of configurations.
         seed: seed of random starts.
-        params: parameters with the clearance to keep; 1 mm where None.
+        params: parameters with the clearances to keep; where None, 1 mm from obstacles.
         timeout: longest search [s].
         rounds: largest number of rounds of 16 starts each, for all goals together; None where only time bounds them.
             With that and ``timeout=math.inf`` the search ends alike on every machine. Each goal has one at least.
@@ -314,9 +314,9 @@ class _Finder:
             self.force.find(scene)
         self.params: DeformParams = params or DeformParams()
         self.here: Array = robot.space.to_coordinates(self.start)
-        clearance = _LEAST_GOAL_MARGIN if params is None else params.clearance
-        self.wide = ValidityChecker(robot, scene, margin=max(_GOAL_MARGIN, clearance))
-        self.tight = ValidityChecker(robot, scene, margin=clearance, bounds=self.wide.bounds)
+        clearance, own = (_LEAST_GOAL_MARGIN, 0.0) if params is None else (params.clearance, params.self_clearance)
+        self.wide = ValidityChecker(robot, scene, margin=max(_GOAL_MARGIN, clearance), self_margin=own)
+        self.tight = ValidityChecker(robot, scene, margin=clearance, self_margin=own, bounds=self.wide.bounds)
         self._sources = [_Source(self, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
         self.going = list(self._sources)
         self.rounds: int = 0

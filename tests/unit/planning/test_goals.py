@@ -9,9 +9,10 @@ from brute_force import link_distances
 from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
-from elastic_strips.planning import BasePose, HandPose, find_goals, plan_report
+from elastic_strips.planning import BasePose, HandPose, check_endpoints, find_goals, plan_report
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Scene
+from elastic_strips.strip import DeformParams
 
 SCENE = Scene([Box((0.6, 0.6, 1.4), at=(1.5, 0.1, 0.7), name="crate")])
 
@@ -80,6 +81,17 @@ def test_the_base_is_put_where_a_way_leads(silvermate):
         silvermate, Scene([table, *fence, closed, *sides]), silvermate.home(), goals, rounds=100, timeout=np.inf
     )
     assert len(shut.configurations) > 0, "where no way leads anywhere, what is free is an answer"
+
+
+def test_what_is_found_keeps_the_clearances_that_are_asked_for(silvermate):
+    params = DeformParams(clearance=0.02, self_clearance=0.03)
+    goals = all_about(silvermate, (3.0, 1.0, 0.7))
+    search = find_goals(
+        silvermate, SCENE, silvermate.home(x=-1.0), goals, params=params, count=40, rounds=60, timeout=np.inf
+    )
+    assert len(search.configurations) == 40
+    for q in search.configurations:
+        check_endpoints(silvermate, SCENE, q, q, params)
 
 
 def test_a_base_and_a_region_for_it(silvermate):
