@@ -151,6 +151,21 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
     @options.robot_option("jackal-box")
     @seeds_option(1, "Runs of each world.", 1000)
     @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
+    @click.option(
+        "--difficulty",
+        type=click.Choice(["easy", "medium", "hard"]),
+        default=None,
+        help="Only worlds of this class, where they have one.",
+    )
+    @click.option(
+        "--phases",
+        type=click.IntRange(1, 100),
+        default=1,
+        show_default=True,
+        help="Runs of each seed that begin at other times of the obstacles' loops.",
+    )
+    @click.option("--method", type=METHOD, default="strip", show_default=True, help="What steers.")
+    @options.sensors_option
     @options.compute_option
     @options.processes_option
     @runs_option
@@ -159,12 +174,17 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
         robot: str,
         seeds: int,
         ids: tuple[int, ...],
+        difficulty: str | None,
+        phases: int,
+        method: str,
+        sensors: str | None,
         compute: str | None,
         processes: int | None,
         json_file: str | None,
     ) -> None:
         from workshop.bench.problems import bench_problems
 
+        config = options.sensors_of(sensors, robot)
         with options.LateProgress(kind) as bar:
             figures = bench_problems(
                 kind,
@@ -173,17 +193,25 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
                 robot=robot,
                 seeds=seeds,
                 ids=ids or None,
+                difficulty=difficulty or "",
+                phases=phases,
+                method=method,
+                sensors=config,
                 compute=_compute(compute),
                 processes=processes,
             )
-        output.say(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs, computing: {figures['compute']}")
+        output.say(
+            f"{robot}, {figures['method']}, {figures['worlds']} worlds, {figures['count']} runs, "
+            f"computing: {figures['compute']}"
+        )
         _problem_rows(figures)
         for name, group in figures["by_difficulty"].items():
             output.say(f"{name}, {group['count']} runs")
             _problem_rows(group)
         for run in figures["runs"]:
             if not run["success"]:
-                row(f"world {run['id']} seed {run['seed']}", run["reason"] or "an obstacle ran into the robot at rest")
+                which = f"world {run['id']} seed {run['seed']} phase {run['phase']}"
+                row(which, run["reason"] or "an obstacle ran into the robot at rest")
         output.write_document("figures", json_file, figures)
 
     return command
@@ -700,6 +728,8 @@ def _problem_rows(figures: Figures) -> None:
         f"{100 * figures['collisions']:.1f} % of the runs at speed, "
         f"{100 * figures['run_into_at_rest']:.1f} % run into at rest",
     )
+    row("contacts", f"{figures['contacts_at_speed']} at speed; {figures['contacts_per_s']:.3f} a second of either kind")
+    row("reached", f"{100 * figures['reached']:.1f} %")
     if figures["time_s"]["p50"] is not None:
         row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
     if "score" in figures:
