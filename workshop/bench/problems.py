@@ -82,7 +82,8 @@ def _problem_params(
         replan_after=0.4,
     )
     if sensors is not None:
-        params = replace(params, assumptions=LASER_ASSUMPTIONS, backward=sensors.all_round)
+        # Where nothing moves, what is behind the robot is as it was when it came by.
+        params = replace(params, assumptions=LASER_ASSUMPTIONS, backward=sensors.all_round or not moving)
     return params, limits
 
 
