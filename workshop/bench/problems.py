@@ -17,7 +17,7 @@ from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.scenarios.drive import STRIP
-from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, SensorPerception
+from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensorPerception
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import DeformParams
 from elastic_strips.trajectory import MotionLimits
@@ -82,8 +82,12 @@ def _problem_params(
         replan_after=0.4,
     )
     if sensors is not None:
-        # Where nothing moves, what is behind the robot is as it was when it came by.
-        params = replace(params, assumptions=LASER_ASSUMPTIONS, backward=sensors.all_round or not moving)
+        params = replace(
+            params,
+            assumptions=LASER_ASSUMPTIONS,
+            speed_scale=LASER_EASE,
+            backward=sensors.all_round or not moving,  # where nothing moves, what is behind is as it was seen before
+        )
     return params, limits
 
 
