@@ -237,8 +237,8 @@ class LocalPlanner:
     def _plan(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         """Deform the strip, and plan a motion along it.
 
-        Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once, unless
-        it can evade.
+        Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once, or
+        evades.
         """
         start = active.at(begin)
         watch = PhaseClock()
