@@ -62,6 +62,7 @@ class Simulation(Generic[_Driver]):
         time: time of the present step [s].
         period: of the control loop [s]; the parameters' own, unless it is set before the first step: the controller
             measures it.
+        stays: whether a run goes on when the last goal is reached, for another one may come.
     """
 
     def __init__(
@@ -93,6 +94,7 @@ class Simulation(Generic[_Driver]):
         self.computing: Computing = computing or Computing()
         self.time: float = 0.0
         self.period: float = controller.params.control_dt
+        self.stays: bool = False
         self._goal = goal
         self._new_recorder = lambda: Recorder(self.robot, world, metadata=metadata or {})
         self.recorder: Recorder = self._new_recorder()
@@ -110,7 +112,8 @@ class Simulation(Generic[_Driver]):
         self.controller.stop()
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is up, or :meth:`stop` was called.
+        """Drive until the last goal is reached (unless the run :attr:`stays`), the time is up, or :meth:`stop` was
+        called.
 
         Args:
             time_limit: longest run [s]; ``params.time_limit`` where None.
@@ -126,7 +129,8 @@ class Simulation(Generic[_Driver]):
             command = self._control(t)
             self._advance(t, command)
             self._step += 1
-            if ((controller.ended or controller.halted) and self._settled()) or t > limit + LONGEST_OVERTIME:
+            done = controller.halted or (controller.ended and not self.stays)
+            if (done and self._settled()) or t > limit + LONGEST_OVERTIME:
                 break
             if self.realtime:
                 ahead = began + (self._step - first) * self.period - perf_counter()

@@ -50,7 +50,8 @@ _NONE = np.zeros((0, 16), dtype=np.float32)
 class Snapshot:
     """A scene and a strip's nodes (N, nq) to draw, with the report about the strip if there is one.
 
-    The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
+    The robot stands at ``q`` (nq,), or at the first node where that is None, and its goal is ``goal`` (nq,), or the
+    last node; ``frame`` turns the camera to the strip.
     ``live`` is one of many pictures a second: slow measurements are left out. ``tick`` is the time of one tick
     [s]; ``notes`` are further rows of the card.
     """
@@ -61,6 +62,7 @@ class Snapshot:
     report: DeformReport | None = None
     frame: bool = False
     q: ArrayLike | None = None
+    goal: ArrayLike | None = None
     live: bool = False
     tick: float | None = None
     notes: tuple[tuple[str, str], ...] = ()
@@ -102,8 +104,7 @@ class Drawing:
         matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
         out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
         out += self.strip("/strip", coordinates, points, segment_colors(snapshot.report, len(coordinates) - 1))
-        out += self.markers(coordinates)
-        out += self._hand_ball(points[-1])
+        out += self._ends(snapshot, coordinates, points)
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
         out += self._trouble(snapshot.report, coordinates)
@@ -262,6 +263,15 @@ class Drawing:
             T[:2, :2], T[:3, 3] = [[c, -s], [s, c]], (x, y, 0.006)
         out.append(commands.transforms("/markers", ["/markers/start", "/markers/goal"], commands.columns(poses)))
         return out
+
+    def _ends(self, snapshot: Snapshot, coordinates: Array, points: Array) -> list[Command]:
+        """Mark where the strip begins, and the goal, which is where it ends or somewhere else."""
+        ends, hand = coordinates[[0, -1]], points[-1]
+        if snapshot.goal is not None and self.poses is not None:
+            ends[1] = snapshot.robot.space.to_coordinates(np.asarray(snapshot.goal))
+            self.poses.update(ends[1:])
+            hand = self.poses.points()[0]
+        return self.markers(ends) + self._hand_ball(hand)
 
     def _hand_ball(self, points: Array) -> list[Command]:
         """A ball about the last of places (C, 3), by which the goal's hand is dragged; none without joints."""
