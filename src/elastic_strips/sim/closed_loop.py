@@ -15,10 +15,9 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control import DriveParams
 from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.control.itinerary import Goals, goals_in_order
+from elastic_strips.control.itinerary import Goals, configuration_of, goals_in_order
 from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
-from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.trajectory import MotionLimits
@@ -355,7 +354,7 @@ def simulation(
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, params)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
-    last = goals_in_order(robot, goal)[-1]
+    last_q = configuration_of(robot, goals_in_order(robot, goal)[-1])
     if isinstance(noise, SensorPerception):
         noise.computing = computing
     driven = Simulation(
@@ -363,7 +362,7 @@ def simulation(
         world,
         machine,
         senses,
-        goal=None if is_goal_region(last) else robot.space.to_coordinates(robot.check_q(last, what="goal")),  # type: ignore[arg-type]
+        goal=None if last_q is None else robot.space.to_coordinates(last_q),
         watch=watch,
         realtime=realtime,
         record=record,

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
@@ -27,11 +25,12 @@ class Drives(Protocol):
 
     time: float
     robot: RobotModel
-    goal: Array
 
     @property
-    def retarget(self) -> Callable[[Goal | Sequence[Goal] | npt.ArrayLike], None]:
-        """Takes another goal."""
+    def goal(self) -> Array: ...
+
+    def retarget(self, goal: Goal) -> None:
+        """Take another goal."""
         ...
 
 
