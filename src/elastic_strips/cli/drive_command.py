@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.scenarios import DriveOutcome, Scenario
-    from elastic_strips.strip import Strip
-    from elastic_strips.strip.report import DeformReport
     from elastic_strips.viewer.dragged_goal import DraggedGoal
 
 
@@ -255,11 +253,13 @@ def watched_drive(
                 return
             dragged.tell()
             space, goal = driven.robot.space, dragged.shown
+            result = driven.controller.result  # None where it stands, or goes on with the motion that it has
             viewer.update(
-                _shown(driven),
+                driven.controller.executor.active.tail(driven.time).strip() if result is None else result.report,
                 driven.world.at(driven.time),
                 q=space.from_coordinates(driven.plant.coordinates),
-                goal=None if goal is None else space.from_coordinates(goal),
+                goal=space.from_coordinates(driven.controller.goal if goal is None else goal),
+                motion=result is None,
                 notes=_notes(driven.controller, dragged),
             )
             if stays and not viewer.alive:
@@ -268,7 +268,7 @@ def watched_drive(
         driven = make(watch=watch)
         driven.stays = stays
         if viewer is not None:
-            viewer.show(driven.robot, problem.world.at(0.0), _shown(driven))
+            viewer.show(driven.robot, problem.world.at(0.0), driven.controller.strip)
             dragged = DraggedGoal(viewer, driven.controller)
             output.say(f"viewer  {viewer.url}  (drag the goal's ring, or its hand{'; Ctrl-C ends' if stays else ''})")
         try:
@@ -287,12 +287,6 @@ def _notes(controller: Controller, dragged: DraggedGoal) -> list[tuple[str, str]
     if dragged.refused or controller.state in (RunState.BRAKING, RunState.STOPPED):
         told.append(("why", dragged.refused or controller.reason))
     return told
-
-
-def _shown(driven: Simulation[Controller]) -> Strip | DeformReport:
-    """What the viewer shows ahead of the robot."""
-    controller = driven.controller
-    return controller.result.report if controller.result else controller.strip
 
 
 @contextmanager

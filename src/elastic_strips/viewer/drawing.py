@@ -22,6 +22,7 @@ from .geometry import Body, Floats, MeshData, RobotPoses, linear
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
 THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
+_MOTION, _UNCHECKED = ("certified motion", CERTIFIED), ("base, not checked", UNCHECKED)
 _HATCHED = f"repeating-linear-gradient(135deg, {geometry.BARE} 0 3px, #a9b0b8 3px 6px)"
 STATIC = ("/ghosts", "/strip", "/forces", "/trouble", "/predictions")
 """Parts of a still picture that an animation may hide."""
@@ -51,7 +52,7 @@ class Snapshot:
     """A scene and a strip's nodes (N, nq) to draw, with the report about the strip if there is one.
 
     The robot stands at ``q`` (nq,), or at the first node where that is None, and its goal is ``goal`` (nq,), or the
-    last node; ``frame`` turns the camera to the strip.
+    last node; the nodes are those of a certified ``motion``, or not; ``frame`` turns the camera to the strip.
     ``live`` is one of many pictures a second: slow measurements are left out. ``tick`` is the time of one tick
     [s]; ``notes`` are further rows of the card.
     """
@@ -63,6 +64,7 @@ class Snapshot:
     frame: bool = False
     q: ArrayLike | None = None
     goal: ArrayLike | None = None
+    motion: bool = False
     live: bool = False
     tick: float | None = None
     notes: tuple[tuple[str, str], ...] = ()
@@ -103,7 +105,7 @@ class Drawing:
         points = poses.points()
         matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
         out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
-        out += self.strip("/strip", coordinates, points, segment_colors(snapshot.report, len(coordinates) - 1))
+        out += self.strip("/strip", coordinates, points, _colors(snapshot))
         out += self._ends(snapshot, coordinates, points)
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
@@ -218,7 +220,7 @@ class Drawing:
         if report is not None:
             head, rows, legend = _chip(report, snapshot.live), _measured(report, snapshot.live), self._colours(report)
         elif moves:
-            rows, legend = [["nodes", str(len(snapshot.nodes))]], [["base, not checked", UNCHECKED]]
+            rows, legend = [["nodes", str(len(snapshot.nodes))]], [list(_MOTION if snapshot.motion else _UNCHECKED)]
         if snapshot.tick is not None:
             rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
         rows += [list(note) for note in snapshot.notes]
@@ -380,6 +382,12 @@ def _measured(report: DeformReport, live: bool) -> list[list[str]]:
 def bare_legend(robot: RobotModel) -> list[list[str]]:
     """The legend of hatched links, about which nothing is proven."""
     return [["no collision shape: nothing is proven", _HATCHED]] if robot.bare_links else []
+
+
+def _colors(snapshot: Snapshot) -> Array:
+    """Colours (N - 1, 3) of the segments between a snapshot's nodes."""
+    count = len(snapshot.nodes) - 1
+    return np.tile(linear(CERTIFIED), (count, 1)) if snapshot.motion else segment_colors(snapshot.report, count)
 
 
 def segment_colors(report: DeformReport | None, count: int) -> Array:

@@ -141,6 +141,7 @@ class Viewer:
         *,
         q: ArrayLike | None = None,
         goal: ArrayLike | None = None,
+        motion: bool = False,
         tick: float | None = None,
         notes: Sequence[tuple[str, str]] = (),
     ) -> None:
@@ -151,6 +152,7 @@ class Viewer:
             scene: The scene if it has changed.
             q: Configuration (nq,) where the robot is; at the strip's first node where None.
             goal: Configuration (nq,) at the goal; the strip's last node where None.
+            motion: Whether a ``Strip`` is the motion that is driven, which was certified as a whole.
             tick: Time of a tick [s], to be shown; nothing is shown where None.
             notes: Further rows of the card: names and values.
 
@@ -166,7 +168,16 @@ class Viewer:
         if scene is not None:
             self._scene = scene
         job = Snapshot(
-            strip.robot, self._scene, strip.q, about, q=q, goal=goal, live=True, tick=tick, notes=tuple(notes)
+            strip.robot,
+            self._scene,
+            strip.q,
+            about,
+            q=q,
+            goal=goal,
+            motion=motion,
+            live=True,
+            tick=tick,
+            notes=tuple(notes),
         )
         if self._lost:
             self._missed = job  # no browser gets it; save_html may
