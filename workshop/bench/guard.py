@@ -670,13 +670,14 @@ def _roomy(robot: RobotModel, limits: MotionLimits) -> Array:
     look = Proposer(robot, limits, self_clearance=0.005, part=0.8, reach=0.1, self_reach=_ROOMY)
     row = robot.space.to_coordinates(robot.home_q)
     low, high = np.maximum(robot.space.lower[base:], -3.0), np.minimum(robot.space.upper[base:], 3.0)
-    nothing = Outlook.of(Scene([]), ObstacleAssumptions(), DriveParams().margins)
+    margins = DriveParams().margins
+    nothing = Outlook.of(Scene([]), ObstacleAssumptions(), margins)
     best, most = row, -1.0
     for _ in range(2000):
         posture = row.copy()
         posture[base:] = low + (high - low) * rng.uniform(0.3, 0.7, len(low))
         state = ReferenceState(0.0, posture, np.zeros(robot.nv), np.zeros(robot.nv))
-        room = float(look.look(state, nothing, settle=0.0).distance.min(initial=_ROOMY))
+        room = float(look.look(state, nothing, settle=0.0, clearance=margins.clearance).distance.min(initial=_ROOMY))
         if room > most:
             best, most = posture, room
         if most >= _ROOMY:

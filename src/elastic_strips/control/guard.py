@@ -54,6 +54,7 @@ _SELF_REACH = 0.1  # [m] within which links count for each other
 _FARTHEST = 1.0  # [m] and obstacles, at most
 _SHARES = (1.0, 0.6, 0.25, 0.0)  # of the base's, or the arm's command that are tried one after the other
 _STUCK = 1e-3  # [m] of room below which none of them is tried
+_CALM = 0.5  # [s] for which a tracking error is kept that is no longer needed: it comes and goes with every fix
 
 
 class GuardOutcome(Enum):
@@ -263,6 +264,7 @@ class Guard:
         self._steering = Steering(robot, self._slower, part=own.acceleration) if steers else None
         self._columns, self._scale = self._proposer.columns, self._proposer.scale
         self._margins: Margins = drive.margins
+        self._needed, self._due = _Peak(drive.tracking_error), _Peak(drive.tracking_error)
         self._doubts = SceneMonitor(drive.monitor)
         self._scene: Scene | None = None
         self._trouble = "no scene has come yet"
@@ -430,7 +432,8 @@ class Guard:
                 self._trouble = ""
         if trouble:
             self._trouble = trouble
-        allowed = min(executor.needed_error, max(drive.monitor.largest, drive.tracking_error))
+        allowed = self._needed.at(t, min(executor.needed_error, max(drive.monitor.largest, drive.tracking_error)))
+        self._due.at(t, max(executor.due_error, allowed))
         if allowed != self._margins.tracking_error:
             if allowed > self._margins.tracking_error:
                 self._proof = None
@@ -515,8 +518,9 @@ class Guard:
         executor, drive = self.executor, self.params.drive
         start = executor.active.at(t)
         hold = self.params.hold * max(executor.period.seconds, drive.control_dt)
-        pairs = self._proposer.look(start, outlook, settle=hold + drive.settle_time)
-        now = _Now(start, hold, outlook, pairs, *self._kept(pairs, start))
+        wide = replace(outlook.margins, tracking_error=self._due.value).clearance
+        pairs = self._proposer.look(start, outlook, settle=hold + drive.settle_time, clearance=wide)
+        now = _Now(start, hold, outlook, pairs, *self._kept(pairs, start), self._due.value)
         v, cause = self._proposed(wanted, now)
         if float(np.abs(v[self._columns] / self._scale).max()) < _NOTHING:
             none = self._none(t, f"{cause[0]} is near {cause[1]}")
@@ -534,13 +538,13 @@ class Guard:
                 continue
             tried = speed
             motion = hold_and_brake(self.robot, self.limits, start, speed, part=self.params.acceleration, hold=hold)
-            certificate = self._certify(motion, now)
+            certificate, proven = self._proven(motion, now)
             tries += 1
             broken = certificate.broken
             if tries == 1:
                 self._proposer.learn(refused=broken is not None)
             if broken is None:
-                executor.submit(motion, certificate, at_goal=False, proven=outlook.margins.tracking_error)
+                executor.submit(motion, certificate, at_goal=False, proven=proven)
                 if executor.active is not motion:
                     return replace(self._none(t, executor.run.reason), tries=tries)
                 self._proof, self._clearance, self._levels = (motion, outlook), now.clearance, options.easier
@@ -565,7 +569,7 @@ class Guard:
         cause = stopped, stopped
         steered: Steered | None = None
         if self._steering is not None and not now.leaving:
-            steered = self._steering.steer(v, now.start, now.outlook.scene, partial(self._certify, now=now))
+            steered = self._steering.steer(v, now.start, now.outlook.scene, partial(self._certify, now=now, error=now.due))
             v, cause = steered.v, self._steering.cause if steered.turned else cause
         if steered is None or not steered.free:
             turns = steered is None or not steered.turned
@@ -573,11 +577,25 @@ class Guard:
             v, cause = proposal.v, cause if proposal.cause is None else now.pairs.names[proposal.cause]
         return (self._slowed(v, now.slow_from) if now.leaving else v), cause
 
-    def _certify(self, motion: Trajectory, now: _Now) -> Certificate:
+    def _proven(self, motion: Trajectory, now: _Now) -> tuple[Certificate, float]:
+        """A motion's certificate, and the tracking error [m] that it is certified with.
+
+        That is the one that is due, so that the robot need not brake where it is further off its reference; the least
+        one only where there is no room for that, and the robot is known, and on its reference, well enough.
+        """
+        executor, least = self.executor, now.outlook.margins.tracking_error
+        if now.due > least and not now.leaving:
+            certificate = self._certify(motion, now, now.due)
+            far = executor.monitor.deviation + executor.coarse > self.params.drive.monitor.brake_at * least
+            if certificate.certified or far:
+                return certificate, now.due
+        return self._certify(motion, now, least), least
+
+    def _certify(self, motion: Trajectory, now: _Now, error: float) -> Certificate:
+        """Certify a motion with a tracking error [m]."""
+        clearance = now.clearance + error - now.outlook.margins.tracking_error
         scene, possible = now.outlook.scene, now.outlook.possible
-        return self._certifier.certify(
-            motion, scene, possible, clearance=now.clearance, self_clearance=now.self_clearance
-        )
+        return self._certifier.certify(motion, scene, possible, clearance=clearance, self_clearance=now.self_clearance)
 
     def _reachable(self, v: Array, now: _Now) -> Array:
         """(k + n,) the speeds of drive and joints that a velocity (nv,) comes to while it is held."""
@@ -655,6 +673,7 @@ class Guard:
         executor, self._levels = self.executor, (0, 0)
         if self._steering is not None:
             self._steering.forget()
+        self._prove_again(t)
         if holds and not executor.waits:
             executor.hold(reason, executor.active, executor.proven)
         else:
@@ -664,6 +683,16 @@ class Guard:
             self._recheck(t)
         outcome = GuardOutcome.STOPPED if stands else GuardOutcome.BRAKING
         return _Taken(np.zeros(self.robot.nv), outcome, 0.0, reason)
+
+    def _prove_again(self, t: float) -> None:
+        """Certify the active motion with a larger error, where the robot comes near to what it was proven with."""
+        executor, outlook, due = self.executor, self._outlook, self._due.value
+        if outlook is None or executor.waits or executor.at_rest(t) or due <= executor.proven:
+            return
+        clearance = self._clearance + due - outlook.margins.tracking_error
+        rest = executor.active.tail(t)
+        if self._certifier.certify(rest, outlook.scene, outlook.possible, clearance=clearance).certified:
+            executor.hold(executor.run.reason, executor.active, due)
 
     def _failed(self, t: float, reason: str) -> _Taken:
         """Forget what is known after an exception; the active motion goes on to its end."""
@@ -702,6 +731,20 @@ class Guard:
         self._said = said
 
 
+class _Peak:
+    """Workspace: the largest of the last values of a tracking error [m]."""
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+        self._until = -math.inf
+
+    def at(self, t: float, value: float) -> float:
+        """Take in the value at time ``t`` [s]; returns the largest one of late."""
+        if value >= self.value or t >= self._until:
+            self.value, self._until = value, t + _CALM
+        return self.value
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Now:
     """What a period decides on: the state from which motions begin, how long they hold, and what they keep from.
@@ -709,6 +752,7 @@ class _Now:
     Attributes:
         clearance, self_clearance: that motions keep [m].
         slow_from: the first coordinate that has to be slow, as the robot is inside its clearance; their number else.
+        due: tracking error [m] that motions are proposed and certified with where there is room for that.
     """
 
     start: ReferenceState
@@ -718,6 +762,7 @@ class _Now:
     clearance: float
     self_clearance: float
     slow_from: int
+    due: float
 
     @property
     def leaving(self) -> bool:

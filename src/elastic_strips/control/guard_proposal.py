@@ -131,13 +131,14 @@ class Proposer(OneThread):
         self.caution = min(self.caution + _MORE, _MOST) if refused else max(self.caution - _LESS, 1.0)
 
     @exclusive
-    def look(self, start: ReferenceState, outlook: Outlook, *, settle: float) -> NearPairs:
+    def look(self, start: ReferenceState, outlook: Outlook, *, settle: float, clearance: float) -> NearPairs:
         """What is near a state of the robot.
 
         Args:
             start: the state.
             outlook: of the scene.
             settle: time [s] that the robot needs to stand, besides the braking time of its present speeds.
+            clearance: to keep from obstacles [m].
         """
         kin, bodies, possible = self._kin, self._bodies, outlook.possible
         kin.update(start.coordinates[None])
@@ -165,7 +166,7 @@ class Proposer(OneThread):
             more = 0.5 * possible.acceleration[m] * ((delay + span) ** 2 - delay * delay)
             cover[at] = np.maximum(nearer + possible.speed[m] * span + more, 0.0)
         need = np.full(len(rows), self.self_clearance)
-        need[: len(near)] = outlook.margins.clearance
+        need[: len(near)] = clearance
         labels = bodies.labels
         names = [(labels[b], candidates.obstacle_name(p)) for b, p in zip(near.body, near.part, strict=True)]
         names += [(labels[i], labels[j]) for i, j in self._self.pairs[own.pair]]
