@@ -77,7 +77,8 @@ class GuardParams(Checked):
 
     Attributes:
         drive: what is assumed of obstacles, robot and measurements, and what motions keep from obstacles.
-        self_clearance: distance that motions keep between the robot's own links. The tracking error has a part in it.
+        self_clearance: distance that motions keep between the robot's own links, but for those that touch in no
+            posture. The tracking error has a part in it.
         speed, acceleration: shares of the motors' largest speeds and accelerations that motions are certified with; the
             rest is for tracking. A faster command is one at this speed.
         hold: control periods for which a command is held before the certified motion brakes: with one, the robot would
@@ -245,7 +246,11 @@ class Guard:
         self.executor: MotionExecutor = MotionExecutor(robot, limits, drive, row, row, drive.tolerance, keep=events)
         self._meter: Callable[[], float] = meter or (lambda: 0.0)
         self._certifier = TrajectoryCertifier(
-            robot, clearance=drive.clearance, self_clearance=own.self_clearance, settle_time=drive.settle_time
+            robot,
+            clearance=drive.clearance,
+            self_clearance=own.self_clearance,
+            settle_time=drive.settle_time,
+            apart=0.0,
         )
         self._slower = limits.scaled(own.speed, 1.0)
         self._change = own.acceleration * limits.acceleration
@@ -456,18 +461,24 @@ class Guard:
 
     def _wanted(self, desired: Desired) -> Array:
         """(nv,) the desired velocity, as fast as it may be: the base in proportion, each joint by itself."""
-        robot, limits, base = self.robot, self._slower, self.robot.space.base_nv
-        v = np.zeros(robot.nv)
+        base = self.robot.space.base_nv
+        v = np.zeros(self.robot.nv)
         if base and desired.twist is not None:
-            drive = limits.to_drive(desired.twist)
-            v[:base] = limits.to_twist(drive / max(1.0, float((np.abs(drive) / limits.drive_speed).max())))
-        rates = np.zeros(robot.nv - base)
+            v[:base] = desired.twist
         if desired.joints is not None:
-            rates += desired.joints
+            v[base:] += desired.joints
         if desired.hand is not None:
-            rates += self._joints_of_hand(desired.hand, self._frames[desired.frame])
-        v[base:] = np.clip(rates, -limits.joint_speed, limits.joint_speed)
-        return v
+            v[base:] += self._joints_of_hand(desired.hand, self._frames[desired.frame])
+        return self._limited(v)
+
+    def _limited(self, v: Array) -> Array:
+        """A velocity (nv,) as fast as it may be: the base in proportion, each joint by itself."""
+        limits, base, out = self._slower, self.robot.space.base_nv, v.copy()
+        if base:
+            drive = limits.to_drive(v[:base])
+            out[:base] = limits.to_twist(drive / max(1.0, float((np.abs(drive) / limits.drive_speed).max())))
+        out[base:] = np.clip(v[base:], -limits.joint_speed, limits.joint_speed)
+        return out
 
     def _joints_of_hand(self, twist: Array, frame: int) -> Array:
         """(n,) joint rates that move a frame, by damped least squares; all scaled down where one would be too fast."""
@@ -571,10 +582,11 @@ class Guard:
         if self._steering is not None and not now.leaving:
             steered = self._steering.steer(v, now.start, now.outlook.scene, partial(self._certify, now=now, error=now.due))
             v, cause = steered.v, self._steering.cause if steered.turned else cause
-        if steered is None or not steered.free:
-            turns = steered is None or not steered.turned
-            proposal = self._proposer.propose(v, now.start, now.pairs, hold=now.hold, turns=turns)
-            v, cause = proposal.v, cause if proposal.cause is None else now.pairs.names[proposal.cause]
+        free, turned = steered is not None and steered.free, steered is not None and steered.turned
+        pairs = now.pairs.own if free else now.pairs  # the base was looked ahead with, and the joints were not
+        proposal = self._proposer.propose(v, now.start, pairs, hold=now.hold, turns=not turned)
+        if proposal.cause is not None:
+            v, cause = self._limited(proposal.v), pairs.names[proposal.cause]
         return (self._slowed(v, now.slow_from) if now.leaving else v), cause
 
     def _proven(self, motion: Trajectory, now: _Now) -> tuple[Certificate, float]:

@@ -53,6 +53,14 @@ class NearPairs:
     names: tuple[tuple[str, str], ...]
     outer: int
 
+    @property
+    def own(self) -> NearPairs:
+        """Those of two links of the robot alone."""
+        rest = slice(self.outer, None)
+        return NearPairs(
+            self.rows[rest], self.distance[rest], self.need[rest], self.cover[rest], self.names[rest], outer=0
+        )
+
     def of(self, link: str, obstacle: str) -> float:
         """The distance [m] of a pair by its names; NaN where it is not near."""
         found = [d for d, names in zip(self.distance.tolist(), self.names, strict=True) if names == (link, obstacle)]
@@ -103,7 +111,7 @@ class Proposer(OneThread):
         self._bodies = bodies = BodySet.links(robot)
         self._kin = Kinematics(robot.tree, 1)
         self._obstacles = ObstacleProximity(bodies, influence=reach, tolerance=_EXACT)
-        pairs = robot.pairs_within(self_clearance)
+        pairs = robot.pairs_within(0.0)
         self._self = SelfProximity(bodies, pairs, MotionBounds(bodies), influence=self_reach, tolerance=_EXACT)
         self._change = part * limits.acceleration
         slides = limits.drive_dim == 2  # nothing moves it sideways
