@@ -538,17 +538,19 @@ class Guard:
             return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause))
         options, tries = _Options(v, self.robot.space.base_nv, self._levels), 0
         option = options.now()
-        tried = np.full(len(self._change), np.inf)
+        tried, together = np.full(len(self._change), np.inf), True
         while option is not None and tries < self.params.tries:
             if tries and self._meter() - began > self.params.budget:
                 break
             v, _ = self._within_stops(option, start, hold)
             speed = self._reachable(v, now)
-            if float(np.abs(speed - tried).max()) < _NOTHING:  # what was refused already
+            if together and float(np.abs(speed - tried).max()) < _NOTHING:  # what was refused already
                 option = options.after(False, stuck=False)
                 continue
             tried = speed
-            motion = hold_and_brake(self.robot, self.limits, start, speed, part=self.params.acceleration, hold=hold)
+            motion = hold_and_brake(
+                self.robot, self.limits, start, speed, part=self.params.acceleration, hold=hold, together=together
+            )
             certificate, proven = self._proven(motion, now)
             tries += 1
             broken = certificate.broken
@@ -570,6 +572,9 @@ class Guard:
             self._inside = self._inside or room < _INSIDE
             if room < 0.0:
                 break  # where the motion begins it is too near already
+            together = not (tries == 1 and self.limits.drive_dim == 3 and not of_self)
+            if not together:  # the same, with a stop that turns off along what is in the way
+                continue
             option = options.after(of_self or broken.link in self._arm, stuck=room < _STUCK)
         none = self._none(t, f"{cause[0]} is too near to {cause[1]}")
         return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause), tries=tries)
