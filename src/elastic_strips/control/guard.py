@@ -270,11 +270,12 @@ class Guard:
         self._columns, self._scale = self._proposer.columns, self._proposer.scale
         self._margins: Margins = drive.margins
         self._needed, self._due = _Peak(drive.tracking_error), _Peak(drive.tracking_error)
-        self._doubts = SceneMonitor(drive.monitor)
+        self._doubts = SceneMonitor(drive.monitor, drive.assumptions)
         self._scene: Scene | None = None
         self._trouble = "no scene has come yet"
         self._outlook: Outlook | None = None
         self._proof: tuple[Trajectory, Outlook] | None = None  # a certified motion, and what against
+        self._refused = ("", "")  # the pair that motions were refused for last
         self._levels = (0, 0)  # where in `_SHARES` the next period begins
         self._inside = False  # whether the robot leaves its clearance, or has to
         self._said: tuple[GuardOutcome, str, str] | None = None
@@ -432,9 +433,11 @@ class Guard:
             if doubt:
                 executor.log("fault", doubt)
             else:
+                (scene, wrong), self._trouble = self._doubts.motions.checked(t, scene), ""
+                for reason in wrong:
+                    executor.log("fault", reason)
                 if scene is not self._scene:
                     self._scene, self._outlook = scene, None
-                self._trouble = ""
         if trouble:
             self._trouble = trouble
         allowed = self._needed.at(t, min(executor.needed_error, max(drive.monitor.largest, drive.tracking_error)))
@@ -560,9 +563,11 @@ class Guard:
                 executor.submit(motion, certificate, at_goal=False, proven=proven)
                 if executor.active is not motion:
                     return replace(self._none(t, executor.run.reason), tries=tries)
+                if options.softened and not cause[0]:
+                    cause = self._refused
                 self._proof, self._clearance, self._levels = (motion, outlook), now.clearance, options.easier
                 return self._taken(v, wanted, now, cause, tries)
-            pair = broken.labels or (broken.link, broken.obstacle)
+            self._refused = pair = broken.labels or (broken.link, broken.obstacle)
             if tries == 1:
                 cause = pair
                 if self._steering is not None:
@@ -805,6 +810,11 @@ class _Options:
     def easier(self) -> tuple[int, int]:
         """Where the next period had better begin: with a little more than this one came to."""
         return max(self._levels[0] - 1, 0), max(self._levels[1] - 1, 0)
+
+    @property
+    def softened(self) -> bool:
+        """Whether the present one is only a part of what was proposed."""
+        return any(self._levels)
 
     def now(self) -> Array | None:
         """The present one (nv,); None where nothing is left of it."""
