@@ -542,6 +542,7 @@ def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None
 @click.option("--plant", type=options.PLANT, default="kinematic", show_default=True, help="The machine.")
 @click.option("--time", type=click.FloatRange(1.0, 3600.0), default=15.0, show_default=True, help="Of a run [s].")
 @click.option("--passing", is_flag=True, help="Measure what passes: far from everything, along walls, in doors.")
+@options.sensors_option
 @options.compute_option
 @options.processes_option
 @runs_option
@@ -557,6 +558,7 @@ def guard(
     plant: str,
     time: float,
     passing: bool,
+    sensors: str | None,
     compute: str | None,
     processes: int | None,
     json_file: str | None,
@@ -586,6 +588,7 @@ def guard(
                 plant=plant,
                 time=time,
                 compute=compute or "free",
+                sensors=options.sensors_of(sensors, robots[0]),
                 processes=processes,
             )
         _guarded_rows(figures)
@@ -598,11 +601,12 @@ def _guarded_rows(figures: Figures) -> None:
         row(
             f"{some['robot']} {some['base']} {some['method']}".replace("  ", " "),
             f"{some['obstacles']} obstacles, {some['count']} runs: {some['contacts_at_speed']} contacts at speed in "
-            f"{some['runs_with_contacts']}, {some['contacts_at_rest']} at rest, "
+            f"{some['runs_with_contacts']}, {some['contacts_with_seen']} with what was in view, "
+            f"{some['contacts_at_rest']} at rest, "
             + ("" if near is None else f"least distance {1e3 * near:.0f} mm, ")
             + ("" if some["share"] is None else f"share {some['share']:.2f}, ")
             + f"path {some['path_m']:.1f} m, {some['unproven']} unproven, step {times(some['step_ms'])}",
-            some["contacts_at_speed"] == 0,
+            some["contacts_with_seen"] == 0,
         )
 
 

@@ -590,7 +590,9 @@ class Guard:
         cause = stopped, stopped
         steered: Steered | None = None
         if self._steering is not None and not now.leaving:
-            steered = self._steering.steer(v, now.start, now.outlook.scene, partial(self._certify, now=now, error=now.due))
+            steered = self._steering.steer(
+                v, now.start, now.outlook.scene, partial(self._certify, now=now, error=now.due)
+            )
             v, cause = steered.v, self._steering.cause if steered.turned else cause
         free, turned = steered is not None and steered.free, steered is not None and steered.turned
         pairs = now.pairs.own if free else now.pairs  # the base was looked ahead with, and the joints were not
