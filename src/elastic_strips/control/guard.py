@@ -54,6 +54,7 @@ _SELF_REACH = 0.1  # [m] within which links count for each other
 _FARTHEST = 1.0  # [m] and obstacles, at most
 _SHARES = (1.0, 0.6, 0.25, 0.0)  # of the base's, or the arm's command that are tried one after the other
 _STUCK = 1e-3  # [m] of room below which none of them is tried
+_ROOM = 1e-3  # [m] from obstacles, besides what a tracking error takes, with which motions are certified
 _CALM = 0.5  # [s] for which a tracking error is kept that is no longer needed: it comes and goes with every fix
 
 
@@ -279,7 +280,7 @@ class Guard:
         self._levels = (0, 0)  # where in `_SHARES` the next period begins
         self._inside = False  # whether the robot leaves its clearance, or has to
         self._said: tuple[GuardOutcome, str, str] | None = None
-        self._clearance = drive.clearance  # that the active motion is certified with
+        self._short = 0.0  # [m] by which the active motion's clearance is less, as the robot leaves what is near
         self._lender: Controller | None = None
         self._own = self.executor
         self._frames: dict[str, int] = {}
@@ -335,7 +336,7 @@ class Guard:
             taken.link,
             taken.obstacle,
             taken.distance,
-            self._clearance,
+            executor.proven + self.params.drive.margin - self._short,
             taken.tries,
             max(float(standing), 0.0),
         )
@@ -401,7 +402,7 @@ class Guard:
 
     def _forget(self) -> None:
         self._proof = self._said = None
-        self._clearance = self._margins.clearance
+        self._short = 0.0
         if self._steering is not None:
             self._steering.forget()
 
@@ -534,7 +535,7 @@ class Guard:
         hold = self.params.hold * max(executor.period.seconds, drive.control_dt)
         wide = replace(outlook.margins, tracking_error=self._due.value).clearance
         pairs = self._proposer.look(start, outlook, settle=hold + drive.settle_time, clearance=wide)
-        now = _Now(start, hold, outlook, pairs, *self._kept(pairs, start), self._due.value)
+        now = _Now(start, hold, outlook, pairs, *self._kept(pairs, start), self._room_for_error(pairs))
         v, cause = self._proposed(wanted, now)
         if float(np.abs(v[self._columns] / self._scale).max()) < _NOTHING:
             none = self._none(t, f"{cause[0]} is near {cause[1]}")
@@ -565,7 +566,8 @@ class Guard:
                     return replace(self._none(t, executor.run.reason), tries=tries)
                 if options.softened and not cause[0]:
                     cause = self._refused
-                self._proof, self._clearance, self._levels = (motion, outlook), now.clearance, options.easier
+                self._proof, self._levels = (motion, outlook), options.easier
+                self._short = outlook.margins.clearance - now.clearance
                 return self._taken(v, wanted, now, cause, tries)
             self._refused = pair = broken.labels or (broken.link, broken.obstacle)
             if tries == 1:
@@ -642,6 +644,11 @@ class Guard:
         share = min(max(along / size, 0.0), 1.0)
         return _Taken(v, outcome, share, reason, link, obstacle, now.pairs.of(link, obstacle), tries)
 
+    def _room_for_error(self, pairs: NearPairs) -> float:
+        """The tracking error [m] that is due, as far as there is room for it where the robot is."""
+        least, room = self._margins.tracking_error, float(pairs.distance[: pairs.outer].min(initial=math.inf))
+        return max(least, min(self._due.value, room - self._margins.margin - _ROOM))
+
     def _within_stops(self, wanted: Array, start: ReferenceState, hold: float) -> tuple[Array, str]:
         """A velocity (nv,) with which no joint passes its stop, and the joint that this slows most."""
         space, base, k = self.robot.space, self.robot.space.base_nv, self.limits.drive_dim
@@ -697,26 +704,15 @@ class Guard:
         executor, self._levels = self.executor, (0, 0)
         if self._steering is not None:
             self._steering.forget()
-        self._prove_again(t)
+        stands, refuted = executor.at_rest(t), self._recheck(t)
         if holds and not executor.waits:
             executor.hold(reason, executor.active, executor.proven)
         else:
             executor.reject(reason)
-        stands = executor.at_rest(t)
-        if not stands:
-            self._recheck(t)
+        if refuted:
+            executor.brake(refuted)
         outcome = GuardOutcome.STOPPED if stands else GuardOutcome.BRAKING
         return _Taken(np.zeros(self.robot.nv), outcome, 0.0, reason)
-
-    def _prove_again(self, t: float) -> None:
-        """Certify the active motion with a larger error, where the robot comes near to what it was proven with."""
-        executor, outlook, due = self.executor, self._outlook, self._due.value
-        if outlook is None or executor.waits or executor.at_rest(t) or due <= executor.proven:
-            return
-        clearance = self._clearance + due - outlook.margins.tracking_error
-        rest = executor.active.tail(t)
-        if self._certifier.certify(rest, outlook.scene, outlook.possible, clearance=clearance).certified:
-            executor.hold(executor.run.reason, executor.active, due)
 
     def _failed(self, t: float, reason: str) -> _Taken:
         """Forget what is known after an exception; the active motion goes on to its end."""
@@ -731,21 +727,26 @@ class Guard:
         outcome = GuardOutcome.STOPPED if stands else GuardOutcome.BRAKING
         return _Taken(np.zeros(self.robot.nv), outcome, 0.0, reason)
 
-    def _recheck(self, t: float) -> None:
-        """Certify the active motion anew where the scene is not what its certificate allowed for."""
-        outlook, active, proof = self._outlook, self.executor.active, self._proof
-        if outlook is None:
-            return
-        if proof is not None and proof[0] is active and (proof[1] is outlook or proof[1].allows(outlook.scene)):
-            return
-        rest = active.tail(t)
-        kept = min(self._clearance, outlook.margins.clearance)
-        certificate = self._certifier.certify(rest, outlook.scene, outlook.possible, clearance=kept)
-        if certificate.certified:
-            self._proof = active, outlook
-            return
+    def _recheck(self, t: float) -> str:
+        """Certify the active motion anew where the scene is not what its certificate allowed for, or where the robot
+        comes near to the tracking error that it was proven with; why it has to brake, empty where it need not."""
+        outlook, executor, proof = self._outlook, self.executor, self._proof
+        active, proven, due = executor.active, executor.proven, self._due.value
+        if outlook is None or executor.at_rest(t):
+            return ""
+        holds = proof is not None and proof[0] is active and (proof[1] is outlook or proof[1].allows(outlook.scene))
+        rest, broken, least = active.tail(t), None, outlook.margins.tracking_error
+        for error in sorted({max(due, proven, least), max(proven, least), least}, reverse=True):
+            if holds and error <= proven:
+                return ""
+            kept = replace(outlook.margins, tracking_error=error).clearance - self._short
+            broken = self._certifier.certify(rest, outlook.scene, outlook.possible, clearance=kept).broken
+            if broken is None:
+                self._proof = active, outlook
+                executor.hold(executor.run.reason, active, error)
+                return ""
         self._proof = None
-        self.executor.brake(f"the motion is no longer certified: {certificate.broken}")
+        return f"the motion is no longer certified: {broken}"
 
     def _say(self, t: float, taken: _Taken) -> None:
         """Write down what is bent or refused, once for each link and obstacle."""
