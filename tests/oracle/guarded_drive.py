@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array
 from elastic_strips.control import Desired, Guard, GuardedCommand, GuardOutcome, GuardParams
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.robot import RobotModel
@@ -28,7 +28,7 @@ class GuardedDrive:
         self,
         robot: RobotModel,
         world: World | list[Obstacle],
-        start: ArrayLike | None = None,
+        start: Array | None = None,
         params: GuardParams | None = None,
         guard: Guard | None = None,
         seed: int = 1,
