@@ -566,12 +566,13 @@ def guard(
     """Pilots who mean harm drive a robot in a hall: the guard must let nobody touch anything at speed, and pass on what
     it can."""
     from elastic_strips.sim import Fault
-    from workshop.bench.guard import PILOTS, bench_guard, bench_passing
+    from workshop.bench.guard import PILOTS, bench_guard
+    from workshop.bench.guard_passing import bench_passing
 
     chosen = ["" if base == "own" else base for base in bases]
     if passing:
         with options.LateProgress("passing") as bar:
-            figures = bench_passing(robots, bar.step, bases=chosen)
+            figures = bench_passing(robots, range(first, first + seeds), bar.step, bases=chosen)
         _passing_rows(figures)
     else:
         runs = len(robots) * len(chosen) * len(pilots or PILOTS) * len(methods) * len(obstacles) * seeds
@@ -623,14 +624,17 @@ def _passing_rows(figures: Figures) -> None:
                 causes = ", ".join(f"{name} ({count})" for name, count in free["causes"])
                 row(
                     told,
-                    f"{100 * free['share']:.1f} % where nothing is near, as it is in {100 * free['passed']:.1f} % of "
+                    f"{100 * free['share']:.1f} % ({100 * free['least_share']:.1f} % at least) where nothing is near, "
+                    f"as it is in {100 * free['passed']:.1f} % of "
                     f"the periods; bent by {causes or 'nothing'}",
                 )
         for name, wall in some.items():
             if name.startswith("wall"):
                 row(
                     f"wall at {name[5:]}°",
-                    f"{100 * wall['whole']:.0f} % of the speed, {100 * wall['settled']:.0f} % in its second half",
+                    f"{100 * wall['whole']:.0f} % of the speed, {100 * wall['settled']:.0f} % in its second half"
+                    + ("" if wall["of_free"] is None else f", {100 * wall['of_free']:.1f} % of that without the wall")
+                    + f"; {wall['braking']} periods of braking",
                 )
             elif name.startswith("door"):
                 row(
