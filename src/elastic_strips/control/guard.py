@@ -280,7 +280,8 @@ class Guard:
         self._levels = (0, 0)  # where in `_SHARES` the next period begins
         self._inside = False  # whether the robot leaves its clearance, or has to
         self._said: tuple[GuardOutcome, str, str] | None = None
-        self._short = 0.0  # [m] by which the active motion's clearance is less, as the robot leaves what is near
+        self._clearance = drive.clearance  # that the active motion is certified with
+        self._leaves = False  # whether that is less than was asked for
         self._lender: Controller | None = None
         self._own = self.executor
         self._frames: dict[str, int] = {}
@@ -336,7 +337,7 @@ class Guard:
             taken.link,
             taken.obstacle,
             taken.distance,
-            executor.proven + self.params.drive.margin - self._short,
+            self._clearance,
             taken.tries,
             max(float(standing), 0.0),
         )
@@ -402,7 +403,7 @@ class Guard:
 
     def _forget(self) -> None:
         self._proof = self._said = None
-        self._short = 0.0
+        self._clearance, self._leaves = self._margins.clearance, False
         if self._steering is not None:
             self._steering.forget()
 
@@ -567,7 +568,7 @@ class Guard:
                 if options.softened and not cause[0]:
                     cause = self._refused
                 self._proof, self._levels = (motion, outlook), options.easier
-                self._short = outlook.margins.clearance - now.clearance
+                self._clearance, self._leaves = now.with_error(proven), now.leaving
                 return self._taken(v, wanted, now, cause, tries)
             self._refused = pair = broken.labels or (broken.link, broken.obstacle)
             if tries == 1:
@@ -619,9 +620,8 @@ class Guard:
 
     def _certify(self, motion: Trajectory, now: _Now, error: float) -> Certificate:
         """Certify a motion with a tracking error [m]."""
-        clearance = now.clearance + error - now.outlook.margins.tracking_error
-        scene, possible = now.outlook.scene, now.outlook.possible
-        return self._certifier.certify(motion, scene, possible, clearance=clearance, self_clearance=now.self_clearance)
+        scene, possible, kept = now.outlook.scene, now.outlook.possible, now.with_error(error)
+        return self._certifier.certify(motion, scene, possible, clearance=kept, self_clearance=now.self_clearance)
 
     def _reachable(self, v: Array, now: _Now) -> Array:
         """(k + n,) the speeds of drive and joints that a velocity (nv,) comes to while it is held."""
@@ -736,13 +736,15 @@ class Guard:
             return ""
         holds = proof is not None and proof[0] is active and (proof[1] is outlook or proof[1].allows(outlook.scene))
         rest, broken, least = active.tail(t), None, outlook.margins.tracking_error
-        for error in sorted({max(due, proven, least), max(proven, least), least}, reverse=True):
+        errors = {min(least, proven)} if self._leaves else {max(due, proven, least), max(proven, least), least}
+        for error in sorted(errors, reverse=True):
             if holds and error <= proven:
                 return ""
-            kept = replace(outlook.margins, tracking_error=error).clearance - self._short
+            kept = replace(outlook.margins, tracking_error=error).clearance
+            kept = min(kept, self._clearance) if self._leaves else kept
             broken = self._certifier.certify(rest, outlook.scene, outlook.possible, clearance=kept).broken
             if broken is None:
-                self._proof = active, outlook
+                self._proof, self._clearance = (active, outlook), kept
                 executor.hold(executor.run.reason, active, error)
                 return ""
         self._proof = None
@@ -788,6 +790,10 @@ class _Now:
     self_clearance: float
     slow_from: int
     due: float
+
+    def with_error(self, error: float) -> float:
+        """The clearance [m] that motions keep that are certified with a tracking error [m]."""
+        return self.clearance + error - self.outlook.margins.tracking_error
 
     @property
     def leaving(self) -> bool:
