@@ -664,7 +664,7 @@ class Guard:
         v = wanted.copy()
         v[base:] = rates
         worst = int(np.argmax(less))
-        return v, self.robot.joint_names[worst] if less[worst] > 1e-3 else ""
+        return v, self.robot.joint_names[worst] if less[worst] > _ZERO else ""
 
     def _kept(self, pairs: NearPairs, start: ReferenceState) -> tuple[float, float, int]:
         """What motions keep now from obstacles and between links [m], and the first coordinate that has to be slow.

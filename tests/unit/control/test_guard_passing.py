@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from cases import each
 from guarded_drive import DT, FAR, WALL, GuardedDrive
 
 from elastic_strips.control import Desired, GuardOutcome, GuardParams
@@ -47,9 +46,8 @@ def test_full_speed_passes_where_the_robot_is_further_off_than_the_least_error(s
     assert drive.answers[-1].clearance == pytest.approx(executor.proven + drive.guard.params.drive.margin)
 
 
-@each("angle", [20.0, 40.0, 60.0])
-def test_it_keeps_its_speed_along_a_wall_where_it_is_further_off_than_the_least_error(angle, silvermate):
-    start = silvermate.home(yaw=0.5 * math.pi - math.radians(angle), **OUT)
+def test_it_keeps_its_speed_along_a_wall_where_it_is_further_off_than_the_least_error(silvermate):
+    start = silvermate.home(yaw=0.5 * math.pi - math.radians(40.0), **OUT)
     drive = GuardedDrive(silvermate, [WALL], start, FINE, seed=2).run(6.0, Desired(twist=[1.0, 0.0, 0.0]))
     rows = np.array(drive.rows)
     assert (rows[-1, 1] - rows[-200, 1]) / (199 * DT) > 0.8 * 0.95
