@@ -180,7 +180,7 @@ def test_beside_a_wall_it_is_not_steered_round_and_round_for_who_passes(silverma
     """A command straight ahead at a wall is turned along that; who passes is braked for, as elsewhere."""
     wall = Box((8.0, 0.15, 1.0), at=(3.0, 1.7, 0.5), name="wall")
     walker = Cylinder(0.25, 1.7, at=(3.6, -1.8, 0.85), name="walker", motion=Twist((0.0, 0.5, 0.0)))
-    drive = Drive(silvermate, [wall, walker], start=silvermate.home(x=1.2, y=0.1, yaw=1.1))
+    drive = GuardedDrive(silvermate, [wall, walker], start=silvermate.home(x=1.2, y=0.1, yaw=1.1))
     drive.run(7.0, Desired(twist=[1.0, 0.0, 0.0]))
     yaw = np.array(drive.rows)[:, 2]
     assert yaw.min() < 0.5  # along the wall
