@@ -570,6 +570,7 @@ def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None
 @click.option("--plant", type=options.PLANT, default="kinematic", show_default=True, help="The machine.")
 @click.option("--time", type=click.FloatRange(1.0, 3600.0), default=15.0, show_default=True, help="Of a run [s].")
 @click.option("--passing", is_flag=True, help="Measure what passes: far from everything, along walls, in doors.")
+@options.sensors_option
 @options.compute_option
 @options.processes_option
 @runs_option
@@ -585,6 +586,7 @@ def guard(
     plant: str,
     time: float,
     passing: bool,
+    sensors: str | None,
     compute: str | None,
     processes: int | None,
     json_file: str | None,
@@ -592,12 +594,13 @@ def guard(
     """Pilots who mean harm drive a robot in a hall: the guard must let nobody touch anything at speed, and pass on what
     it can."""
     from elastic_strips.sim import Fault
-    from workshop.bench.guard import PILOTS, bench_guard, bench_passing
+    from workshop.bench.guard import PILOTS, bench_guard
+    from workshop.bench.guard_passing import bench_passing
 
     chosen = ["" if base == "own" else base for base in bases]
     if passing:
         with options.LateProgress("passing") as bar:
-            figures = bench_passing(robots, bar.step, bases=chosen)
+            figures = bench_passing(robots, range(first, first + seeds), bar.step, bases=chosen)
         _passing_rows(figures)
     else:
         runs = len(robots) * len(chosen) * len(pilots or PILOTS) * len(methods) * len(obstacles) * seeds
@@ -614,6 +617,7 @@ def guard(
                 plant=plant,
                 time=time,
                 compute=compute or "free",
+                sensors=options.sensors_of(sensors, robots[0]),
                 processes=processes,
             )
         _guarded_rows(figures)
@@ -626,11 +630,12 @@ def _guarded_rows(figures: Figures) -> None:
         row(
             f"{some['robot']} {some['base']} {some['method']}".replace("  ", " "),
             f"{some['obstacles']} obstacles, {some['count']} runs: {some['contacts_at_speed']} contacts at speed in "
-            f"{some['runs_with_contacts']}, {some['contacts_at_rest']} at rest, "
+            f"{some['runs_with_contacts']}, {some['contacts_with_seen']} with what was in view, "
+            f"{some['contacts_at_rest']} at rest, "
             + ("" if near is None else f"least distance {1e3 * near:.0f} mm, ")
             + ("" if some["share"] is None else f"share {some['share']:.2f}, ")
             + f"path {some['path_m']:.1f} m, {some['unproven']} unproven, step {times(some['step_ms'])}",
-            some["contacts_at_speed"] == 0,
+            some["contacts_with_seen"] == 0,
         )
 
 
@@ -647,14 +652,17 @@ def _passing_rows(figures: Figures) -> None:
                 causes = ", ".join(f"{name} ({count})" for name, count in free["causes"])
                 row(
                     told,
-                    f"{100 * free['share']:.1f} % where nothing is near, as it is in {100 * free['passed']:.1f} % of "
+                    f"{100 * free['share']:.1f} % ({100 * free['least_share']:.1f} % at least) where nothing is near, "
+                    f"as it is in {100 * free['passed']:.1f} % of "
                     f"the periods; bent by {causes or 'nothing'}",
                 )
         for name, wall in some.items():
             if name.startswith("wall"):
                 row(
                     f"wall at {name[5:]}°",
-                    f"{100 * wall['whole']:.0f} % of the speed, {100 * wall['settled']:.0f} % in its second half",
+                    f"{100 * wall['whole']:.0f} % of the speed, {100 * wall['settled']:.0f} % in its second half"
+                    + ("" if wall["of_free"] is None else f", {100 * wall['of_free']:.1f} % of that without the wall")
+                    + f"; {wall['braking']} periods of braking",
                 )
             elif name.startswith("door"):
                 row(
