@@ -68,10 +68,6 @@ _CONTACT_COST = 40.0
 """Cost of a contact, per second."""
 _STOP_COST = 10.0
 """Cost of a place and speed from which a stop could not be certified, per second."""
-_TURN_COST = 4.0
-"""Cost of being so near to a moving obstacle that one which turns to the robot at once would meet it at once [s]."""
-_ESCAPE_TIME = 1.2
-"""Time [s] after which the robot would have left the way of an obstacle that has turned to it at once."""
 _HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
 _LONGER_BY = np.array([0.0, 0.2, 0.5, 0.9])
@@ -145,7 +141,6 @@ class EvasivePlanner(OneThread):
         arrival: ArrivalTimes,
         pace: Pace | None = None,
         trend: Array | None = None,
-        turning: float = 0.0,
     ) -> PlanResult:
         """The given result, or one with a certified motion off the strip where that has a lower cost.
 
@@ -158,10 +153,9 @@ class EvasivePlanner(OneThread):
             arrival: times at the strip's nodes.
             pace: how much time there is for further motions where the best is not certified; enough where None.
             trend: (M, 3) accelerations [m/s²] with which the moving obstacles are expected to go on for a little while.
-            turning: how often [1/s] each is expected to take another course at once.
         """
         scene = outlook.scene
-        if not self.look(outlook, start, result.way, trend, turning):
+        if not self.look(outlook, start, result.way, trend):
             return result
         if result.accepted:
             rows = self._followed(result, start, arrival)
@@ -209,14 +203,7 @@ class EvasivePlanner(OneThread):
         return self.robot.space.interpolate(strip[i], strip[i + 1], s)
 
     @exclusive
-    def look(
-        self,
-        outlook: Outlook,
-        start: ReferenceState,
-        strip: Array,
-        trend: Array | None = None,
-        turning: float = 0.0,
-    ) -> bool:
+    def look(self, outlook: Outlook, start: ReferenceState, strip: Array, trend: Array | None = None) -> bool:
         """Take in a scene, for :meth:`cost` and :meth:`options`.
 
         Args:
@@ -224,7 +211,6 @@ class EvasivePlanner(OneThread):
             start: first state of the next motion.
             strip: (K, nv) coordinate rows of the path to the goal from there.
             trend: (M, 3) accelerations [m/s²] that are expected of the moving obstacles for a little while.
-            turning: how often [1/s] each is expected to take another course at once.
 
         Returns:
             Whether any moving obstacle may come near within the horizon; only then costs are defined.
@@ -243,7 +229,6 @@ class EvasivePlanner(OneThread):
             self._last = None
             return False
         self._lookahead, self._delay = lookahead, start.time - scene.time
-        self._turn_cost, self._turn_reach = _TURN_COST * turning, max(_ESCAPE_TIME * lookahead.pace, 1e-3)
         self._path = path = strip[:, :2]
         self._square = (path * path).sum(axis=1)
         self._rest = rest = np.zeros(len(path))
@@ -340,9 +325,6 @@ class EvasivePlanner(OneThread):
         apart = self._lookahead.near(pose, self._delay + self.time, params.lookahead) - self._clearance
         near = np.minimum(np.maximum(1.0 - apart / self._radius, 0.0), 1.5)
         cost = params.proximity_weight * near * near + _CONTACT_COST * (apart < 0.0)
-        if self._turn_cost > 0.0:
-            soon = np.maximum(1.0 - np.maximum(apart, 0.0) / self._turn_reach, 0.0)
-            cost += self._turn_cost * soon * soon
         cost[:, 1:] += _STOP_COST * self._blocked(pose)
         return cost @ self._weight
 

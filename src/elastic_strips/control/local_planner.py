@@ -88,7 +88,7 @@ class LocalPlanner:
                 hold=self.timer.held,
                 backward=params.backward,
             )
-        self.tracks: MoverTracks = MoverTracks(params.assumptions)
+        self.tracks: MoverTracks = MoverTracks()
         self.strip: Strip = strip
         self.off_strip: bool = False
         self.report: DeformReport | None = None
@@ -155,7 +155,7 @@ class LocalPlanner:
         self.deformer.reset()
         self.timer.certifier.reset()
         self._last = self._proof = None
-        self.tracks = MoverTracks(self.params.assumptions)
+        self.tracks = MoverTracks()
 
     def certify(self, motion: Trajectory, scene: Scene, tracking_error: float | None = None) -> Certificate:
         """Certify the rest of a motion against a newer scene, with the present tracking error or another one [m]."""
@@ -237,8 +237,7 @@ class LocalPlanner:
     def _plan(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         """Deform the strip, and plan a motion along it.
 
-        Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once, or
-        evades.
+        Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once.
         """
         start = active.at(begin)
         watch = PhaseClock()
@@ -248,7 +247,7 @@ class LocalPlanner:
         if self.pace.slow and self.report is not None and start.v.any():
             brake = self._brake(start, active, outlook, self.report, watch)
             if brake is not None:
-                return self._taken(self._evaded(brake, start, active, outlook, watch), start, outlook)
+                return brake
         report = self._deform(now, outlook, start, watch)
         curved = self._joins and self._runs_on(start, report)
         result = self._curved(start, active, outlook, report, watch) if curved else None
@@ -262,16 +261,17 @@ class LocalPlanner:
         timed = result.accepted or result.motion is not None
         if not result.accepted and start.v.any():
             result = self._on_active(result, start, active, outlook, watch)
-        if self.pace.has(self._evasion_took) or not result.accepted:
-            result = self._evaded(result, start, active, outlook, watch)
+        if self.evasion is not None and (self.pace.has(self._evasion_took) or not result.accepted):
+            self.evasion.hold = self.timer.held
+            before = self.pace.reading()
+            evade, trend = self.evasion.improved, self.tracks.trend(outlook)
+            result = evade(result, start, active, outlook, self.timer.certify, self.arrival, self.pace, trend)
+            self._evasion_took = self.pace.reading() - before
+            watch.mark("evasion")
         refused = not result.accepted and result.outcome is not PlanOutcome.BRAKE
         if refused and not timed and self._runs_on(start, report):  # from a velocity that points elsewhere
             curve = None if curved else self._curved(start, active, outlook, report, watch)
             result = self.timer.joining(result, start, outlook, watch) if curve is None else curve
-        return self._taken(result, start, outlook)
-
-    def _taken(self, result: PlanResult, start: ReferenceState, outlook: Outlook) -> PlanResult:
-        """The result of a tick, after what follows from it for the next one was noted."""
         on_strip = result.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE)
         self._joins = self._joins and not on_strip and result.outcome is not PlanOutcome.EVADE
         self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not on_strip)
@@ -281,20 +281,6 @@ class LocalPlanner:
             self._proof = None
         elif result.accepted and result.motion is not None:
             self._proof = result.motion, outlook
-        return result
-
-    def _evaded(
-        self, result: PlanResult, start: ReferenceState, active: Trajectory, outlook: Outlook, watch: PhaseClock
-    ) -> PlanResult:
-        """The given result, or a certified manoeuvre that is better; the given one where there is no evasion."""
-        if self.evasion is None:
-            return result
-        self.evasion.hold = self.timer.held
-        before = self.pace.reading()
-        evade, courses = self.evasion.improved, (self.tracks.trend(outlook), self.tracks.turning)
-        result = evade(result, start, active, outlook, self.timer.certify, self.arrival, self.pace, *courses)
-        self._evasion_took = self.pace.reading() - before
-        watch.mark("evasion")
         return result
 
     def _nearer(self, start: ReferenceState, outlook: Outlook) -> Outlook | None:

@@ -91,11 +91,6 @@ class ObstacleLookahead:
         return float(self._error[2].max(initial=0.0))
 
     @property
-    def pace(self) -> float:
-        """Mean speed [m/s] of the moving pieces that count."""
-        return float(np.hypot(self._discs[:, 2], self._discs[:, 3]).mean()) if len(self._discs) else 0.0
-
-    @property
     def movers(self) -> int:
         """Number of moving pieces that count."""
         return len(self._discs)

@@ -9,57 +9,36 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.scene import Scene, UnknownMotion
 
-from .params import ObstacleAssumptions
 from .prediction import Outlook
 
 _CHANGE_TIME = 0.2  # [s] over which changes of velocity are measured
 _LONGEST_GAP = 0.35  # [s] between two scenes; after a longer one a track begins anew
 _PLAUSIBLE = 1.2  # times the assumed acceleration, with the noise of the velocities: more is another course
-_FORGOTTEN = 30.0  # [s] after which a change of course counts a third
-_UNKNOWN_FOR = 5.0  # [s], of all obstacles together, for which they are taken to keep to their courses
 
 
 class MoverTracks:
     """Workspace: the stated velocities of moving obstacles, by name, from scene to scene.
 
     An obstacle whose motion is unknown has no track, and one that comes back after a gap begins anew.
-
-    Args:
-        assumptions: what is assumed of them.
     """
 
-    def __init__(self, assumptions: ObstacleAssumptions) -> None:
-        self._assumptions = assumptions
+    def __init__(self) -> None:
         self._time = -np.inf
-        self._turns = self._watched = 0.0  # changes of course, and time [s] in which they were made, of all together
         self._tracks: dict[str, deque[tuple[float, Array]]] = {}  # name → times [s] and velocities (3,) [m/s]
 
     def take(self, scene: Scene) -> None:
         """Take in a sensed scene; one that is not newer says nothing."""
         if scene.time <= self._time:
             return
-        passed = scene.time - self._time
-        before = self._tracks if passed <= _LONGEST_GAP else {}
+        before = self._tracks if scene.time - self._time <= _LONGEST_GAP else {}
         self._time, self._tracks = scene.time, {}
-        kept = float(np.exp(-passed / _FORGOTTEN))
-        self._turns, self._watched = kept * self._turns, kept * self._watched
-        assumed = _PLAUSIBLE * self._assumptions.acceleration * passed + 2.0 * self._assumptions.velocity_error
         for obstacle in scene:
             if obstacle.motion is None or isinstance(obstacle.motion, UnknownMotion) or not obstacle.name:
                 continue
             track = self._tracks[obstacle.name] = before.get(obstacle.name) or deque()
-            velocity = obstacle.velocity()[0]
-            if track:
-                self._watched += passed
-                self._turns += float(np.linalg.norm(velocity - track[-1][1])) > assumed
-            track.append((scene.time, velocity))
+            track.append((scene.time, obstacle.velocity()[0]))
             while len(track) > 1 and scene.time - track[1][0] >= _CHANGE_TIME:
                 track.popleft()
-
-    @property
-    def turning(self) -> float:
-        """How often [1/s] a moving obstacle has of late taken another course at once, beyond what is assumed of it."""
-        return self._turns / (self._watched + _UNKNOWN_FOR)
 
     def trend(self, outlook: Outlook) -> Array:
         """(M, 3) accelerations [m/s²] with which the obstacles of an outlook's forecast change their velocities.

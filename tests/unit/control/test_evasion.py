@@ -287,22 +287,6 @@ def test_who_could_not_stop_before_a_mover_pays_for_it(jackal_box):
     assert not evasion.look(outlook(Scene([far])), start, strip) or not evasion._blocked(pose).any()
 
 
-def test_where_movers_turn_at_once_all_ways_near_them_cost_more(jackal_box):
-    """One drives off, ahead: nothing is in the way. It costs to be near to it where movers are known to turn round."""
-    evasion = EvasivePlanner(jackal_box, limits_for(jackal_box), EvasionParams(), dt=0.02, hold=0.1)
-    start = ReferenceState(0.0, jackal_box.space.to_coordinates(jackal_box.home()), np.zeros(3), np.zeros(3))
-    leaving = Cylinder(0.3, 1.0, at=(1.8, 0.0, 0.5), name="leaving", motion=Twist((1.5, 0.0, 0.0)))
-    strip = np.column_stack([np.linspace(0.0, 6.0, 31), np.zeros((31, 2))])
-    pose = np.zeros((3, len(evasion.time), 3))
-    pose[..., 0] = np.array([1.5, 0.8, 0.0])[:, None] * evasion.time  # follows it close behind, slower, not at all
-    risks = []
-    for turning in (0.0, 0.4):
-        assert evasion.look(outlook(Scene([leaving])), start, strip, turning=turning)
-        risks.append(evasion._risk(pose))
-    assert risks[0].max() < 1e-9
-    assert risks[1][0] > risks[1][1] > risks[1][2] > 0.0
-
-
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
     limits = limits_for(jackal_box)
     evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1)

@@ -25,7 +25,7 @@ def trend(tracks: MoverTracks, scene: Scene) -> dict[str, np.ndarray]:
 
 
 def test_the_trend_is_the_acceleration_of_late():
-    tracks = MoverTracks(ObstacleAssumptions())
+    tracks = MoverTracks()
     for k in range(31):
         t = 0.05 * k
         velocities = {
@@ -48,24 +48,9 @@ def test_the_trend_is_the_acceleration_of_late():
         assert not found[name].any()
 
 
-def test_courses_that_nobody_assumed_are_counted() -> None:
-    """One of two turns round every second, and the other keeps to what is assumed, by errors of sensing, too."""
-    tracks = MoverTracks(ObstacleAssumptions())
-    for k in range(401):
-        t = 0.05 * k
-        kept = 0.8 + 0.4 * np.sin(t) + 0.018 * (-1.0) ** k
-        tracks.take(sensed(t, turning=(0.8 * (-1.0) ** (k // 20), 0.0), kept=(kept, 0.0)))
-        if t < 1.0 - 1e-6:
-            assert tracks.turning == 0.0
-    assert tracks.turning == pytest.approx(0.45, abs=0.1)
-    for k in range(401, 2001):
-        tracks.take(sensed(0.05 * k, turning=(0.8, 0.0), kept=(0.8, 0.0)))
-    assert tracks.turning < 0.1
-
-
 @pytest.mark.parametrize("gap", [1.0, 0.05])
 def test_a_track_begins_anew_after_a_gap(gap):
-    tracks = MoverTracks(ObstacleAssumptions())
+    tracks = MoverTracks()
     for k in range(11):
         tracks.take(sensed(0.05 * k, braking=(0.8 - 0.02 * k, 0.0)))
     scene = sensed(0.5 + gap, braking=(0.58, 0.0))
