@@ -233,6 +233,23 @@ def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
     )
 
 
+def house_scene(path: str | os.PathLike[str]) -> tuple[Scene, Array]:
+    """The house, and the low and high corner (2, 2) [m] of the ground to drive on.
+
+    Args:
+        path: The file, or the folder that holds ``house.json``.
+
+    Raises:
+        ScenarioError: The file is missing or not JSON, or an entry does not fit.
+    """
+    root = load_json(path, _HOUSE_FILE)
+    pieces = [
+        entry.checked(ConvexHull, entry["vertices"].rows(3, limit=MAX_LENGTH), name=entry["name"].text())
+        for entry in root["obstacles"]
+    ]
+    return root["obstacles"].checked(Scene, pieces), root["inside"].rows(2, limit=MAX_LENGTH)
+
+
 def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> DriveProblem:
     """The house with one of many pairs of start and goal: the robot at home, anywhere where it keeps 5 cm of clearance.
 
@@ -250,13 +267,7 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
     """
     if not robot.space.planar:
         raise RobotError(f"the base of {robot.name!r} is fixed; in the house it moves: use diff_drive or omni")
-    root = load_json(path, _HOUSE_FILE)
-    pieces = [
-        entry.checked(ConvexHull, entry["vertices"].rows(3, limit=MAX_LENGTH), name=entry["name"].text())
-        for entry in root["obstacles"]
-    ]
-    scene = root["obstacles"].checked(Scene, pieces)
-    low, high = root["inside"].rows(2, limit=MAX_LENGTH)
+    scene, (low, high) = house_scene(path)
     rng = np.random.default_rng(seed)
     params = DeformParams(clearance=_HOUSE_CLEARANCE)
     for _ in range(_MOST_TRIES):
@@ -279,7 +290,7 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
                 timeout=None,
                 robot=robot.name,
             )
-    root.fail(f"no free places for {robot.name!r} among {_MOST_TRIES} pairs")
+    raise ScenarioError(f"{os.fspath(path)}: no free places for {robot.name!r} among {_MOST_TRIES} pairs")
 
 
 def _pose(entry: Node, joints: dict[str, float]) -> PoseSpec:

@@ -328,6 +328,12 @@ def house(
     "--seconds", type=options.Finite(1.0, 36000), default=120.0, show_default=True, help="Of a drive, at most [s]."
 )
 @click.option("--moving/--static", default=False, show_default=True, help="Whether something moves beside what stands.")
+@click.option(
+    "--root",
+    metavar="DIR",
+    type=click.Path(exists=True, file_okay=False),
+    help="Folder with house.json, in which picks are; without it they are on tables in an open room.",
+)
 @options.compute_option
 @options.processes_option
 @runs_option
@@ -339,6 +345,7 @@ def goals(
     rate: float,
     seconds: float,
     moving: bool,
+    root: str | None,
     compute: str | None,
     processes: int | None,
     json_file: str | None,
@@ -347,7 +354,8 @@ def goals(
 
     every: a new goal every two seconds, taken at speed and, for comparison, after a stop. patrol: ten goals, passed
     and, for comparison, with a stop at each. path: a path of the base, kept to within 0.3 m. look: a hand that points
-    at a place. hands: poses of all hands at once; of one hand and the base where there is one only.
+    at a place. hands: poses of all hands at once; of one hand and the base where there is one only. picks: a can on
+    furniture is driven to, reached and lifted.
     """
     from workshop.bench.goals import bench_goals
 
@@ -363,7 +371,12 @@ def goals(
             moving=moving,
             compute=_compute(compute or "work"),
             processes=processes,
+            root=root,
         )
+    if case == "picks":
+        _pick_rows(figures, root)
+        output.write_document("figures", json_file, figures)
+        return
     output.say(f"{robot}, {case}, {'moving' if moving else 'static'}, {rate:g} Hz, computing: {figures['compute']}")
     for way, some in figures["ways"].items():
         output.say(f"{way}, {some['count']} drives")
@@ -372,6 +385,23 @@ def goals(
         if "error" in run or run["contacts"] or run["goals_missed"] or (case != "every" and not run["reached"]):
             row(f"{run['way']}, seed {run['seed']}", run.get("error") or f"{run['state']}: {run['reason']}", False)
     output.write_document("figures", json_file, figures)
+
+
+def _pick_rows(figures: Figures, root: str | None) -> None:
+    output.say(f"{figures['robot']}, picks {'on tables' if root is None else 'in the house'}")
+    for way, some in figures["ways"].items():
+        output.say(f"{way}, {some['count']} picks")
+        row("certified", f"{some['certified']} of {some['count']}", some["certified"] == some["count"])
+        for what, count in some["failures"].items():
+            row("configurations", f"{count} failed at {what}")
+        work = some["work_s"]
+        if work["p50"] is not None:
+            row("work", f"p50 {work['p50']:.1f} s, p95 {work['p95']:.1f} s as modelled")
+        if "reached" in some:
+            row("driven", f"{some['reached']} reached, {some['contacts']} contacts", some["contacts"] == 0)
+    for run in figures["runs"]:
+        if "error" in run or not run["certified"]:
+            row(f"{run['way']}, seed {run['seed']}", run.get("error") or f"{run['on']}: {run['reason']}", False)
 
 
 def _goal_rows(case: str, figures: Figures) -> None:
