@@ -27,7 +27,7 @@ from elastic_strips.scene import Box, ConvexHull, Cylinder, Keyframes, Obstacle,
 from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH
 from elastic_strips.strip import DeformParams
 from elastic_strips.summary import Summary
-from elastic_strips.validation import shown
+from elastic_strips.validation import check_number, shown
 
 _BARN_FILE, _DYNABARN_FILE, _BRIDGE_FILE = "barn_worlds.json", "dynabarn_worlds.json", "bridge.json"
 _HOUSE_FILE = "house.json"
@@ -130,7 +130,7 @@ def dynabarn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
     return _ids(path, _DYNABARN_FILE)
 
 
-def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
+def load_dynabarn(path: str | os.PathLike[str], id: int, *, begin: float = 0.0) -> DriveProblem:
     """One of the arenas: walls are boxes, discs are cylinders with looped keyframes, straight from one to the next.
 
     Nearly all loops jump: at the end of its period a disc is back at its first keyframe, often on the other side of
@@ -141,10 +141,13 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     Args:
         path: The file, or the folder that holds ``dynabarn_worlds.json``.
         id: The world's number.
+        begin: Time of the loops [s] at which the robot sets out.
 
     Raises:
         ScenarioError: As for `dynabarn_ids`, or there is no world of that id.
+        ParameterError: A time to begin at that is negative or not finite.
     """
+    check_number("begin", begin, low=0.0, unit="s")
     root, world, radius, length, z = _read(path, _DYNABARN_FILE, id)
     obstacles: list[Obstacle] = [_wall(wall) for wall in world["walls"]]
     for disc in world["obstacles"]:
@@ -153,7 +156,7 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
         if abs(last - disc["period"].number(low=0.0, unit="s")) > 1e-6:
             disc.fail(f"the period is {disc['period'].value} s, but the keyframes last {last:g} s")
         positions = np.column_stack((frames[:, 1:], np.full(len(frames), z)))
-        motion = disc.checked(Keyframes, frames[:, 0], positions, loop=True)
+        motion = disc.checked(Keyframes, frames[:, 0] - begin, positions, loop=True)
         obstacles.append(disc.checked(Cylinder, radius, length, name=disc["name"].text(), motion=motion))
     problem = _jackal_problem(f"dynabarn-{id}", root, world, world.checked(Scene, obstacles))
     return replace(problem, difficulty=world["difficulty"].text())
@@ -230,6 +233,23 @@ def load_bridge(path: str | os.PathLike[str]) -> DriveProblem:
     )
 
 
+def house_scene(path: str | os.PathLike[str]) -> tuple[Scene, Array]:
+    """The house, and the low and high corner (2, 2) [m] of the ground to drive on.
+
+    Args:
+        path: The file, or the folder that holds ``house.json``.
+
+    Raises:
+        ScenarioError: The file is missing or not JSON, or an entry does not fit.
+    """
+    root = load_json(path, _HOUSE_FILE)
+    pieces = [
+        entry.checked(ConvexHull, entry["vertices"].rows(3, limit=MAX_LENGTH), name=entry["name"].text())
+        for entry in root["obstacles"]
+    ]
+    return root["obstacles"].checked(Scene, pieces), root["inside"].rows(2, limit=MAX_LENGTH)
+
+
 def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> DriveProblem:
     """The house with one of many pairs of start and goal: the robot at home, anywhere where it keeps 5 cm of clearance.
 
@@ -247,13 +267,7 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
     """
     if not robot.space.planar:
         raise RobotError(f"the base of {robot.name!r} is fixed; in the house it moves: use diff_drive or omni")
-    root = load_json(path, _HOUSE_FILE)
-    pieces = [
-        entry.checked(ConvexHull, entry["vertices"].rows(3, limit=MAX_LENGTH), name=entry["name"].text())
-        for entry in root["obstacles"]
-    ]
-    scene = root["obstacles"].checked(Scene, pieces)
-    low, high = root["inside"].rows(2, limit=MAX_LENGTH)
+    scene, (low, high) = house_scene(path)
     rng = np.random.default_rng(seed)
     params = DeformParams(clearance=_HOUSE_CLEARANCE)
     for _ in range(_MOST_TRIES):
@@ -276,7 +290,7 @@ def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> Dr
                 timeout=None,
                 robot=robot.name,
             )
-    root.fail(f"no free places for {robot.name!r} among {_MOST_TRIES} pairs")
+    raise ScenarioError(f"{os.fspath(path)}: no free places for {robot.name!r} among {_MOST_TRIES} pairs")
 
 
 def _pose(entry: Node, joints: dict[str, float]) -> PoseSpec:

@@ -1,4 +1,5 @@
-"""Goals on the move: new goals at speed, goals passed without a stop, followed paths, gazes, poses of both hands."""
+"""Goals on the move: new goals at speed, goals passed without a stop, followed paths, gazes, poses of both hands; picks
+are in :mod:`workshop.bench.picks`."""
 
 from __future__ import annotations
 
@@ -31,6 +32,7 @@ from elastic_strips.strip import LookAt
 
 from .drive import crossing, hall_world
 from .measure import Figures, Note, head, percentiles, silent
+from .picks import DRIVEN, FOAM, STANDING, measure_pick, summary
 
 FLOW, STOP = "flow", "stop"
 """At a goal, or for a new one, the robot drives on; or it stops first."""
@@ -40,6 +42,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "path": (FLOW,),
     "look": (FLOW,),
     "hands": (FLOW,),
+    "picks": (FOAM, STANDING, DRIVEN),
 }
 """What is measured, and in which ways."""
 _REST_SPEED = 0.01  # [m/s, rad/s] a robot that is slower stands
@@ -71,6 +74,7 @@ class _Task:
     seconds: float
     moving: bool
     compute: str
+    root: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,13 +155,15 @@ def bench_goals(
     moving: bool = False,
     compute: str = "work",
     processes: int | None = 1,
+    root: str | None = None,
 ) -> Figures:
     """Drive to goals that change, or are passed, and evaluate each drive from its true states.
 
     ``every``: a new goal every two seconds in a hall; ``patrol``: ten goals in a loop, with obstacles beside it; each
     once driving on and once with stops. ``path``: a path through a corridor, kept to within 0.3 m. ``look``: a drive
     through the hall on which a hand points at a place. ``hands``: all hands at poses over a table at once; of a robot
-    with one hand, the hand and the base.
+    with one hand, the hand and the base. ``picks``: a can on furniture is driven to, reached and lifted:
+    planned on foam and standing on the furniture itself, and on foam planned for a drive and driven.
 
     Args:
         robot: name of the robot, or a URDF file.
@@ -170,6 +176,7 @@ def bench_goals(
         moving: whether something moves beside what stands.
         compute: cost of computing; see :func:`~elastic_strips.sim.simulation`.
         processes: drives at once.
+        root: folder of the house in which ``picks`` are; tables in an open room where None.
 
     Raises:
         ParameterError: an unknown case.
@@ -178,21 +185,22 @@ def bench_goals(
     if case not in CASES:
         raise ParameterError(f"case={case!r} is unknown{nearest_name(case, CASES)}")
     tasks = [
-        _Task(case, way, robot, base, int(seed), rate, seconds, moving, compute)
+        _Task(case, way, robot, base, int(seed), rate, seconds, moving, compute, root)
         for seed in seeds
         for way in CASES[case]
     ]
     runs = []
     for run in parallel_map(_drive, tasks, processes):
         runs.append(run)
-        step(f"{run['way']}, seed {run['seed']}: {run.get('error') or run['state']}")
+        step(f"{run['way']}, seed {run['seed']}: {run.get('error') or run.get('state') or run['reason']}")
     errors = {run.get("error") for run in runs}
     if len(errors) == 1 and (error := errors.pop()) is not None:
         raise InputError(f"none of {len(runs)} drives could begin: {error}")
     runs.sort(key=lambda r: (r["seed"], r["way"]))
+    summed = summary if case == "picks" else _summary
     return {
         **head("goals", robot=robot, base=base, case=case, rate=rate, seconds=seconds, moving=moving, compute=compute),
-        "ways": {way: _summary([r for r in runs if r["way"] == way]) for way in CASES[case]},
+        "ways": {way: summed([r for r in runs if r["way"] == way]) for way in CASES[case]},
         "runs": runs,
     }
 
@@ -456,12 +464,17 @@ def _hands(task: _Task, robot: RobotModel) -> Figures:
     return _figures(done) | {"hands_off_m": misses}
 
 
+def _pick(task: _Task, robot: RobotModel) -> Figures:
+    return measure_pick(robot, task.way, task.seed, task.root, task.compute)
+
+
 _DRIVES: dict[str, Callable[[_Task, RobotModel], Figures]] = {
     "every": _every,
     "patrol": _patrol,
     "path": _path,
     "look": _look,
     "hands": _hands,
+    "picks": _pick,
 }
 
 

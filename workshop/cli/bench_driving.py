@@ -151,6 +151,21 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
     @options.robot_option("jackal-box")
     @seeds_option(1, "Runs of each world.", 1000)
     @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
+    @click.option(
+        "--difficulty",
+        type=click.Choice(["easy", "medium", "hard"]),
+        default=None,
+        help="Only worlds of this class, where they have one.",
+    )
+    @click.option(
+        "--phases",
+        type=click.IntRange(1, 100),
+        default=1,
+        show_default=True,
+        help="Runs of each seed that begin at other times of the obstacles' loops.",
+    )
+    @click.option("--method", type=METHOD, default="strip", show_default=True, help="What steers.")
+    @options.sensors_option
     @options.compute_option
     @options.processes_option
     @runs_option
@@ -159,12 +174,17 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
         robot: str,
         seeds: int,
         ids: tuple[int, ...],
+        difficulty: str | None,
+        phases: int,
+        method: str,
+        sensors: str | None,
         compute: str | None,
         processes: int | None,
         json_file: str | None,
     ) -> None:
         from workshop.bench.problems import bench_problems
 
+        config = options.sensors_of(sensors, robot)
         with options.LateProgress(kind) as bar:
             figures = bench_problems(
                 kind,
@@ -173,17 +193,25 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
                 robot=robot,
                 seeds=seeds,
                 ids=ids or None,
+                difficulty=difficulty or "",
+                phases=phases,
+                method=method,
+                sensors=config,
                 compute=_compute(compute),
                 processes=processes,
             )
-        output.say(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs, computing: {figures['compute']}")
+        output.say(
+            f"{robot}, {figures['method']}, {figures['worlds']} worlds, {figures['count']} runs, "
+            f"computing: {figures['compute']}"
+        )
         _problem_rows(figures)
         for name, group in figures["by_difficulty"].items():
             output.say(f"{name}, {group['count']} runs")
             _problem_rows(group)
         for run in figures["runs"]:
             if not run["success"]:
-                row(f"world {run['id']} seed {run['seed']}", run["reason"] or "an obstacle ran into the robot at rest")
+                which = f"world {run['id']} seed {run['seed']} phase {run['phase']}"
+                row(which, run["reason"] or "an obstacle ran into the robot at rest")
         output.write_document("figures", json_file, figures)
 
     return command
@@ -300,6 +328,12 @@ def house(
     "--seconds", type=options.Finite(1.0, 36000), default=120.0, show_default=True, help="Of a drive, at most [s]."
 )
 @click.option("--moving/--static", default=False, show_default=True, help="Whether something moves beside what stands.")
+@click.option(
+    "--root",
+    metavar="DIR",
+    type=click.Path(exists=True, file_okay=False),
+    help="Folder with house.json, in which picks are; without it they are on tables in an open room.",
+)
 @options.compute_option
 @options.processes_option
 @runs_option
@@ -311,6 +345,7 @@ def goals(
     rate: float,
     seconds: float,
     moving: bool,
+    root: str | None,
     compute: str | None,
     processes: int | None,
     json_file: str | None,
@@ -319,7 +354,8 @@ def goals(
 
     every: a new goal every two seconds, taken at speed and, for comparison, after a stop. patrol: ten goals, passed
     and, for comparison, with a stop at each. path: a path of the base, kept to within 0.3 m. look: a hand that points
-    at a place. hands: poses of all hands at once; of one hand and the base where there is one only.
+    at a place. hands: poses of all hands at once; of one hand and the base where there is one only. picks: a can on
+    furniture is driven to, reached and lifted.
     """
     from workshop.bench.goals import bench_goals
 
@@ -335,7 +371,12 @@ def goals(
             moving=moving,
             compute=_compute(compute or "work"),
             processes=processes,
+            root=root,
         )
+    if case == "picks":
+        _pick_rows(figures, root)
+        output.write_document("figures", json_file, figures)
+        return
     output.say(f"{robot}, {case}, {'moving' if moving else 'static'}, {rate:g} Hz, computing: {figures['compute']}")
     for way, some in figures["ways"].items():
         output.say(f"{way}, {some['count']} drives")
@@ -344,6 +385,23 @@ def goals(
         if "error" in run or run["contacts"] or run["goals_missed"] or (case != "every" and not run["reached"]):
             row(f"{run['way']}, seed {run['seed']}", run.get("error") or f"{run['state']}: {run['reason']}", False)
     output.write_document("figures", json_file, figures)
+
+
+def _pick_rows(figures: Figures, root: str | None) -> None:
+    output.say(f"{figures['robot']}, picks {'on tables' if root is None else 'in the house'}")
+    for way, some in figures["ways"].items():
+        output.say(f"{way}, {some['count']} picks")
+        row("certified", f"{some['certified']} of {some['count']}", some["certified"] == some["count"])
+        for what, count in some["failures"].items():
+            row("configurations", f"{count} failed at {what}")
+        work = some["work_s"]
+        if work["p50"] is not None:
+            row("work", f"p50 {work['p50']:.1f} s, p95 {work['p95']:.1f} s as modelled")
+        if "reached" in some:
+            row("driven", f"{some['reached']} reached, {some['contacts']} contacts", some["contacts"] == 0)
+    for run in figures["runs"]:
+        if "error" in run or not run["certified"]:
+            row(f"{run['way']}, seed {run['seed']}", run.get("error") or f"{run['on']}: {run['reason']}", False)
 
 
 def _goal_rows(case: str, figures: Figures) -> None:
@@ -708,6 +766,8 @@ def _problem_rows(figures: Figures) -> None:
         f"{100 * figures['collisions']:.1f} % of the runs at speed, "
         f"{100 * figures['run_into_at_rest']:.1f} % run into at rest",
     )
+    row("contacts", f"{figures['contacts_at_speed']} at speed; {figures['contacts_per_s']:.3f} a second of either kind")
+    row("reached", f"{100 * figures['reached']:.1f} %")
     if figures["time_s"]["p50"] is not None:
         row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
     if "score" in figures:

@@ -1,7 +1,8 @@
 """Planning: an initial strip, or several on different sides of the obstacles, and sets of them kept in a scene."""
 
 from .approach import ApproachReport, plan_approach
-from .goals import AllOf, BasePose, Goal, GoalSearch, HandPose, find_goals
+from .goal_search import GoalSearch, find_goals
+from .goals import AllOf, BasePose, Goal, HandPose
 from .grid_path import grid_path
 from .homotopy.alternatives import Alternative
 from .homotopy.strip_set import StripSet, StripSetParams, StripSetReport

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -19,16 +19,21 @@ from elastic_strips.strip import AxisConstraint, DeformParams
 from elastic_strips.summary import Summary
 from elastic_strips.validation import check_array, check_choice, check_number, named_arguments
 
-from .goals import HandPose, goal_configurations
+from .goal_search import goal_turns
+from .goals import HandPose
 from .leaving import MOST_DEPTH
 from .plan import plan_report
-from .problem import Deadline, PlanningProblem
+from .problem import PlanningProblem
 from .report import PlanReport
-from .straight import AXES, plan_straight
+from .straight import AXES, plan_straight, straight_lines
+from .validity import ValidityChecker
 
-_MOST_CONFIGURATIONS = 24  # configurations that are tried, at most
+_WANTED = 24  # configurations that are looked for before the first is tried
+_MOST_CONFIGURATIONS = 400  # that are tried, at most
+_TOGETHER = 16  # configurations that are looked at together
 _MOST_REASONS = 3  # reasons of each kind, at most
-_UNTRIED = "the end of work or time"
+_QUICK_DRIVE, _QUICK_SHARE = 0.5, 0.5  # [s] of work that a drive gets at first, and the part of all work for such
+_REACH, _DRIVE = "the reach", "the drive"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -120,48 +125,129 @@ def plan_approach(
     check_choice("axes", axes, AXES)
     motion = check_array("by", by, (3,))
     after = _After(robot, scene, frame, then, holding, start_depth, near)
-    solver = PoseSolver(robot, frame)
     beyond = scene if beyond is None else beyond
     deadline = PlanningProblem(  # refuses what is wrong with it
         robot, beyond, start, start, params=params, constraint=constraint, timeout=timeout, work=work
     ).deadline
-    drive = reach = None
-    done: tuple[PlanReport, ...] = ()
+    plan_drive = partial(plan_report, robot, beyond, start, params=params, constraint=constraint, seed=seed)
+    enough = (1.0 - _QUICK_SHARE) * deadline.left
     reasons: dict[str, list[str]] = {}
-    found = goal_configurations(
-        robot, scene, start, goals, seed=seed, params=near, count=_MOST_CONFIGURATIONS, deadline=deadline
-    )
-    deadline = Deadline(deadline.time_left, work)
-    for k, q in enumerate(found):
-        if k and deadline.over():
-            reasons.setdefault(_UNTRIED, []).extend(["not tried"] * (len(found) - k))
+    report = ApproachReport(False, None, None, "")
+    put_off: list[tuple[int, ApproachReport]] = []  # with the drive's place among the reasons
+    tried = 0
+
+    def finished(report: ApproachReport) -> ApproachReport:
+        said = f"none of {tried} configurations has a way to it: {_counted(reasons)}"
+        if report.certified:
+            assert report.drive is not None
+            others = f" (of {tried} {_counted(reasons, why=False)})" if reasons else ""
+            said = f"from a configuration all of it can be done{others}; {report.drive.reason}"
+        return replace(report, reason=said, failures={what: len(why) for what, why in reasons.items()})
+
+    look = _Look(robot, scene, beyond, frame, motion, axes, after, near, params)
+    turns = goal_turns(robot, scene, start, goals, seed=seed, params=near, count=_WANTED, deadline=deadline)
+    for q, offset, hopeless in look.at_each(turns):
+        if tried == _MOST_CONFIGURATIONS or (put_off and deadline.left < enough) or (tried and deadline.over()):
             break
-        turn = solver.place(robot.space.to_coordinates(q)[None])[1][0]
-        offset = turn @ motion if axes == "hand" else motion
-        reach = plan_straight(robot, scene, q, frame, -offset, params=near)
-        if not reach.certified:
-            reasons.setdefault("the reach", []).append(reach.reason)
+        tried += 1
+        if hopeless and len(reasons.get(hopeless, ())) >= _MOST_REASONS:
+            reasons[hopeless].append("")
+            continue
+        away = plan_straight(robot, scene, q, frame, -offset, params=near)
+        if not away.certified:
+            report = replace(report, reach=away)
+            reasons.setdefault(_REACH, []).append(away.reason)
             continue
         done, failed = after.plans(q)
+        report = replace(report, reach=_reversed(away), then=done)
         if failed:
             reasons.setdefault(failed[0], []).append(failed[1])
             continue
-        reach, before = _reversed(reach), reach.strip.q[-1]
-        left, share = deadline.turn(len(found) - k)
+        time, most = deadline.turn(1)
         try:
-            drive = plan_report(
-                robot, beyond, start, before, params=params, constraint=constraint, seed=seed, work=share, timeout=left
-            )
+            report = replace(report, drive=plan_drive(away.strip.q[-1], work=min(_QUICK_DRIVE, most), timeout=time))
         except ConfigurationError as error:
-            reasons.setdefault("the drive", []).append(f"before the place: {error}")
+            reasons.setdefault(_DRIVE, []).append(f"before the place: {error}")
             continue
-        if drive.certified:
-            failed = f" (of those before it {_counted(reasons, why=False)})" if reasons else ""
-            said = f"configuration {k + 1} of {len(found)}{failed}; {drive.reason}"
-            return ApproachReport(True, drive, reach, said, done, {what: len(why) for what, why in reasons.items()})
-        reasons.setdefault("the drive", []).append(drive.reason)
-    said = f"none of {len(found)} configurations has a way to it: {_counted(reasons)}"
-    return ApproachReport(False, drive, reach, said, done, {what: len(why) for what, why in reasons.items()})
+        assert report.drive is not None
+        if report.drive.certified:
+            return finished(replace(report, certified=True))
+        reasons.setdefault(_DRIVE, []).append(report.drive.reason)
+        put_off.append((len(reasons[_DRIVE]) - 1, report))
+    for k, (n, before) in enumerate(put_off):
+        if deadline.over():
+            break
+        time, most = deadline.turn(len(put_off) - k)
+        assert before.reach is not None
+        report = replace(before, drive=plan_drive(before.reach.strip.q[0], work=most, timeout=time))
+        assert report.drive is not None
+        if report.drive.certified:
+            del reasons[_DRIVE][n]
+            return finished(replace(report, certified=True))
+        reasons[_DRIVE][n] = report.drive.reason
+    return finished(report)
+
+
+class _Look:
+    """A look at what the hand is to do, for many configurations at once, before any of it is planned."""
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        beyond: Scene,
+        frame: str,
+        motion: Array,
+        axes: str,
+        after: _After,
+        near: DeformParams | None,
+        params: DeformParams | None,
+    ) -> None:
+        self._robot, self._motion, self._axes, self._after = robot, motion, axes, after
+        self._solver = PoseSolver(robot, frame)
+        self._valid, self._before = (
+            ValidityChecker(robot, world, margin=margin, self_margin=own)
+            for world, margin, own in ((scene, *_clearances(near)), (beyond, *_clearances(params)))
+        )
+
+    def at_each(self, turns: Iterable[Array]) -> Iterator[tuple[Array, Array, str]]:
+        """Each configuration (nq,), the hand's motion to there (3,) in the world, and what cannot be planned from
+        there, or empty."""
+        for found in turns:
+            for k in range(0, len(found), _TOGETHER):
+                some = found[k : k + _TOGETHER]
+                offsets, failed = self._some(some)
+                for n, q in enumerate(some):
+                    yield q, offsets[n], failed[n]
+
+    def _some(self, q: Array) -> tuple[Array, list[str]]:
+        """Motions (N, 3) to configurations (N, nq), and what fails there."""
+        rows, solver = self._robot.space.to_coordinates(q), self._solver
+        turn = solver.place(rows)[1].copy()
+        offsets = turn @ self._motion if self._axes == "hand" else np.tile(self._motion, (len(q), 1))
+        failed = [""] * len(q)
+        for k, by in enumerate((None, *self._after.motions)):
+            going = np.array([n for n in range(len(q)) if not failed[n]], dtype=int)
+            if len(going) == 0:
+                break
+            way = -offsets[going] if by is None else np.tile(by, (len(going), 1))
+            lines, steps = straight_lines(solver, rows[going], way)
+            most, what = lines.shape[1] - 1, _REACH if by is None else self._after.name(k - 1)
+            for n, line, got in zip(going.tolist(), lines, steps.tolist(), strict=True):
+                if got < most or (by is None and not self._valid.each(line).all()):
+                    failed[n] = what
+                elif by is None and not self._before.at(line[-1]):
+                    failed[n] = _DRIVE
+            if by is not None:
+                rows[going] = lines[:, -1]
+        self._valid.count()
+        self._before.count()
+        return offsets, failed
+
+
+def _clearances(params: DeformParams | None) -> tuple[float, float]:
+    """What has to be kept to obstacles and between the robot's own links, at least [m]."""
+    return (0.0, 0.0) if params is None else (params.clearance, params.self_clearance)
 
 
 class _After:
@@ -191,13 +277,17 @@ class _After:
         if holding is not None and not len(self.motions):
             raise ParameterError("holding is for the motions of then=…, and there are none")
 
+    def name(self, k: int) -> str:
+        """A motion in words."""
+        x, y, z = self.motions[k]
+        return f"then {k + 1} of {len(self.motions)}, by ({x:g}, {y:g}, {z:g}) m"
+
     def plans(self, q: Array) -> tuple[tuple[PlanReport, ...], tuple[str, str] | None]:
         """The plans from a configuration (nq,) at the place on; and the motion that fails, and why, or None."""
         plans: list[PlanReport] = []
         robot = self.robot
         for k, by in enumerate(self.motions):
-            x, y, z = by
-            what = f"then {k + 1} of {len(self.motions)}, by ({x:g}, {y:g}, {z:g}) m"
+            what = self.name(k)
             if k == 0:
                 try:
                     robot = self._held(q)
@@ -229,10 +319,11 @@ class _After:
 
 def _counted(reasons: Mapping[str, Sequence[str]], *, why: bool = True) -> str:
     """What configurations failed at, with their numbers, and the last reasons of each."""
-    return "; ".join(
-        f"{len(each)} failed at {what}" + (f" ({'; '.join(dict.fromkeys(each[-_MOST_REASONS:]))})" if why else "")
-        for what, each in reasons.items()
-    )
+    said = []
+    for what, each in reasons.items():
+        last = dict.fromkeys([reason for reason in each if reason][-_MOST_REASONS:])
+        said.append(f"{len(each)} failed at {what}" + (f" ({'; '.join(last)})" if why else ""))
+    return "; ".join(said)
 
 
 def _of_one_frame(places: HandPose | Sequence[HandPose]) -> tuple[list[HandPose], str]:

@@ -41,6 +41,7 @@ COMFORTABLE_CLEARANCE = 0.35
 _CELL_EDGE = 0.05  # [m] edge of a cell, where the grid is not too large
 GRID_MARGIN = 3.0  # [m] a grid reaches so far beyond what it is about
 _MOST_WALLS = 6  # that are named
+_NEXT_TO = 0.4  # of the inner disc's radius: a base so far from where a way leads is next to it
 _LARGEST_CELL = 0.5  # [m] a larger cell says nothing about where a robot passes
 
 
@@ -116,6 +117,51 @@ def grid_path(
         why = f": {walled}" if walled else ""
         return GridPath(None, f"no way for the base on a grid of {resolution:.3g} m {where}{why}", walled)
     return GridPath(smooth_path(path, resolution), "")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Ground:
+    """Where the base gets to from the start, as far as a grid says.
+
+    Attributes:
+        near: (rows, columns) cells to which, or to next to which, a way leads.
+        low: (2,) middle of the first cell [m].
+        resolution: edge of a cell [m].
+    """
+
+    near: Mask
+    low: Array
+    resolution: float
+
+    def reached(self, places: Array) -> Mask:
+        """(N,) whether a way leads to places (N, 2) [m] of the base."""
+        return self.near[tuple(_cells(places, self.low, self.resolution, self.near.shape).T)]
+
+
+def ground_about(robot: RobotModel, scene: Scene, start: Array, places: Array) -> Ground | None:
+    """Where the base gets to about places (K, 2) [m] from the start (nq,), by such a grid as :func:`grid_path`'s; None
+    where its cells would be too large to say.
+
+    Ways may lead around outside of a box that reaches 3 m beyond start and places.
+    """
+    from scipy.ndimage import distance_transform_edt, label  # late: slow to import
+
+    here = robot.space.to_coordinates(start)[None, :2]
+    low, shape, resolution = grid_frame(*box_about(np.vstack((here, places))), MOST_CELLS)
+    footprint = PlanarFootprint.of(robot, start)
+    if resolution > _NEXT_TO * footprint.inner:
+        return None
+    owner = owner_map(scene, low, shape, resolution, footprint.height)
+    cells = _cells(here, low, resolution, owner.shape)
+    cost = cell_cost(clearance_map(owner >= 0, resolution), footprint.inner, COMFORTABLE_CLEARANCE, cells, resolution)
+    open_ = np.isfinite(cost)
+    count_work(batches=1, cells=int(np.count_nonzero(open_)))
+    regions = np.asarray(cast("tuple[Indices, int]", label(open_, np.ones((3, 3), dtype=bool)))[0])
+    at_edge = np.unique(np.concatenate((regions[0], regions[-1], regions[:, 0], regions[:, -1])))
+    own = regions[tuple(cells[0])]
+    inside = np.isin(regions, at_edge[at_edge > 0]) if own in at_edge else regions == own
+    near = resolution * np.asarray(distance_transform_edt(~inside)) <= _NEXT_TO * footprint.inner
+    return Ground(near, low, resolution)
 
 
 def _cells(points: Array, low: Array, resolution: float, shape: tuple[int, ...]) -> Indices:

@@ -23,7 +23,8 @@ from elastic_strips.strip import AxisConstraint, Deformer, DeformParams, DeformR
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.validation import check_count, check_number, named_arguments
 
-from .goals import Goal, goal_configurations, is_goal_region
+from .goal_search import goal_configurations
+from .goals import Goal, is_goal_region
 from .homotopy.alternatives import AlternativesSearch
 from .initial_strip import rows_along
 from .leaving import MOST_DEPTH, Departure, joined, leave_contact

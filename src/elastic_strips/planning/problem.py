@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
@@ -106,6 +107,14 @@ class Deadline:
         if self._most is None:
             return Deadline(min(seconds, self.left))
         return Deadline(self.time_left, min(seconds, self._most - seconds_counted()))
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """What is computed meanwhile does not count as work; time goes on."""
+        before = seconds_counted()
+        yield
+        if self._most is not None:
+            self._most += seconds_counted() - before
 
     def turn(self, waiting: int) -> tuple[float, float]:
         """For the next of so many attempts that take turns: the time [s] that is left, and its share of what is left.

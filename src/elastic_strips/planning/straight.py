@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSolver, PoseTarget
@@ -77,8 +77,13 @@ def plan_straight(
     here, solver = robot.space.to_coordinates(q), PoseSolver(robot, frame)
     if axes == "hand":
         offset = solver.place(here[None])[1][0] @ offset
-    rows, left = _line(solver, here, offset)
+    lines, steps = straight_lines(solver, here[None], offset[None])
+    rows, left = lines[0, : max(int(steps[0]), 1) + 1], 0.0
+    if steps[0] < lines.shape[1] - 1:
+        left = float(np.linalg.norm(offset)) * (1.0 - float(steps[0]) / (lines.shape[1] - 1))
     ends = np.stack((q, robot.space.from_coordinates(rows[-1])))
+    if robot.space.planar:  # to the last bit
+        ends[1, :4] = q[:4]
     strip = Strip.from_coordinates(robot, rows, ends=ends)
     deformer = Deformer(robot, ARM if params is None else params)
     eased, departure, rest, why = "", None, strip, ""
@@ -123,22 +128,33 @@ def plan_straight(
     )
 
 
-def _line(solver: PoseSolver, here: Array, offset: Array) -> tuple[Array, float]:
-    """Rows (N, nv) along the line, as far as they go, and what is left of it [m]."""
+def straight_lines(solver: PoseSolver, here: Array, offsets: Array) -> tuple[Array, Indices]:
+    """Rows (N, K + 1, nv) along the lines of the solver's frame from configurations (N, nv), and how many of the K
+    steps (N,) each gets on before the joints end or would jump; it stays there.
+
+    Args:
+        solver: of one frame.
+        here: coordinate rows.
+        offsets: (N, 3) how far each frame moves along the world's axes [m].
+    """
     robot, space = solver.robot, solver.robot.space
-    position, turn = (each[0].copy() for each in solver.place(here[None]))
-    length = float(np.linalg.norm(offset))
-    count = max(1, int(np.ceil(length / _HAND_STEP)))
+    position, turn = (each.copy() for each in solver.place(here))
+    count = max(1, int(np.ceil(np.linalg.norm(offsets, axis=1).max() / _HAND_STEP)))
     free, exact = np.ones(robot.nv), np.zeros(3)
     free[: space.base_nv] = 0.0
-    rows = [here]
+    rows, steps = np.repeat(here[:, None], count + 1, axis=1), np.zeros(len(here), dtype=int)
+    going = np.arange(len(here))
     for k in range(1, count + 1):
-        begin = rows[-1] + (rows[-1] - rows[-2] if len(rows) > 1 else 0.0)
+        last = rows[going, k - 1]
+        begin = last + (last - rows[going, k - 2] if k > 1 else 0.0)
         begin = np.clip(begin, space.lower, space.upper)
-        target = PoseTarget(solver.frames[0], position + k / count * offset, turn, exact)
-        found, size = solver.solve(begin[None], [target], free, _MOST_ITERATIONS)
-        jump = float(np.abs(space.difference(rows[-1][None], found)).max())
-        if size[0] > _LINE_TOLERANCE or jump > _LARGEST_JOINT_STEP:
-            return np.array(rows if len(rows) > 1 else [here, here]), length * (1.0 - (k - 1) / count)
-        rows.append(found[0])
-    return np.array(rows), 0.0
+        target = PoseTarget(solver.frames[0], position[going] + k / count * offsets[going], turn[going], exact)
+        found, size = solver.solve(begin, [target], free, _MOST_ITERATIONS, every=True)
+        jump = np.abs(space.difference(last, found)).max(axis=1)
+        good = (size <= _LINE_TOLERANCE) & (jump <= _LARGEST_JOINT_STEP)
+        going = going[good]
+        if len(going) == 0:
+            break
+        rows[going, k:] = found[good, None]
+        steps[going] = k
+    return rows, steps

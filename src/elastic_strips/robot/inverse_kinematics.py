@@ -6,14 +6,14 @@ The damping is that of Sugihara (2011): half of the squared error, which is robu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, ArrayLike, Mask
+from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.errors import ParameterError, RobotError, nearest_name
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.summary import Summary
@@ -28,6 +28,7 @@ _LONGEST_STEP = 0.6  # [rad or m] longest of any coordinate at once
 _CONVERGED_ERROR = 1e-6  # [m] of the weighted error
 _ROUND_ITERATIONS = 40  # of a round
 _ROUND_STARTS = 16  # of a round
+_DRAWN = 8  # times as many random starts are drawn as are needed, where it is known which of them are promising
 _MOST_ROUNDS = 8
 _STALL_ITERATIONS, _STALL_RATIO = 12, 0.9  # a start whose error is not below 0.9 of what it was 12 iterations ago
 _BASE_WEIGHT = 0.05  # of the base's motion: it moves little where joints do
@@ -63,8 +64,8 @@ class PoseTarget:
 
     Attributes:
         frame: name of the frame.
-        position: (3,) its position in the world [m].
-        turn: (3, 3) its rotation in the world; None leaves it free.
+        position: (3,) its position in the world [m]; or (N, 3), of each row another.
+        turn: (3, 3) its rotation in the world, or (N, 3, 3); None leaves it free.
         within: (3,) how far it may be off along the world's axes [m]; infinite where an axis does not count.
     """
 
@@ -85,6 +86,11 @@ class PoseTarget:
             raise ParameterError(f"within={about.tolist()} must not be negative")
         turn = None if orientation is None else rotation_of(orientation)
         return PoseTarget(frame, check_array("position", position, (3,)), turn, about)
+
+    def of_rows(self, rows: Indices) -> PoseTarget:
+        """The target of some of the rows."""
+        turn = self.turn if self.turn is None or self.turn.ndim == 2 else self.turn[rows]
+        return replace(self, position=self.position if self.position.ndim == 1 else self.position[rows], turn=turn)
 
 
 class Residual(Protocol):
@@ -117,6 +123,9 @@ class PoseSolver(OneThread):
         frames: names of its frames.
         also: what is to be 0 besides.
 
+    Attributes:
+        reaches: how far each of the frames gets from the base, whatever the joints do, at most [m].
+
     Raises:
         RobotError: an unknown frame, or one that does not move.
     """
@@ -126,6 +135,7 @@ class PoseSolver(OneThread):
         self.frames: tuple[str, ...] = frames
         self.also: Residual | None = also
         self._frames = [_carried(robot, frame) for frame in frames]
+        self.reaches: tuple[float, ...] = tuple(_reach(robot, *frame) for frame in self._frames)
         self._kin = Kinematics(robot.tree, _ROUND_STARTS)
         space = robot.space
         self.lower: Array = np.maximum(space.lower, -np.pi)
@@ -181,7 +191,13 @@ class PoseSolver(OneThread):
 
     @exclusive
     def solve(
-        self, rows: Array, targets: Sequence[PoseTarget], free: Array, iterations: int = _ROUND_ITERATIONS
+        self,
+        rows: Array,
+        targets: Sequence[PoseTarget],
+        free: Array,
+        iterations: int = _ROUND_ITERATIONS,
+        *,
+        every: bool = False,
     ) -> tuple[Array, Array]:
         """Rows (N, nv) moved towards all targets together, and the weighted error [m] of each.
 
@@ -190,6 +206,7 @@ class PoseSolver(OneThread):
             targets: one for each of the frames, in their order.
             free: (nv,) 1 for coordinates that may move, 0 for others.
             iterations: largest number of steps.
+            every: whether all rows are to get there; with False it ends as soon as one does.
         """
         space, low, high = self.robot.space, self.robot.space.lower, self.robot.space.upper
         rows, size = rows.copy(), np.full(len(rows), np.inf)
@@ -198,15 +215,17 @@ class PoseSolver(OneThread):
         active = np.arange(len(rows))
         for _ in range(iterations):
             x = rows[active]
-            e = self._weighted(x, targets)
+            e = self._weighted(x, [target.of_rows(active) for target in targets])
             norm = np.sqrt((e * e).sum(axis=1))
             better = norm < size[active]
             best[active[better]], size[active[better]] = x[better], norm[better]
             history.append(size.copy())
-            if (size < _CONVERGED_ERROR).any():
+            if not every and (size < _CONVERGED_ERROR).any():
                 break
+            going = size[active] >= _CONVERGED_ERROR
             if len(history) > _STALL_ITERATIONS:
-                going = size[active] < _STALL_RATIO * history[-_STALL_ITERATIONS][active]
+                going &= size[active] < _STALL_RATIO * history[-_STALL_ITERATIONS][active]
+            if not going.all():
                 active, x, e, norm = active[going], x[going], e[going], norm[going]
                 if len(active) == 0:
                     break
@@ -266,6 +285,21 @@ def _carried(robot: RobotValue, frame: str) -> tuple[int, Array, Array]:
     return joint, placement[:3, :3], placement[:3, 3]
 
 
+def _reach(robot: RobotValue, joint: int, _rotation: Array, translation: Array) -> float:
+    """How far [m] a place (3,) in a joint's aligned frame gets from the base's, or from the origin where that is fixed,
+    at most: lengths add up."""
+    tree, base = robot.tree, 1 if robot.space.planar else 0
+    far = float(np.linalg.norm(translation))
+    while joint > base:
+        far += float(np.linalg.norm(tree.offset[joint, :3, 3]))
+        if tree.prismatic[joint]:
+            k = tree.coordinate_index[joint]
+            ends = np.array((robot.space.lower[k], robot.space.upper[k]))
+            far += float(np.abs(tree.multiplier[joint] * ends + tree.constant[joint]).max())
+        joint = int(tree.parents[joint])
+    return far
+
+
 def inverse_kinematics(
     robot: RobotValue,
     frame: str,
@@ -321,6 +355,7 @@ class PoseSearch(OneThread):
         near: as for :func:`inverse_kinematics`.
         rng: random numbers of the random starts.
         also: what is to be 0 besides.
+        promising: which of some rows (N, nv) are worth starting from, where the base may move; all are, where None.
 
     Attributes:
         misses: by how far the best so far misses each of the targets: distance [m] and angle [rad].
@@ -337,8 +372,10 @@ class PoseSearch(OneThread):
         near: ArrayLike | None,
         rng: np.random.Generator,
         also: Residual | None = None,
+        promising: Callable[[Array], Mask] | None = None,
     ) -> None:
         self.robot: RobotValue = robot
+        self._promising = promising
         self.misses: list[tuple[float, float]] = [(np.inf, 0.0)] * len(targets)
         self._solver = PoseSolver(robot, *(target.frame for target in targets), also=also)
         self._also_off = 0.0
@@ -356,6 +393,18 @@ class PoseSearch(OneThread):
         """The largest angle by which a frame is turned differently [rad], of the best so far."""
         return max((angle for _, angle in self.misses), default=0.0)
 
+    @property
+    def out_of_reach(self) -> bool:
+        """Whether the joints alone cannot bring a frame to its target, from where the base stands: it is further away
+        than the arm is long."""
+        base = np.zeros(3)
+        base[:2] = self._here[:2] if self.robot.space.planar else 0.0
+        for target, reach in zip(self._targets, self._solver.reaches, strict=True):
+            off = target.position - base
+            if np.linalg.norm(off - np.clip(off, -target.within, target.within)) > reach:
+                return True
+        return False
+
     def by_frame(self) -> dict[str, tuple[float, float]]:
         """The misses by the frames' names."""
         return dict(zip(self._solver.frames, self.misses, strict=True))
@@ -367,7 +416,7 @@ class PoseSearch(OneThread):
         free = np.ones(self.robot.nv)
         if not base:
             free[: space.base_nv] = 0.0
-        rows = solver.random_rows(_ROUND_STARTS, self._rng, self._targets, base, here)
+        rows = self._starts(base)
         if self._rounds[base] == 0:
             rows[0] = here
             if space.planar and base:
@@ -384,6 +433,15 @@ class PoseSearch(OneThread):
         if solver.also is not None:
             reached &= also <= solver.also.enough
         return self.sorted(rows[reached])
+
+    def _starts(self, base: bool) -> Array:
+        """Random rows to begin with, the promising ones first, where there are such."""
+        promising = self._promising if base else None
+        count = _ROUND_STARTS * (1 if promising is None else _DRAWN)
+        rows = self._solver.random_rows(count, self._rng, self._targets, base, self._here)
+        if promising is not None:
+            rows = rows[np.argsort(~promising(rows), kind="stable")]
+        return rows[:_ROUND_STARTS]
 
     def sorted(self, rows: Array) -> Array:
         """The rows (N, nv) that differ from each other, the nearest to where the search began first."""

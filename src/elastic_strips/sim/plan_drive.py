@@ -25,6 +25,7 @@ def drive_plan(
     plant: PlantParams | None = None,
     seed: int = 0,
     time_limit: float | None = None,
+    compute: str | float = "free",
 ) -> tuple[DriveResult, Array]:
     """Drive a plan in a world; returns the result, and the configuration (nq,) at which the robot believes to stand.
 
@@ -36,6 +37,7 @@ def drive_plan(
         plant: parameters of the simulated machine.
         seed: seed of plant and perception.
         time_limit: longest drive [s]; that of ``params`` where None.
+        compute: what computing costs in simulated time, as for :func:`simulation`.
 
     Raises:
         ParameterError: the plan is not certified (the message has its reason), or the URDF says nothing about wheels.
@@ -56,6 +58,7 @@ def drive_plan(
         strip=strip,
         seed=seed,
         plant=KinematicPlant(robot, limits, plant, seed=seed),
+        compute=compute,
     )
     result = run.run(time_limit=time_limit)
     return result, robot.space.from_coordinates(result.last)

@@ -176,6 +176,18 @@ def test_it_goes_on_along_a_wall(name, angle, request):
     assert GuardOutcome.BENT in drive.outcomes() or GuardOutcome.SLOWED in drive.outcomes()
 
 
+def test_beside_a_wall_it_is_not_steered_round_and_round_for_who_passes(silvermate):
+    """A command straight ahead at a wall is turned along that; who passes is braked for, as elsewhere."""
+    wall = Box((8.0, 0.15, 1.0), at=(3.0, 1.7, 0.5), name="wall")
+    walker = Cylinder(0.25, 1.7, at=(3.6, -1.8, 0.85), name="walker", motion=Twist((0.0, 0.5, 0.0)))
+    drive = GuardedDrive(silvermate, [wall, walker], start=silvermate.home(x=1.2, y=0.1, yaw=1.1))
+    drive.run(7.0, Desired(twist=[1.0, 0.0, 0.0]))
+    yaw = np.array(drive.rows)[:, 2]
+    assert yaw.min() < 0.5  # along the wall
+    assert yaw.min() > -1.0  # and not away from it
+    assert not drive.evaluated().collisions
+
+
 def test_a_drive_that_is_not_steered_stops_at_the_wall(silvermate):
     start = silvermate.home(yaw=0.5 * math.pi - math.radians(60.0))
     drive = GuardedDrive(silvermate, [WALL], start=start, params=GuardParams(steer=False))
