@@ -229,7 +229,7 @@ class GoalKeeper:
         stands = not (reference.v.any() or self._apart(reference.coordinates, end))
         beside = self._joins_from_beside(end, stands)
         if self._replan is None and t >= replanner.due:
-            start = self._robot.space.from_coordinates(end)
+            start = self._configuration(end)
             self._plan_from = end
             self._replan = self.plans.submit(replanner.another(scene, start, self.goal_q))
         if self._replan is not None and self._replan.done() and (stands or beside):
@@ -273,7 +273,15 @@ class GoalKeeper:
     def _plan_to(self, goal: Goal | Sequence[Goal], at: Array, scene: Scene) -> None:
         """Have the first strip to a goal planned, from a coordinate row (nv,)."""
         self._next_goal, self._plan_from = goal, at
-        self._next = self.plans.submit(self._replanner.first(scene, self._robot.space.from_coordinates(at), goal))
+        self._next = self.plans.submit(self._replanner.first(scene, self._configuration(at), goal))
+
+    def _configuration(self, row: Array) -> Array:
+        """(nq,) configuration at which a plan begins; a joint that is estimated a little beyond its range is at its
+        end."""
+        space = self._robot.space
+        within = np.clip(row, space.lower, space.upper)
+        near = np.abs(within - row) < _STRIP_START_OFFSET
+        return space.from_coordinates(np.where(near, within, row))
 
     def _take_next(self, t: float, plan: Future[PlanReport], scene: Scene) -> None:
         """Follow the first strip to another goal, from beside it where the robot moves."""

@@ -29,10 +29,10 @@ from .straight import AXES, plan_straight, straight_lines
 from .validity import ValidityChecker
 
 _WANTED = 24  # configurations that are looked for before the first is tried
-_MOST_CONFIGURATIONS = 400  # that are tried, at most
+_MOST_CONFIGURATIONS, _MOST_PLANNED = 400, 32  # that are looked at, and from which motions are planned in vain, at most
 _TOGETHER = 16  # configurations that are looked at together
 _MOST_REASONS = 3  # reasons of each kind, at most
-_QUICK_DRIVE, _QUICK_SHARE = 0.5, 0.5  # [s] of work that a drive gets at first, and the part of all work for such
+_QUICK_DRIVE, _QUICK_SHARE = 0.5, 0.3  # [s] of work that a drive gets at first, and the part of all work for such
 _REACH, _DRIVE = "the reach", "the drive"
 
 
@@ -44,11 +44,11 @@ class ApproachReport(Summary):
         certified: whether there are both strips, and all motions after them, and all are certified, but for the way out
             of what touches at the place (``start_depth``): that is the ``departure`` of the first of ``then``.
         drive: plan of the strip to where the hand stands before the place; the last one that was tried, or None.
-        reach: plan of the hand's straight motion from there to the place. If the last one that was tried is not
+        reach: plan of the hand's straight motion from there to the place. If the last one that was planned is not
             certified, it is that of the motion back, or None.
         reason: what happened, in words.
-        then: plans of the hand's motions after that, in their order; where the last configuration that was tried fails
-            at one of them, that one is the last.
+        then: plans of the hand's motions after that, in their order; where the last configuration from which they were
+            planned fails at one of them, that one is the last.
         failures: what configurations failed at, with their numbers: the reach, one of the motions after it, or the
             drive.
     """
@@ -88,7 +88,9 @@ def plan_approach(
     it is to do from there.
 
     The configuration at the place is one from which all of it can be done: that the hand gets there does not mean that
-    it can lift anything.
+    it can lift anything. Of each of the places configurations are looked for where a way of the base leads; they are
+    tried in turns, first with little work for the drive, and while none will do more are looked for. Among furniture
+    many places are needed, from around and from above (:meth:`HandPose.around`).
 
     Args:
         robot: the robot, with what it holds.
@@ -134,20 +136,22 @@ def plan_approach(
     reasons: dict[str, list[str]] = {}
     report = ApproachReport(False, None, None, "")
     put_off: list[tuple[int, ApproachReport]] = []  # with the drive's place among the reasons
-    tried = 0
+    tried = in_vain = 0
 
     def finished(report: ApproachReport) -> ApproachReport:
         said = f"none of {tried} configurations has a way to it: {_counted(reasons)}"
         if report.certified:
             assert report.drive is not None
-            others = f" (of {tried} {_counted(reasons, why=False)})" if reasons else ""
+            others = f" (of {tried} {_counted(reasons, why=False)})" if any(reasons.values()) else ""
             said = f"from a configuration all of it can be done{others}; {report.drive.reason}"
-        return replace(report, reason=said, failures={what: len(why) for what, why in reasons.items()})
+        return replace(report, reason=said, failures={what: len(why) for what, why in reasons.items() if why})
 
     look = _Look(robot, scene, beyond, frame, motion, axes, after, near, params)
     turns = goal_turns(robot, scene, start, goals, seed=seed, params=near, count=_WANTED, deadline=deadline)
     for q, offset, hopeless in look.at_each(turns):
-        if tried == _MOST_CONFIGURATIONS or (put_off and deadline.left < enough) or (tried and deadline.over()):
+        if tried == _MOST_CONFIGURATIONS or in_vain == _MOST_PLANNED or (tried and deadline.over()):
+            break
+        if put_off and deadline.left < enough:
             break
         tried += 1
         if hopeless and len(reasons.get(hopeless, ())) >= _MOST_REASONS:
@@ -155,12 +159,14 @@ def plan_approach(
             continue
         away = plan_straight(robot, scene, q, frame, -offset, params=near)
         if not away.certified:
+            in_vain += 1
             report = replace(report, reach=away)
             reasons.setdefault(_REACH, []).append(away.reason)
             continue
         done, failed = after.plans(q)
         report = replace(report, reach=_reversed(away), then=done)
         if failed:
+            in_vain += 1
             reasons.setdefault(failed[0], []).append(failed[1])
             continue
         time, most = deadline.turn(1)
@@ -321,6 +327,8 @@ def _counted(reasons: Mapping[str, Sequence[str]], *, why: bool = True) -> str:
     """What configurations failed at, with their numbers, and the last reasons of each."""
     said = []
     for what, each in reasons.items():
+        if not each:
+            continue
         last = dict.fromkeys([reason for reason in each if reason][-_MOST_REASONS:])
         said.append(f"{len(each)} failed at {what}" + (f" ({'; '.join(last)})" if why else ""))
     return "; ".join(said)

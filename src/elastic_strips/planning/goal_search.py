@@ -280,7 +280,7 @@ class _Source:
 
 
 class _Finder:
-    """Workspace: looks for configurations that reach a goal, and for more of them; see :func:`find_goals`.
+    """Looks for configurations that reach a goal, and for more of them; see :func:`find_goals`.
 
     Args:
         further: whether to look with the base, too, where the joints alone find some.

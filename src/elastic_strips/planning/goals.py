@@ -81,8 +81,7 @@ class HandPose(Checked):
         length = float(np.linalg.norm(about))
         if length < 1e-9:
             raise ParameterError(f"axis={about.tolist()} has no length")
-        angles = np.asarray(tilts, dtype=float)
-        angles = check_array("tilts", angles, (angles.size,))
+        angles = check_array("tilts", tilts, (None,))
         about = about / length
         tilted = [_tilted(R, about, hold, tilt) for tilt in angles.tolist() for R in first.reshape(-1, 3, 3)]
         out = []

@@ -23,6 +23,7 @@ from .report import PlanReport
 AXES = ("hand", "world")
 """The axes in which a straight motion may be given."""
 _HAND_STEP = 0.01  # [m] of the hand between two nodes
+_ROUNDED = 1e-9  # of a step that a line may be longer by, from rounding
 _LINE_TOLERANCE = 1e-5  # [m] that the hand may be off the line at a node
 _LARGEST_JOINT_STEP = 0.3  # [rad or m] most that a joint may move between two nodes
 _MOST_ITERATIONS = 15
@@ -139,7 +140,7 @@ def straight_lines(solver: PoseSolver, here: Array, offsets: Array) -> tuple[Arr
     """
     robot, space = solver.robot, solver.robot.space
     position, turn = (each.copy() for each in solver.place(here))
-    count = max(1, int(np.ceil(np.linalg.norm(offsets, axis=1).max() / _HAND_STEP)))
+    count = max(1, int(np.ceil(np.linalg.norm(offsets, axis=1).max() / _HAND_STEP - _ROUNDED)))
     free, exact = np.ones(robot.nv), np.zeros(3)
     free[: space.base_nv] = 0.0
     rows, steps = np.repeat(here[:, None], count + 1, axis=1), np.zeros(len(here), dtype=int)

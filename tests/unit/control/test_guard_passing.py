@@ -14,6 +14,7 @@ from elastic_strips.control.params import DriveParams, ObstacleAssumptions
 from elastic_strips.control.prediction import predict
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
+from elastic_strips.sim.faults import Fault, FaultPlan, FaultyPlant
 from elastic_strips.trajectory import MotionLimits, ReferenceState, TrajectoryCertifier
 from elastic_strips.trajectory.holding import hold_and_brake
 
@@ -176,3 +177,19 @@ def test_what_moves_and_is_said_to_stand_is_found_out(silvermate):
     drive.see = lambda t: Scene([o.observed(o.pose, None) for o in see(t)], time=t)  # type: ignore[method-assign]
     drive.run(2.0, Desired(twist=[0.1, 0.0, 0.0]))
     assert any("walker" in fault for fault in drive.faults())
+
+
+def test_a_motor_that_goes_on_slowly_is_cut_off(silvermate):
+    """At 0.06 m/s no difference from what is expected is large, and the robot would roll on for as long as it lasts."""
+    for kind in ("amplifier_holds", "amplifier_dead"):
+        drive = GuardedDrive(silvermate, [FAR])
+        faults = FaultPlan([Fault(kind, start=1.0, duration=2.5)])
+        drive.plant = FaultyPlant(drive.plant, faults)  # type: ignore[assignment]
+        drive.run(1.0, Desired(twist=[0.06, 0.0, 0.0]))
+        before = drive.rows[-1][0]
+        drive.run(2.0, None)
+        assert any("stand" in fault for fault in drive.faults())
+        assert drive.rows[-1][0] - before < 0.04
+        assert drive.speeds[-1][0] == 0.0
+        drive.run(2.5, Desired(twist=[0.06, 0.0, 0.0]))
+        assert drive.speeds[-1][0] > 0.05  # it goes on once the motors obey

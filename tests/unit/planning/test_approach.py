@@ -150,6 +150,31 @@ def test_where_no_configuration_can_go_on_it_says_how_many_could_not(silvermate)
     assert not report.then[1].certified
 
 
+def test_more_configurations_are_looked_for_where_those_that_were_found_cannot_go_on(silvermate):
+    report = plan_approach(
+        silvermate, Scene([TABLE]), silvermate.home(x=2.0), places(silvermate, (2.55, 0.0, 0.95)), (0.0, 0.0, -0.1),
+        axes="world", then=(0.0, 0.5, 0.0), beyond=Scene(),
+    )  # fmt: skip
+    assert report.certified, report.reason
+
+
+def test_it_goes_to_the_side_to_which_a_way_leads(silvermate):
+    """And does not spend its work on drives to the other one, which is fenced in."""
+    fence = [
+        Box((0.05, 2.2, 0.3), at=(1.2, 0.0, 0.15), name="front"),
+        Box((1.3, 0.05, 0.3), at=(1.825, 1.1, 0.15), name="left"),
+        Box((1.3, 0.05, 0.3), at=(1.825, -1.1, 0.15), name="right"),
+    ]
+    scene = Scene([Box((0.8, 2.4, 0.7), at=(2.8, 0.0, 0.35), name="table"), *fence])
+    report = plan_approach(
+        silvermate, scene, silvermate.home(), places(silvermate, (2.8, 0.0, 0.95)), (0.0, 0.0, -0.1), axes="world",
+        work=1.0,
+    )  # fmt: skip
+    assert report.certified, report.reason
+    assert report.drive is not None
+    assert report.drive.strip.q[-1][0] > 2.8
+
+
 def standing_can(gap: float) -> Cylinder:
     """On the table, by a gap [m], about where the hand of :func:`places` holds."""
     return Cylinder(0.03, 0.12, at=(2.55, 0.0, 0.7 + 0.06 + gap), name="can")

@@ -48,6 +48,40 @@ def test_a_hand_nearby_leaves_the_base_where_it_is(silvermate):
     assert 3.0 < far.distance < 5.0
 
 
+def all_about(robot: RobotModel, at: tuple[float, float, float]) -> list[HandPose]:
+    """The hand held as at home, turned by any angle about the vertical."""
+    here = hand(robot, robot.home()).rotation
+    turns = [pin.rpy.rpyToMatrix(0.0, 0.0, yaw) @ here for yaw in np.arange(0.0, 6.2, 0.5)]
+    return [HandPose("hand_frame", at, tuple(pin.Quaternion(R).coeffs())) for R in turns]
+
+
+def test_where_the_arm_cannot_reach_it_is_not_asked(silvermate):
+    """One round of each pose is enough: the first is with the base."""
+    goals = all_about(silvermate, (6.0, 0.0, 0.95))
+    search = find_goals(silvermate, Scene(), silvermate.home(), goals, rounds=len(goals), timeout=np.inf)
+    assert len(search.configurations) > 0, search.reason
+
+
+def test_the_base_is_put_where_a_way_leads(silvermate):
+    """The near side of the table is fenced in."""
+    fence = [
+        Box((0.05, 2.2, 0.3), at=(1.2, 0.0, 0.15), name="front"),
+        Box((1.3, 0.05, 0.3), at=(1.825, 1.1, 0.15), name="left"),
+        Box((1.3, 0.05, 0.3), at=(1.825, -1.1, 0.15), name="right"),
+    ]
+    table = Box((0.8, 2.4, 0.7), at=(2.8, 0.0, 0.35), name="table")
+    goals = all_about(silvermate, (2.8, 0.0, 0.95))
+    search = find_goals(silvermate, Scene([table, *fence]), silvermate.home(), goals, rounds=100, timeout=np.inf)
+    assert len(search.configurations) > 1
+    assert (search.configurations[:, 0] > 2.8).all()
+    closed = Box((0.05, 2.2, 0.3), at=(4.6, 0.0, 0.15), name="back")
+    sides = [Box((2.2, 0.05, 0.3), at=(3.5, y, 0.15)) for y in (1.1, -1.1)]
+    shut = find_goals(
+        silvermate, Scene([table, *fence, closed, *sides]), silvermate.home(), goals, rounds=100, timeout=np.inf
+    )
+    assert len(shut.configurations) > 0, "where no way leads anywhere, what is free is an answer"
+
+
 def test_a_base_and_a_region_for_it(silvermate):
     start = silvermate.home(x=-1.0, joints={"arm_1_joint": 0.3})
     (q,) = find_goals(silvermate, SCENE, start, BasePose(4.0, 1.0, 0.5)).configurations
@@ -142,9 +176,27 @@ def test_grasps_from_all_about():
     )
 
 
+def test_grasps_from_above():
+    """The hand that leads to what it holds comes from further up by each tilt, and holds it where it did."""
+    held, point = np.array((0.2, 0.01, 0.0)), np.array((1.0, -2.0, 0.5))
+    poses = HandPose.around("hand_frame", point, held=held, rotations=np.eye(3), count=3, tilts=(0.0, 0.5, np.pi / 2))
+    assert len(poses) == 9
+    for k, pose in enumerate(poses):
+        lever = pin.Quaternion(np.array(pose.orientation)).matrix() @ held
+        np.testing.assert_allclose(lever + pose.position, point, atol=1e-12)
+        assert np.arcsin(-lever[2] / np.linalg.norm(held)) == pytest.approx((0.0, 0.5, np.pi / 2)[k % 3], abs=1e-6)
+    level = HandPose.around("hand_frame", point, held=held, rotations=np.eye(3), count=3)
+    assert poses[::3] == level
+
+
 @each(
     ("wrong", "match"),
     [
+        ({"tilts": (0.5,), "held": (0.0, 0.0, 0.0)}, "tilts"),
+        ({"tilts": (0.5,), "held": (0.0, 0.0, 0.2)}, "tilts"),
+        ({"tilts": 0.5}, "tilts"),
+        ({"tilts": (np.nan,), "held": (0.2, 0.0, 0.0)}, "tilts"),
+        ({"tilts": "down"}, "tilts"),
         ({"rotations": np.eye(4)}, "rotations"),
         ({"rotations": [1.0, 2.0]}, "rotations"),
         ({"held": (1.0, 2.0)}, "held"),

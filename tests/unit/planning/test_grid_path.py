@@ -20,6 +20,7 @@ from elastic_strips.planning.grid_path import (
     cell_cost,
     cheapest_route,
     clearance_map,
+    ground_about,
     owner_map,
     resample,
 )
@@ -109,6 +110,27 @@ def test_who_is_walled_in_is_said_and_by_what(jackal_box):
     found = grid_path(jackal_box, Scene([across]), start, goal)
     assert found.points is None
     assert found.walled_in == ""
+
+
+@both_kernels
+def test_ground_is_reached_where_a_way_leads(native, jackal_box):
+    """Not in a closed yard, also where the start is in it; and about the box there is a way around."""
+    walls = [((4.0, 0.1), (5.0, 2.0)), ((4.0, 0.1), (5.0, -2.0)), ((0.1, 4.0), (3.0, 0.0)), ((0.1, 4.0), (7.0, 0.0))]
+    scene = Scene([Box((*size, 1.0), at=(*at, 0.5)) for size, at in walls])
+    places = np.array([(2.0, 0.0), (5.0, 0.5), (3.0, 0.0), (9.0, 1.0)])
+    with native():
+        outside = ground_about(jackal_box, scene, jackal_box.home(), places)
+        inside = ground_about(jackal_box, scene, jackal_box.home(x=5.0), places)
+        large = ground_about(jackal_box, scene, jackal_box.home(), 100.0 * places)
+    assert outside is not None
+    assert inside is not None
+    assert outside.reached(places).tolist() == [True, False, False, True]
+    assert inside.reached(places).tolist() == [False, True, False, False]
+    assert large is None
+    split = Scene([Box((0.2, 60.0, 1.0), at=(3.0, 0.0, 0.5))])  # it ends beyond the grid
+    around = ground_about(jackal_box, split, jackal_box.home(), np.array([(5.0, 0.0)]))
+    assert around is not None
+    assert around.reached(np.array([(5.0, 0.0)])).all()
 
 
 def test_it_prefers_a_wide_gap_to_a_short_way(jackal_box):

@@ -10,7 +10,9 @@ from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.planning import plan_straight
+from elastic_strips.planning.straight import straight_lines
 from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot.inverse_kinematics import PoseSolver
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import DeformParams
 
@@ -54,6 +56,28 @@ def test_the_hand_goes_straight_and_is_not_turned(panda, start, by):
     for row in report.strip.sample(0.01):  # between the nodes, too
         off = hand(panda, panda.space.from_coordinates(row)).translation - first.translation
         assert np.linalg.norm(off - (off @ way) * way) < 1e-3
+
+
+def test_a_base_stands_to_the_last_bit(silvermate):
+    for yaw in np.linspace(-3.0, 3.0, 40):
+        q = silvermate.home(0.3, -0.7, yaw)
+        report = plan_straight(silvermate, Scene(), q, "hand_frame", (0.0, 0.0, 0.02))
+        np.testing.assert_array_equal(report.strip.q[-1, :4], q[:4])
+
+
+def test_many_lines_at_once_are_those_of_each(panda, start):
+    solver = PoseSolver(panda, HAND)
+    rows = panda.space.to_coordinates(np.stack([start, panda.home(), start]))
+    offsets = np.array([(0.0, 0.0, -0.15), (0.05, 0.14, 0.0), (0.0, 0.0, 0.15)])
+    offsets *= 0.15 / np.linalg.norm(offsets, axis=1)[:, None]
+    lines, steps = straight_lines(solver, rows, offsets)
+    for n in range(3):
+        alone, own = straight_lines(solver, rows[n : n + 1], offsets[n : n + 1])
+        assert own[0] == steps[n] > 0
+        np.testing.assert_allclose(lines[n], alone[0], atol=1e-9)
+    far, got = straight_lines(solver, rows, offsets * (1.0, 1.0, 20.0))
+    assert got[0] < far.shape[1] - 1, "the arm ends"
+    np.testing.assert_array_equal(far[0, got[0] :], np.tile(far[0, got[0]], (far.shape[1] - got[0], 1)))
 
 
 def test_the_way_back_is_the_same_strip(panda, start):

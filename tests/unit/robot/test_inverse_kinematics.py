@@ -9,7 +9,7 @@ from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.robot.inverse_kinematics import PoseSolver, _rotation_vectors
+from elastic_strips.robot.inverse_kinematics import PoseSolver, PoseTarget, _rotation_vectors
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +81,31 @@ def test_what_is_out_of_reach_is_measured(panda):
     ]
     assert 1.0 < result.distance < 3.0 - max(heights)
     assert "out of reach" in result.reason
+
+
+def test_no_posture_reaches_further_than_the_arm_is_long(rng, panda, silvermate, request):
+    for robot, frame in (
+        (panda, "panda_hand_tcp"), (silvermate, "hand_frame"), (request.getfixturevalue("tiago"), "arm_tool_link"),
+    ):  # fmt: skip
+        solver = PoseSolver(robot, frame)
+        rows = rng.uniform(solver.lower, solver.upper, (500, robot.nv))
+        rows[:, : robot.space.base_nv] = 0.0
+        far = np.linalg.norm(solver.place(rows)[0], axis=1).max()
+        assert far <= solver.reaches[0] < 2.0 * far
+
+
+def test_each_row_may_have_a_target_of_its_own(silvermate, rng):
+    solver, space = PoseSolver(silvermate, "hand_frame"), silvermate.space
+    begin = np.tile(space.to_coordinates(silvermate.home()), (5, 1))
+    wanted = begin.copy()
+    wanted[:, space.base_nv :] += rng.uniform(-0.2, 0.2, (5, space.nv - space.base_nv))
+    at, turn = (each.copy() for each in solver.place(wanted))
+    target = PoseTarget("hand_frame", at, turn, np.zeros(3))
+    found, size = solver.solve(begin, [target], np.ones(space.nv), every=True)
+    assert size.max() < 1e-5
+    placed, turned = solver.place(found)
+    np.testing.assert_allclose(placed, at, atol=1e-5)
+    np.testing.assert_allclose(turned, turn, atol=1e-4)
 
 
 def test_jacobians_are_the_slopes_of_the_error(silvermate, rng):

@@ -27,6 +27,16 @@ def test_a_plan_is_driven_to_its_end(silvermate):
     assert result.record.robot == silvermate.name
 
 
+def test_computing_costs_what_it_is_said_to(silvermate):
+    far = DriveParams()
+    plan = plan_report(silvermate, SCENE, silvermate.home(), silvermate.home(x=1.0), params=far.strip)
+    result, _ = drive_plan(plan, SCENE, far, compute="work")
+    assert result.reached, result.reason
+    assert result.record.duration > 0.0
+    with refused(ParameterError, "compute"):
+        drive_plan(plan, SCENE, far, compute="later")
+
+
 def test_what_is_held_is_driven_with_it(silvermate):
     near = DriveParams.standing()
     assert near.clearance < DriveParams().clearance
