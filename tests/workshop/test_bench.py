@@ -181,7 +181,7 @@ def test_bench_settle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
     """The robot has no link for the laser: wrong input, and no table of failures."""
-    assert call("drive", "--robot", "jackal-box", "--sensors", "laser", "--seeds", "2", "--processes", "1") == 2
+    assert call("drive", "--robot", "bridge-arm", "--sensors", "laser", "--seeds", "2", "--processes", "1") == 2
     captured = capsys.readouterr()
     assert captured.err.count("no link 'laser_frame'") == 1
     assert "reached" not in captured.out
