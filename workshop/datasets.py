@@ -27,7 +27,7 @@ from elastic_strips.scene import Box, ConvexHull, Cylinder, Keyframes, Obstacle,
 from elastic_strips.scene.quantities import MAX_LENGTH, MIN_LENGTH
 from elastic_strips.strip import DeformParams
 from elastic_strips.summary import Summary
-from elastic_strips.validation import shown
+from elastic_strips.validation import check_number, shown
 
 _BARN_FILE, _DYNABARN_FILE, _BRIDGE_FILE = "barn_worlds.json", "dynabarn_worlds.json", "bridge.json"
 _HOUSE_FILE = "house.json"
@@ -130,7 +130,7 @@ def dynabarn_ids(path: str | os.PathLike[str]) -> tuple[int, ...]:
     return _ids(path, _DYNABARN_FILE)
 
 
-def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
+def load_dynabarn(path: str | os.PathLike[str], id: int, *, begin: float = 0.0) -> DriveProblem:
     """One of the arenas: walls are boxes, discs are cylinders with looped keyframes, straight from one to the next.
 
     Nearly all loops jump: at the end of its period a disc is back at its first keyframe, often on the other side of
@@ -141,10 +141,13 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
     Args:
         path: The file, or the folder that holds ``dynabarn_worlds.json``.
         id: The world's number.
+        begin: Time of the loops [s] at which the robot sets out.
 
     Raises:
         ScenarioError: As for `dynabarn_ids`, or there is no world of that id.
+        ParameterError: A time to begin at that is negative or not finite.
     """
+    check_number("begin", begin, low=0.0, unit="s")
     root, world, radius, length, z = _read(path, _DYNABARN_FILE, id)
     obstacles: list[Obstacle] = [_wall(wall) for wall in world["walls"]]
     for disc in world["obstacles"]:
@@ -153,7 +156,7 @@ def load_dynabarn(path: str | os.PathLike[str], id: int) -> DriveProblem:
         if abs(last - disc["period"].number(low=0.0, unit="s")) > 1e-6:
             disc.fail(f"the period is {disc['period'].value} s, but the keyframes last {last:g} s")
         positions = np.column_stack((frames[:, 1:], np.full(len(frames), z)))
-        motion = disc.checked(Keyframes, frames[:, 0], positions, loop=True)
+        motion = disc.checked(Keyframes, frames[:, 0] - begin, positions, loop=True)
         obstacles.append(disc.checked(Cylinder, radius, length, name=disc["name"].text(), motion=motion))
     problem = _jackal_problem(f"dynabarn-{id}", root, world, world.checked(Scene, obstacles))
     return replace(problem, difficulty=world["difficulty"].text())

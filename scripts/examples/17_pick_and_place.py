@@ -46,7 +46,7 @@ drive("drive", to_can.drive, with_can, far)
 q = drive("reach in", to_can.reach, scene, near)
 laden = holding(q)
 q = drive("lift", plan_straight(laden, scene, q, hand, lift, params=near.strip), scene, near)
-back = plan_straight(laden, scene, q, hand, (-0.2, 0.0, 0.0), axes="hand", params=near.strip)
+back = plan_straight(laden, scene, q, hand, (-0.12, 0.0, 0.0), axes="hand", params=near.strip)
 q = drive("draw back", back, scene, near)
 level = OrientationConstraint.from_configuration(laden, q, hand)  # nothing is spilt
 places = HandPose.around(hand, (0.4, 2.1, 0.975), held=held, rotations=laden.frame_pose(q, hand)[:3, :3])

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from elastic_strips.arrays import Array
 from elastic_strips.collision import BodySet, MotionBounds, SelfProximity
 from elastic_strips.native import kernel, twin
-from elastic_strips.planning.goals import HandPose, find_goals
+from elastic_strips.planning import HandPose, find_goals
 from elastic_strips.planning.problem import Deadline
 from elastic_strips.planning.tree_search import TreeSpace, search_by_trees
 from elastic_strips.planning.validity import ValidityChecker

@@ -15,6 +15,7 @@ from cases import each
 from command_line import interrupted
 
 from elastic_strips import __version__
+from workshop.bench import guard_passing
 from workshop.cli.group import run_cli
 
 
@@ -180,7 +181,7 @@ def test_bench_settle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
     """The robot has no link for the laser: wrong input, and no table of failures."""
-    assert call("drive", "--robot", "jackal-box", "--sensors", "laser", "--seeds", "2", "--processes", "1") == 2
+    assert call("drive", "--robot", "bridge-arm", "--sensors", "laser", "--seeds", "2", "--processes", "1") == 2
     captured = capsys.readouterr()
     assert captured.err.count("no link 'laser_frame'") == 1
     assert "reached" not in captured.out
@@ -246,6 +247,31 @@ def test_bench_guard(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert alone["contacts_at_speed"] > 0
     assert {run["pilot"] for run in document["runs"]} == {"rammer"}
     assert "contacts at speed" in capsys.readouterr().out
+
+
+def test_bench_guard_by_laser(tmp_path: Path) -> None:
+    file = tmp_path / "guard.json"
+    line = "guard --robot silvermate --base own --pilot rammer --sensors laser --compute work --seeds 1 --time 3"
+    assert call(*line.split(), "--processes", "1", "--json", file) == 0
+    (group,) = json.loads(file.read_text())["groups"]
+    assert group["contacts_with_seen"] == 0
+    assert group["path_m"] > 0.2
+
+
+def test_bench_of_what_a_guard_passes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, value in {"_FREE_RUN": 0.5, "_WALL_RUN": 0.5, "_DOOR_END": 0.3}.items():
+        monkeypatch.setattr(guard_passing, name, value)
+    file = tmp_path / "passing.json"
+    line = "guard --robot silvermate --base omni --passing --seeds 2"
+    assert call(*line.split(), "--processes", "1", "--json", file) == 0
+    (row,) = json.loads(file.read_text())["rows"]
+    assert row["free_base"]["share"] == row["free_base"]["least_share"] == 1.0
+    assert row["wall_60"]["contacts"] == 0
+    assert row["wall_60"]["of_free"] == pytest.approx(1.0, abs=0.01)
+    assert row["door_1.3"]["guard"]["time_s"] < 5.0
+    assert "where nothing is near" in capsys.readouterr().out
 
 
 def test_bench_robots(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

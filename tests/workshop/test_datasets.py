@@ -11,7 +11,7 @@ from brute_force import link_distances
 from cases import each, refused
 from shared_data import shared_data
 
-from elastic_strips.errors import RobotError, ScenarioError
+from elastic_strips.errors import ParameterError, RobotError, ScenarioError
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder
 from workshop.datasets import barn_ids, dynabarn_ids, load_barn, load_bridge, load_dynabarn, load_house
@@ -97,6 +97,13 @@ def test_a_dynabarn_world(folder):
     assert isinstance(wall, Box)
     np.testing.assert_array_equal(wall.spec["size"], (0.5, 20.0, 1.0))
     assert math.atan2(wall.pose[1, 0], wall.pose[0, 0]) == pytest.approx(1.0)
+    later = load_dynabarn(folder, 3, begin=15.0).world
+    for t in (0.0, 2.0, 4.9, 5.1, 30.0):
+        for name in world.names_moving:
+            now, then = later.at(t).obstacle(name), world.at(t + 15.0).obstacle(name)
+            np.testing.assert_allclose(now.pose, then.pose, atol=1e-9)
+    with refused(ParameterError, "begin=-1"):
+        load_dynabarn(folder, 3, begin=-1.0)
 
 
 def test_the_bridge(folder):

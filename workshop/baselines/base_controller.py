@@ -1,4 +1,5 @@
-"""Base methods by name, a controller that uses one of them, and its simulation, on sensor readings alone."""
+"""Base methods by name, a controller that uses one of them, and its simulation, on sensor readings alone, or shown the
+obstacles."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control.controller import Controller, Tick
 from elastic_strips.control.estimation import PoseBuffer, StateEstimator
 from elastic_strips.control.interfaces import Command, Event, GoalReached, Measurement, RunState
-from elastic_strips.control.params import DriveParams, Tolerance
+from elastic_strips.control.params import DriveParams, ObstacleAssumptions, Tolerance
 from elastic_strips.control.record import TickStatistics
 from elastic_strips.control.supervisor import RunLog
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
@@ -21,7 +22,7 @@ from elastic_strips.perception import Reading
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.sim.closed_loop import Simulation, prepare
-from elastic_strips.sim.perception import Perception
+from elastic_strips.sim.perception import NoisyGroundTruth, Perception, PerceptionParams
 from elastic_strips.sim.plant import Plant
 from elastic_strips.sim.sensed_perception import ContactSensor
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
@@ -30,9 +31,12 @@ from elastic_strips.trajectory import MotionLimits, ReferenceState
 from elastic_strips.validation import check_able, check_type
 
 from .base_method import BaseCommand, BaseLimits, BaseMethod
+from .dynamic_window import DynamicWindow, DynamicWindowParams
 from .elastic_band import ElasticBand, SensedPath
 from .force_fields import PotentialField, VirtualForceField
 from .histogram import VectorFieldHistogram
+from .reciprocal import ReciprocalAvoidance
+from .scene_method import SceneMethod
 
 
 def _band(limits: BaseLimits) -> BaseMethod:
@@ -45,6 +49,17 @@ BASE_METHODS: Mapping[str, Callable[[BaseLimits], BaseMethod]] = MappingProxyTyp
 """Name → factory of the method with its default parameters; the band's planner uses sensed points alone."""
 
 
+def _predicting(limits: BaseLimits) -> SceneMethod:
+    return DynamicWindow(limits, DynamicWindowParams(predicts=True))
+
+
+SCENE_METHODS: Mapping[str, Callable[[BaseLimits], SceneMethod]] = MappingProxyType(
+    {"orca": ReciprocalAvoidance, "dwa": DynamicWindow, "dwa-predicting": _predicting}
+)
+"""Name → factory of a method that is shown the obstacles as they are, with its default parameters; ``dwa`` takes all to
+stand where they are now, as published, ``dwa-predicting`` takes what moves to go on as it does."""
+
+
 def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
     """A base method by its name, with its default parameters.
 
@@ -54,6 +69,18 @@ def make_base_method(name: str, limits: BaseLimits) -> BaseMethod:
     if name not in BASE_METHODS:
         raise ParameterError(f"base method {name!r} is unknown{nearest_name(name, BASE_METHODS)}")
     return BASE_METHODS[name](limits)
+
+
+def make_scene_method(name: str, limits: BaseLimits) -> SceneMethod:
+    """A method that is shown obstacles, by its name, with its default parameters.
+
+    Raises:
+        ParameterError: no such method.
+        MissingExtraError: it needs a package that is not installed.
+    """
+    if name not in SCENE_METHODS:
+        raise ParameterError(f"method {name!r} is unknown{nearest_name(name, SCENE_METHODS)}")
+    return SCENE_METHODS[name](limits)
 
 
 BLOCKED_PATIENCE = 15.0
@@ -74,9 +101,10 @@ class BaseController:
         robot: the robot, with a differential drive.
         start: configuration (nq,).
         goal: configuration (nq,); only the base's pose counts.
-        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
+        method: a name of `BASE_METHODS` or `SCENE_METHODS`.
         params: periods of the drive.
         limits: limits of the motors; read off the robot where None.
+        base: limits of the base that the method steers; a slow one of the Silvermate's size where None.
         patience: time [s] after which a blocked method is given up.
 
     Raises:
@@ -96,6 +124,7 @@ class BaseController:
         *,
         params: DriveParams | None = None,
         limits: MotionLimits | None = None,
+        base: BaseLimits | None = None,
         patience: float = BLOCKED_PATIENCE,
     ) -> None:
         check_type("robot", robot, RobotModel, RobotError)
@@ -120,7 +149,9 @@ class BaseController:
         self.plans_next: bool = True
         self._steps = 0
         self.goal: Array = robot.space.to_coordinates(robot.check_q(goal, what="goal"))
-        self.steering: BaseMethod = make_base_method(method, BaseLimits.of(self.limits))
+        base = BaseLimits.of(self.limits) if base is None else base
+        make = make_scene_method if method in SCENE_METHODS else make_base_method
+        self.steering: BaseMethod | SceneMethod = make(method, base)
         self.method = self.steering.name
         self.patience = patience
         self.command: BaseCommand = BaseCommand(0.0, 0.0, "moving")
@@ -188,16 +219,20 @@ class BaseController:
         self.events.append(Event(self.time, kind, reason))
 
     def step(
-        self, t: float, measurement: Measurement | None, readings: Sequence[Reading] | None, *, trouble: str = ""
+        self, t: float, measurement: Measurement | None, seen: Sequence[Reading] | Scene | None, *, trouble: str = ""
     ) -> Command:
-        """One control period, on the readings since the last step; see :meth:`Controller.step`."""
+        """One control period, on the readings since the last step, or on a scene; see :meth:`Controller.step`."""
         self.time = t
         if measurement is not None:
             self._estimate = self.estimator.update(measurement)
             self._contact = self._contact or measurement.contact
             self._past.add(t, self.estimate)
-        for reading in readings or ():
-            self.steering.update(reading, self._past.at(reading.time))
+        if isinstance(self.steering, SceneMethod):
+            if isinstance(seen, Scene):
+                self.steering.see(seen)
+        elif not isinstance(seen, Scene):
+            for reading in seen or ():
+                self.steering.update(reading, self._past.at(reading.time))
         if self._steps % self.params.plan_every == 0:
             self._steer(t)
         self._steps += 1
@@ -271,6 +306,7 @@ def base_simulation(
     *,
     params: DriveParams | None = None,
     limits: MotionLimits | None = None,
+    base: BaseLimits | None = None,
     patience: float = BLOCKED_PATIENCE,
     sensors: SensorConfig | None = None,
     plant: Plant | None = None,
@@ -282,21 +318,32 @@ def base_simulation(
     """A base method in a world, ready to run; as :func:`~elastic_strips.sim.simulation`.
 
     Args:
-        robot, start, goal, method, params, limits, patience: as for the :class:`BaseController`.
-        world: the true obstacles over time.
-        sensors: their parameters; the Silvermate's where None.
+        robot, start, goal, method, params, limits, base, patience: as for the :class:`BaseController`.
+        world: the true obstacles over time. Methods that are shown obstacles see them as they are, at once and without
+            errors, and feel no contact: they drive on.
+        sensors: their parameters; the Silvermate's where None. For methods that are shown obstacles there are none.
         plant: the machine; a :class:`KinematicPlant` where None.
         seed: seed of the plant and the sensors.
         watch, realtime, metadata: as for the :class:`~elastic_strips.sim.Simulation`.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.
+        ParameterError: sensors for a method that is shown obstacles.
     """
     check_able("watch", watch)
-    controller = BaseController(robot, start, goal, method, params=params, limits=limits, patience=patience)
+    shown = method in SCENE_METHODS
+    if shown and sensors is not None:
+        raise ParameterError(
+            f"sensors={','.join(sensors.names)!r}: method={method!r} is shown the obstacles and reads none; leave out"
+        )
+    controller = BaseController(robot, start, goal, method, params=params, limits=limits, base=base, patience=patience)
     world, machine, rng = prepare(robot, world, controller.limits, plant, seed)
     machine.reset(controller.estimate)
-    senses = _RawReadings(robot, world, machine, sensors, seed=rng)
+    senses: NoisyGroundTruth | _RawReadings
+    if shown:
+        senses = NoisyGroundTruth(world, ObstacleAssumptions(), PerceptionParams(delay=0.0, noise=0.0), rng)
+    else:
+        senses = _RawReadings(robot, world, machine, sensors, seed=rng)
     return Simulation(
         cast("Controller", controller),
         world,

@@ -15,7 +15,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import Reading
 from elastic_strips.trajectory.limits import MotionLimits
-from elastic_strips.validation import Checked, Positive
+from elastic_strips.validation import Checked, NonNegative, Positive
 
 Status = Literal["moving", "arrived", "blocked"]
 
@@ -26,7 +26,8 @@ class BaseLimits(Checked):
 
     Attributes:
         radius: radius of a circle about the base's origin that holds the base [m]; 0.27 holds the Silvermate's.
-        max_speed: largest speed forwards [m/s]; no method drives backwards.
+        max_speed: largest speed forwards [m/s].
+        max_reverse: largest speed backwards [m/s]; 0: the base is not driven backwards.
         max_turn: largest yaw rate [rad/s].
         acceleration: largest change of the speed [m/s²], speeding up as well as braking.
         turn_acceleration: largest change of the yaw rate [rad/s²].
@@ -34,13 +35,22 @@ class BaseLimits(Checked):
 
     radius: Positive = 0.27
     max_speed: Positive = 0.6
+    max_reverse: NonNegative = 0.0
     max_turn: Positive = 1.5
     acceleration: Positive = 0.8
     turn_acceleration: Positive = 3.0
 
     @staticmethod
-    def of(motion: MotionLimits, *, radius: float = 0.27, max_speed: float = 0.6, max_turn: float = 1.5) -> BaseLimits:
-        """Limits of a differential drive's wheels, at most ``max_speed`` [m/s] and ``max_turn`` [rad/s].
+    def of(
+        motion: MotionLimits,
+        *,
+        radius: float = 0.27,
+        max_speed: float = 0.6,
+        max_reverse: float = 0.0,
+        max_turn: float = 1.5,
+    ) -> BaseLimits:
+        """Limits of a differential drive's wheels, at most these speeds forwards and backwards [m/s] and yaw rate
+        [rad/s].
 
         Speed and yaw rate are bounded separately. Both together may exceed the limit of a rim; the controller scales
         them alike then.
@@ -55,6 +65,7 @@ class BaseLimits(Checked):
         return BaseLimits(
             radius=radius,
             max_speed=min(max_speed, speed),
+            max_reverse=min(max_reverse, speed),
             max_turn=min(max_turn, speed / arm),
             acceleration=change,
             turn_acceleration=change / arm,
@@ -204,7 +215,7 @@ class CommandLimiter:
         limits, period = self.limits, self.period(t)
         fresh = self._time is None or t - self._time >= _LONGEST_COMMAND_AGE
         wanted = (
-            (min(max(v, 0.0), limits.max_speed), limits.acceleration),
+            (min(max(v, -limits.max_reverse), limits.max_speed), limits.acceleration),
             (min(max(omega, -limits.max_turn), limits.max_turn), limits.turn_acceleration),
         )
         out = []

@@ -10,10 +10,10 @@ from elastic_strips.sim.scenarios import DriveOutcome, Scenario, drive_scenario
 from elastic_strips.sim.scenarios.drive import STRIP, DrivenProblem, DriveSetup, driven_to_its_end
 from elastic_strips.validation import check_choice
 
-from .base_controller import BASE_METHODS, BLOCKED_PATIENCE, base_simulation
+from .base_controller import BASE_METHODS, BLOCKED_PATIENCE, SCENE_METHODS, base_simulation
 
-DRIVE_METHODS = (STRIP, *BASE_METHODS)
-"""Names of methods: the elastic strip, and the base methods that the paper names."""
+DRIVE_METHODS = (STRIP, *BASE_METHODS, *SCENE_METHODS)
+"""Names of methods: the elastic strip, the base methods that the paper names, and those that are shown obstacles."""
 
 
 def make_base_simulation(
@@ -30,7 +30,7 @@ def make_base_simulation(
 
     Args:
         scenario: the problem.
-        method: ``"apf"``, ``"vff"``, ``"vfh"`` or ``"band"``.
+        method: a name of `DRIVE_METHODS` other than the strip's.
         setup: robot, seed, plant, sensors (the Silvermate's where None) and limits; **options: values of it by name.
         patience, watch, realtime: of :func:`base_simulation`.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import thread_time
@@ -14,23 +13,24 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate, Forecast
 from elastic_strips.control import Controller, DriveParams, Guard, GuardedCommand, GuardOutcome, GuardParams, RunState
-from elastic_strips.control.guard import Desired
 from elastic_strips.control.guard_proposal import NearPairs, Proposal, Proposer
 from elastic_strips.control.interfaces import Command, Event, GoalReached, Measurement
-from elastic_strips.control.params import ObstacleAssumptions
-from elastic_strips.control.prediction import Outlook
 from elastic_strips.control.record import TickStatistics
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel, load_robot
-from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, World
+from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim.closed_loop import Simulation, simulation
 from elastic_strips.sim.evaluation import evaluate
+from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.faults import Fault
 from elastic_strips.sim.jobs import parallel_map
+from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensorPerception
+from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 
 from .measure import Figures, Note, head, percentiles, silent
+from .pilots import PILOTS, Pilot, Seen
 
 METHODS = ("guard", "uncertified", "barrier-2", "barrier-1", "scaling", "none")
 """``uncertified``: the guard's programme without its certificate; ``barrier-γ``: a control barrier function of each
@@ -41,156 +41,6 @@ _SCALED_FROM, _SCALED_TO = 0.6, 0.05  # [m] beyond the clearance: full speed, an
 _RUN = 15.0  # [s] of a hostile run
 _ROOM = 5.0  # [m] half the side of the hall
 _FREE_START = 0.9  # [m] between the robot's start and obstacles
-_WALL_GAP, _WALL_RUN = 1.5, 8.0  # [m], [s] of a run along a wall
-_ROOMY = 0.08  # [m] between links that are far from each other
-_FREE_RUN = 20.0  # [s]
-_DOOR_END = 4.0  # [m] where somebody is through the door
-WALL_ANGLES = (20.0, 40.0, 60.0)
-
-
-# pilots
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """What a pilot sees: time [s], the robot's estimated coordinate row (nv,), and the last sensed scene."""
-
-    time: float
-    coordinates: Array
-    scene: Scene
-
-
-Pilot = Callable[[Seen], Desired | None]
-
-
-def _held(rng: np.random.Generator, low: float, high: float, draw: Callable[[Seen], Desired | None]) -> Pilot:
-    """What ``draw`` gives, each for a random time [s]."""
-    until, now = -1.0, None
-
-    def pilot(seen: Seen) -> Desired | None:
-        nonlocal until, now
-        if seen.time >= until:
-            until, now = seen.time + float(rng.uniform(low, high)), draw(seen)
-        return now
-
-    return pilot
-
-
-def _full(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -> tuple[Array, Array]:
-    """A twist and joint velocities, some of them at their limits."""
-    top, twist = limits.drive_speed, np.zeros(3)
-    if limits.drive_dim == 2:
-        twist[:] = top[0], 0.0, 2.0 * top[0] / limits.track
-    elif limits.drive_dim == 3:
-        twist[:] = top
-    signs = rng.integers(-1, 2, 3 + len(limits.joint_speed)).astype(float)
-    return twist * signs[:3], limits.joint_speed * signs[3:]
-
-
-def _towards(robot: RobotModel, limits: MotionLimits, at: Array, target: Array) -> Array:
-    """The twist at full speed towards a point (2,)."""
-    dx, dy = target - at[:2]
-    bearing = math.remainder(math.atan2(dy, dx) - at[2], 2.0 * math.pi)
-    speed = float(limits.drive_speed[0])
-    if limits.drive_dim == 3:
-        return np.array([speed * math.cos(bearing), speed * math.sin(bearing), bearing])
-    ahead = abs(bearing) < 0.5 * math.pi
-    turn = bearing if ahead else math.remainder(bearing - math.pi, 2.0 * math.pi)
-    return np.array([(1.0 if ahead else -1.0) * speed * max(math.cos(turn), 0.0), 0.0, 2.0 * turn])
-
-
-def _rammer(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -> Pilot:
-    """Full speed at one of the nearest things, the arm out or anywhere."""
-    target, until, joints = "", -1.0, np.zeros(len(limits.joint_speed))
-
-    def pilot(seen: Seen) -> Desired:
-        nonlocal target, until, joints
-        where = {o.name or "": _nearest_point(o, seen.coordinates[:2]) for o in seen.scene}
-        if seen.time >= until or target not in where:
-            near = sorted(where, key=lambda name: float(np.hypot(*(where[name] - seen.coordinates[:2]))))
-            target, until = near[int(rng.integers(min(4, len(near))))], seen.time + float(rng.uniform(2.0, 4.0))
-            joints = limits.joint_speed * rng.integers(-1, 2, len(joints)) * (rng.random() < 0.5)
-        twist = _towards(robot, limits, seen.coordinates, where[target]) if limits.drive_dim else None
-        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
-
-    return pilot
-
-
-def _nearest_point(obstacle: Obstacle, at: Array) -> Array:
-    """About the nearest point (2,) of an obstacle, seen from above."""
-    turn, middle = obstacle.pose[:2, :2], obstacle.pose[:2, 3]
-    if obstacle.shape != "box":
-        return middle
-    half = 0.5 * np.asarray(obstacle.spec["size"], dtype=float)[:2]
-    return middle + turn @ np.clip(turn.T @ (at - middle), -half, half)
-
-
-def _jerks(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -> Pilot:
-    """Everything at its limits, another way every moment."""
-
-    def draw(_: Seen) -> Desired:
-        twist, joints = _full(robot, limits, rng)
-        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
-
-    return _held(rng, 0.03, 0.6, draw)
-
-
-def _broken(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -> Pilot:
-    """Full speed, silence, values that are no numbers, and old commands."""
-
-    def draw(seen: Seen) -> Desired | None:
-        twist, joints = _full(robot, limits, rng)
-        kind = int(rng.integers(6))
-        if kind == 0:
-            return None
-        if kind == 1:
-            twist[int(rng.integers(3))] = math.nan
-        if kind == 2:
-            joints[int(rng.integers(len(joints)))] = math.inf
-        return Desired(
-            twist=twist if limits.drive_dim else None, joints=joints, time=seen.time - 1.0 if kind == 3 else None
-        )
-
-    return _held(rng, 0.05, 1.0, draw)
-
-
-def _spinner(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -> Pilot:
-    """Turns as fast as it can while the arm goes out, and drives into things meanwhile."""
-
-    def draw(_: Seen) -> Desired:
-        twist, joints = _full(robot, limits, rng)
-        twist[0] = float(rng.uniform(-0.6, 0.6))
-        twist[2] = float(rng.choice((-2.0, 2.0)))
-        return Desired(twist=twist if limits.drive_dim else None, joints=joints)
-
-    return _held(rng, 1.0, 2.5, draw)
-
-
-def _wanderer(robot: RobotModel, limits: MotionLimits, rng: np.random.Generator) -> Pilot:
-    """Random commands that change smoothly."""
-    size = 3 + len(limits.joint_speed)
-    state, last = np.zeros(size), 0.0
-    twist = np.array([*limits.drive_speed[:1], *limits.drive_speed[:1], 1.5]) if limits.drive_dim else np.zeros(3)
-    top = np.concatenate((twist, 0.5 * limits.joint_speed))
-
-    def pilot(seen: Seen) -> Desired:
-        nonlocal state, last
-        step, last = seen.time - last, seen.time
-        state = state * math.exp(-step / 1.5) + math.sqrt(1.0 - math.exp(-2.0 * step / 1.5)) * rng.standard_normal(size)
-        v = np.clip(state, -1.0, 1.0) * top
-        return Desired(twist=v[:3] if limits.drive_dim else None, joints=v[3:])
-
-    return pilot
-
-
-PILOTS: dict[str, Callable[[RobotModel, MotionLimits, np.random.Generator], Pilot]] = {
-    "rammer": _rammer,
-    "jerks": _jerks,
-    "broken": _broken,
-    "spinner": _spinner,
-    "wanderer": _wanderer,
-}
-"""Pilots by name; all but the last are hostile."""
 
 
 # what does not certify
@@ -276,9 +126,9 @@ class Piloted:
         until: Callable[[Array], bool] | None = None,
         **_: object,
     ) -> None:
-        own = GuardParams(drive=params)
+        own = GuardParams(drive=params, speed=params.speed_scale)
         self.guard: Guard = (
-            Guard(robot, limits, own, start=start, events=None)
+            Guard(robot, limits, own, start=start, events=None, meter=meter)
             if method == "guard"
             else PeerGuard(method, robot, limits, own, start)
         )
@@ -381,7 +231,8 @@ class Piloted:
         answer = self.guard.step(t, measurement, scene, desired, trouble=trouble)
         self.seconds.append(thread_time() - began)
         self.times.append(t)
-        self._busy, self._last = t + (0.0 if self._meter is None else self._meter() - charged), answer.command
+        took = 0.0 if self._meter is None else self._meter() - charged + self.sensing_took
+        self.sensing_took, self._busy, self._last = 0.0, t + took, answer.command
         self.answers.append(answer)
         self.wanted.append(
             desired is not None
@@ -414,6 +265,7 @@ class _Task:
     plant: str = "kinematic"
     time: float = _RUN
     compute: str = "free"
+    sensors: SensorConfig | None = None
 
 
 def load(robot: str, base: str) -> RobotModel:
@@ -466,7 +318,7 @@ def hall(rng: np.random.Generator, obstacles: int, *, moving: bool) -> World:
     return World(Scene(things))
 
 
-def _simulated(
+def simulated(
     robot: RobotModel,
     world: World | Scene,
     start: Array,
@@ -478,6 +330,7 @@ def _simulated(
     plant: str = "kinematic",
     compute: str = "free",
     faults: Iterable[Fault] = (),
+    sensors: SensorConfig | None = None,
     until: Callable[[Array], bool] | None = None,
 ) -> tuple[Piloted, Simulation[Controller], Figures]:
     """A run, and what its true states say."""
@@ -492,12 +345,19 @@ def _simulated(
 
         assert isinstance(world, World)
         machine = MujocoPlant(robot, limits_of(robot), world, seed=seed)
+    params, senses = None, None
+    if sensors is not None:
+        assert isinstance(world, World)
+        params = DriveParams(assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE)
+        senses = SensorPerception(robot, world, start, sensors=sensors, seed=seed)
     driven = simulation(
         robot,
         world,
         start,
         start,
         limits=limits_of(robot),
+        params=params,
+        perception=senses,
         make=make,
         seed=seed,
         faults=faults,
@@ -507,12 +367,14 @@ def _simulated(
     result = driven.run(time_limit=time)
     piloted = cast("Piloted", driven.controller)
     found = evaluate(result.record, robot, driven.world, driven.limits)
+    unseen = () if sensors is None else unseen_contacts(result.record, found, robot, driven.world, sensors)
     rows = result.record.control
     off = np.abs(rows.v).max(axis=1)
     answers = [a for a, t in zip(piloted.answers, piloted.times, strict=True) if t < time]  # after that it is stopped
     shares = [a.share for a, wanted in zip(answers, piloted.wanted, strict=False) if wanted]
     figures = {
         "contacts_at_speed": len(found.collisions),
+        "contacts_with_seen": sum(contact not in unseen for contact in found.collisions),
         "contacts": found.as_dict()["collisions"],
         "contacts_at_rest": len(found.rest_contacts),
         "min_clearance_m": found.min_clearance_m if found.closest else None,
@@ -538,7 +400,7 @@ def _hostile(task: _Task) -> Figures:
     pilot = PILOTS[task.pilot](robot, limits, rng)
     world = hall(np.random.default_rng(task.seed), task.obstacles, moving=task.moving)
     faults = [Fault.parse(f"{task.fault}@{rng.uniform(2.0, 0.6 * task.time):.2f}")] if task.fault else []
-    _, _, figures = _simulated(
+    _, _, figures = simulated(
         robot,
         world,
         robot.home_q,
@@ -549,6 +411,7 @@ def _hostile(task: _Task) -> Figures:
         plant=task.plant,
         compute=task.compute,
         faults=faults,
+        sensors=task.sensors,
     )
     named = ("robot", "base", "pilot", "method", "seed", "obstacles", "moving", "fault", "plant", "compute")
     return {name: getattr(task, name) for name in named} | {"moves": figures.pop("moving")} | figures
@@ -567,6 +430,7 @@ def bench_guard(
     plant: str = "kinematic",
     time: float = _RUN,
     compute: str = "free",
+    sensors: SensorConfig | None = None,
     processes: int | None = None,
 ) -> Figures:
     """Pilots in a hall, with still and with moving obstacles.
@@ -584,10 +448,11 @@ def bench_guard(
         time: length of a run [s].
         compute: cost of computing; periods that a step takes too long are lost. As for
             :func:`~elastic_strips.sim.simulation`.
+        sensors: what the robot knows its scene by; the scene itself, noisy and late, where None.
         processes: runs at once.
     """
     tasks = [
-        _Task(robot, base, pilot, method, int(seed), count, seed % 2 == 1, fault, plant, time, compute)
+        _Task(robot, base, pilot, method, int(seed), count, seed % 2 == 1, fault, plant, time, compute, sensors)
         for robot in robots
         for base in bases
         for pilot in pilots or PILOTS
@@ -621,6 +486,7 @@ def _summary(runs: list[Figures]) -> Figures:
     return {
         "count": len(runs),
         "contacts_at_speed": sum(r["contacts_at_speed"] for r in runs),
+        "contacts_with_seen": sum(r["contacts_with_seen"] for r in runs),
         "runs_with_contacts": sum(r["contacts_at_speed"] > 0 for r in runs),
         "contacts_at_rest": sum(r["contacts_at_rest"] for r in runs),
         "least_clearance_m": min(near, default=None),
@@ -632,144 +498,4 @@ def _summary(runs: list[Figures]) -> Figures:
         "tries": float(np.mean([r["tries"] for r in runs])),
         "at_rest_at_end": float(np.mean([r["at_rest_at_end"] for r in runs])),
         "step_ms": percentiles([ms for r in runs for ms in r["step_ms"]]),
-    }
-
-
-# what is to pass
-
-
-def bench_passing(robots: Sequence[str], step: Note = silent, *, bases: Sequence[str] = BASES) -> Figures:
-    """What passes where nothing is near, along walls, and through doors, beside what is asked for.
-
-    Args:
-        robots: names or URDF files.
-        step: called after each run.
-        bases: as for :func:`bench_guard`.
-    """
-    rows = []
-    for name in robots:
-        for base in bases:
-            robot = load(name, base)
-            limits = limits_of(robot)
-            row: Figures = {"robot": name, "base": base or robot.base_kind.value}
-            step(f"{name} {base}: nothing near")
-            row |= _free(robot, limits)
-            for angle in WALL_ANGLES:
-                step(f"{name} {base}: a wall at {angle:g}°")
-                row[f"wall_{angle:g}"] = _along_wall(robot, angle)
-            for width in (1.0, 1.3):
-                step(f"{name} {base}: a door of {width:g} m")
-                row[f"door_{width:g}"] = {m: _through_door(robot, width, m) for m in ("guard", "none", "scaling")}
-            rows.append(row)
-    return {**head("passing", robots=list(robots)), "rows": rows}
-
-
-def _roomy(robot: RobotModel, limits: MotionLimits) -> Array:
-    """A configuration (nq,) whose arm is far from its stops and from the robot's own links."""
-    rng, base = np.random.default_rng(5), robot.space.base_nv
-    look = Proposer(robot, limits, self_clearance=0.005, part=0.8, reach=0.1, self_reach=_ROOMY)
-    row = robot.space.to_coordinates(robot.home_q)
-    low, high = np.maximum(robot.space.lower[base:], -3.0), np.minimum(robot.space.upper[base:], 3.0)
-    nothing = Outlook.of(Scene([]), ObstacleAssumptions(), DriveParams().margins)
-    best, most = row, -1.0
-    for _ in range(2000):
-        posture = row.copy()
-        posture[base:] = low + (high - low) * rng.uniform(0.3, 0.7, len(low))
-        state = ReferenceState(0.0, posture, np.zeros(robot.nv), np.zeros(robot.nv))
-        room = float(look.look(state, nothing, settle=0.0).distance.min(initial=_ROOMY))
-        if room > most:
-            best, most = posture, room
-        if most >= _ROOMY:
-            break
-    return robot.space.from_coordinates(best)
-
-
-def _free(robot: RobotModel, limits: MotionLimits) -> Figures:
-    """Shares of base and whole commands that pass in a wide hall, the arm in the air or at home, moving to and fro."""
-    out = {}
-    scene = Scene([Box((0.2, 40.0, 2.0), at=(30.0, 0.0, 1.0), name="wall")])
-    base = robot.space.base_nv
-    for what, start in (("base", robot.home_q), ("whole", _roomy(robot, limits)), ("whole_at_home", robot.home_q)):
-        if what == "base" and not base:
-            continue
-        at = robot.space.to_coordinates(start)[base:]
-        pilot = _Worker(robot, limits, at if what != "base" else None)
-        piloted, _, figures = _simulated(robot, scene, start, pilot, "guard", seed=1, time=_FREE_RUN)
-        answers = [a for a, t in zip(piloted.answers, piloted.times, strict=True) if t < _FREE_RUN]
-        causes = Counter(f"{a.link} – {a.obstacle}" for a in answers if a.link)
-        out[f"free_{what}"] = {
-            "share": figures["share"],
-            "passed": float(np.mean([a.outcome is GuardOutcome.PASSED for a in answers])),
-            "causes": causes.most_common(3),
-        }
-    return out
-
-
-class _Worker:
-    """Workspace: drives about smoothly, and moves its arm to and fro about a posture (n,), or not at all."""
-
-    def __init__(self, robot: RobotModel, limits: MotionLimits, posture: Array | None) -> None:
-        rng = np.random.default_rng(3)
-        count = len(limits.joint_speed)
-        self._rate, self._phase = rng.uniform(0.5, 1.5, count), rng.uniform(0.0, 6.0, count)
-        self._wander = _wanderer(robot, limits, np.random.default_rng(1))
-        self._posture, self._top, self._base = posture, 0.9 * limits.joint_speed, robot.space.base_nv
-        self._size = np.where(robot.tree.sliding, 0.02, 0.25)
-
-    def __call__(self, seen: Seen) -> Desired:
-        wander = self._wander(seen)
-        assert wander is not None
-        twist, joints = wander.twist if self._base else None, None
-        if self._posture is not None:
-            aim = self._posture + self._size * np.sin(self._rate * seen.time + self._phase) * min(seen.time, 1.0)
-            joints = np.clip(2.0 * (aim - seen.coordinates[self._base :]), -self._top, self._top)
-        return Desired(twist=twist, joints=joints)
-
-
-def _along_wall(robot: RobotModel, angle: float) -> Figures:
-    """Speed along a wall that is driven at askew, as a part of what is commanded along it, and of the whole."""
-    a, omni = math.radians(angle), robot.base_kind.value == "omni"
-    start = robot.home(yaw=0.0 if omni else 0.5 * math.pi - a)
-    twist = np.array([math.sin(a), math.cos(a), 0.0]) if omni else np.array([1.0, 0.0, 0.0])
-    wall = Box((0.2, 60.0, 1.5), at=(_WALL_GAP + 0.1, 10.0, 0.75), name="wall")
-    _, driven, figures = _simulated(
-        robot, Scene([wall]), start, lambda _: Desired(twist=twist), "guard", seed=0, time=_WALL_RUN
-    )
-    rows = driven.recorder.finish().control
-    at = rows.time <= _WALL_RUN
-    y, t = rows.coordinates[at, 1], rows.time[at]
-    top = GuardParams().speed * float(driven.limits.drive_speed[0])
-    top /= max(top, *np.abs(twist[:2])) if omni else 1.0  # of what is commanded
-    late = t >= 0.5 * _WALL_RUN
-    whole = float((y[-1] - y[0]) / (t[-1] - t[0]))
-    settled = float((y[late][-1] - y[late][0]) / (t[late][-1] - t[late][0]))
-    along = float(top * twist[1]) if omni else top
-    return {"whole": whole / along, "settled": settled / along, "contacts": figures["contacts_at_speed"]}
-
-
-def _through_door(robot: RobotModel, width: float, method: str) -> Figures:
-    """Time [s] of somebody who drives through a door to a place 4 m ahead."""
-    posts = [
-        Box((0.2, 4.0, 2.0), at=(2.0, side * (2.0 + 0.5 * width), 1.0), name=f"post {side:+.0f}") for side in (-1, 1)
-    ]
-    limits = limits_of(robot)
-
-    def pilot(seen: Seen) -> Desired | None:
-        x, y, yaw = seen.coordinates[:3]
-        if x > _DOOR_END:
-            return None
-        if limits.drive_dim == 3:
-            return Desired(twist=np.array([1.0, -y, -yaw]))
-        return Desired(twist=_towards(robot, limits, seen.coordinates, np.array([max(x + 0.8, 1.0), 0.0])))
-
-    start = robot.home(y=0.3)
-    _, driven, figures = _simulated(
-        robot, Scene(posts), start, pilot, method, seed=0, time=25.0, until=lambda at: bool(at[0] > _DOOR_END)
-    )
-    rows = driven.recorder.finish().control
-    there = np.flatnonzero(rows.coordinates[:, 0] > _DOOR_END)
-    return {
-        "time_s": float(rows.time[there[0]]) if len(there) else None,
-        "contacts": figures["contacts_at_speed"],
-        "share": figures["share"],
     }

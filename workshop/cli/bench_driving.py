@@ -151,6 +151,21 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
     @options.robot_option("jackal-box")
     @seeds_option(1, "Runs of each world.", 1000)
     @click.option("--id", "ids", multiple=True, type=int, metavar="ID", help="Only this world; may be given again.")
+    @click.option(
+        "--difficulty",
+        type=click.Choice(["easy", "medium", "hard"]),
+        default=None,
+        help="Only worlds of this class, where they have one.",
+    )
+    @click.option(
+        "--phases",
+        type=click.IntRange(1, 100),
+        default=1,
+        show_default=True,
+        help="Runs of each seed that begin at other times of the obstacles' loops.",
+    )
+    @click.option("--method", type=METHOD, default="strip", show_default=True, help="What steers.")
+    @options.sensors_option
     @options.compute_option
     @options.processes_option
     @runs_option
@@ -159,12 +174,17 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
         robot: str,
         seeds: int,
         ids: tuple[int, ...],
+        difficulty: str | None,
+        phases: int,
+        method: str,
+        sensors: str | None,
         compute: str | None,
         processes: int | None,
         json_file: str | None,
     ) -> None:
         from workshop.bench.problems import bench_problems
 
+        config = options.sensors_of(sensors, robot)
         with options.LateProgress(kind) as bar:
             figures = bench_problems(
                 kind,
@@ -173,17 +193,25 @@ def _problem(kind: str, text: str, about: str) -> click.Command:
                 robot=robot,
                 seeds=seeds,
                 ids=ids or None,
+                difficulty=difficulty or "",
+                phases=phases,
+                method=method,
+                sensors=config,
                 compute=_compute(compute),
                 processes=processes,
             )
-        output.say(f"{robot}, {figures['worlds']} worlds, {figures['count']} runs, computing: {figures['compute']}")
+        output.say(
+            f"{robot}, {figures['method']}, {figures['worlds']} worlds, {figures['count']} runs, "
+            f"computing: {figures['compute']}"
+        )
         _problem_rows(figures)
         for name, group in figures["by_difficulty"].items():
             output.say(f"{name}, {group['count']} runs")
             _problem_rows(group)
         for run in figures["runs"]:
             if not run["success"]:
-                row(f"world {run['id']} seed {run['seed']}", run["reason"] or "an obstacle ran into the robot at rest")
+                which = f"world {run['id']} seed {run['seed']} phase {run['phase']}"
+                row(which, run["reason"] or "an obstacle ran into the robot at rest")
         output.write_document("figures", json_file, figures)
 
     return command
@@ -572,6 +600,7 @@ def trials(robot: str, seeds: int, kinds: tuple[str, ...], json_file: str | None
 @click.option("--plant", type=options.PLANT, default="kinematic", show_default=True, help="The machine.")
 @click.option("--time", type=click.FloatRange(1.0, 3600.0), default=15.0, show_default=True, help="Of a run [s].")
 @click.option("--passing", is_flag=True, help="Measure what passes: far from everything, along walls, in doors.")
+@options.sensors_option
 @options.compute_option
 @options.processes_option
 @runs_option
@@ -587,6 +616,7 @@ def guard(
     plant: str,
     time: float,
     passing: bool,
+    sensors: str | None,
     compute: str | None,
     processes: int | None,
     json_file: str | None,
@@ -594,12 +624,13 @@ def guard(
     """Pilots who mean harm drive a robot in a hall: the guard must let nobody touch anything at speed, and pass on what
     it can."""
     from elastic_strips.sim import Fault
-    from workshop.bench.guard import PILOTS, bench_guard, bench_passing
+    from workshop.bench.guard import PILOTS, bench_guard
+    from workshop.bench.guard_passing import bench_passing
 
     chosen = ["" if base == "own" else base for base in bases]
     if passing:
         with options.LateProgress("passing") as bar:
-            figures = bench_passing(robots, bar.step, bases=chosen)
+            figures = bench_passing(robots, range(first, first + seeds), bar.step, bases=chosen)
         _passing_rows(figures)
     else:
         runs = len(robots) * len(chosen) * len(pilots or PILOTS) * len(methods) * len(obstacles) * seeds
@@ -616,6 +647,7 @@ def guard(
                 plant=plant,
                 time=time,
                 compute=compute or "free",
+                sensors=options.sensors_of(sensors, robots[0]),
                 processes=processes,
             )
         _guarded_rows(figures)
@@ -628,11 +660,12 @@ def _guarded_rows(figures: Figures) -> None:
         row(
             f"{some['robot']} {some['base']} {some['method']}".replace("  ", " "),
             f"{some['obstacles']} obstacles, {some['count']} runs: {some['contacts_at_speed']} contacts at speed in "
-            f"{some['runs_with_contacts']}, {some['contacts_at_rest']} at rest, "
+            f"{some['runs_with_contacts']}, {some['contacts_with_seen']} with what was in view, "
+            f"{some['contacts_at_rest']} at rest, "
             + ("" if near is None else f"least distance {1e3 * near:.0f} mm, ")
             + ("" if some["share"] is None else f"share {some['share']:.2f}, ")
             + f"path {some['path_m']:.1f} m, {some['unproven']} unproven, step {times(some['step_ms'])}",
-            some["contacts_at_speed"] == 0,
+            some["contacts_with_seen"] == 0,
         )
 
 
@@ -649,14 +682,17 @@ def _passing_rows(figures: Figures) -> None:
                 causes = ", ".join(f"{name} ({count})" for name, count in free["causes"])
                 row(
                     told,
-                    f"{100 * free['share']:.1f} % where nothing is near, as it is in {100 * free['passed']:.1f} % of "
+                    f"{100 * free['share']:.1f} % ({100 * free['least_share']:.1f} % at least) where nothing is near, "
+                    f"as it is in {100 * free['passed']:.1f} % of "
                     f"the periods; bent by {causes or 'nothing'}",
                 )
         for name, wall in some.items():
             if name.startswith("wall"):
                 row(
                     f"wall at {name[5:]}°",
-                    f"{100 * wall['whole']:.0f} % of the speed, {100 * wall['settled']:.0f} % in its second half",
+                    f"{100 * wall['whole']:.0f} % of the speed, {100 * wall['settled']:.0f} % in its second half"
+                    + ("" if wall["of_free"] is None else f", {100 * wall['of_free']:.1f} % of that without the wall")
+                    + f"; {wall['braking']} periods of braking",
                 )
             elif name.startswith("door"):
                 row(
@@ -730,6 +766,8 @@ def _problem_rows(figures: Figures) -> None:
         f"{100 * figures['collisions']:.1f} % of the runs at speed, "
         f"{100 * figures['run_into_at_rest']:.1f} % run into at rest",
     )
+    row("contacts", f"{figures['contacts_at_speed']} at speed; {figures['contacts_per_s']:.3f} a second of either kind")
+    row("reached", f"{100 * figures['reached']:.1f} %")
     if figures["time_s"]["p50"] is not None:
         row("time", f"p50 {figures['time_s']['p50']:.1f}, p95 {figures['time_s']['p95']:.1f} s")
     if "score" in figures:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -11,7 +12,11 @@ from . import options, output
 from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
-    from elastic_strips.robot import LoadOptions
+    from elastic_strips.planning import Goal
+    from elastic_strips.robot import LoadOptions, RobotModel
+    from elastic_strips.sim.scenarios import Scenario
+
+_LONGEST_DRIVE = 86400.0  # [s]
 
 
 @click.command()
@@ -24,9 +29,13 @@ if TYPE_CHECKING:
 @click.option(
     "--speed", type=options.Finite(0.01, 100), default=2.0, show_default=True, help="Largest speed of dragging [m/s]."
 )
+@options.goals_option
+@click.option("--drive", "drives", is_flag=True, help="Let the robot drive, to wherever the goal is dragged.")
 @click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after this many seconds.")
 @options.browser_option
+@click.pass_context
 def drag(
+    context: click.Context,
     scenario: str,
     robot: str | None,
     described: LoadOptions,
@@ -34,6 +43,8 @@ def drag(
     seed: int | None,
     rate: float,
     speed: float,
+    goals: tuple[Goal, ...],
+    drives: bool,
     seconds: float | None,
     no_browser: bool,
 ) -> int:
@@ -41,18 +52,43 @@ def drag(
     a name it is case-7.
 
     With Shift, or the arrow, an obstacle goes up and down; with Alt, or the ring about it, it turns. The card says how
-    long a tick takes, how clear the strip is, and whether it is certified. The server listens on this machine only;
-    Ctrl-C ends it.
+    long a tick takes, how clear the strip is, and whether it is certified. With --drive the robot drives meanwhile, to
+    wherever the goal's ring or hand is dragged; obstacles then move by themselves alone. The server listens on this
+    machine only; Ctrl-C ends it.
 
-    Exit code 0: the strip was certified at the end. 2: wrong input. 3: it was broken.
+    Exit code 0: the strip was certified at the end, or nothing was touched at speed. 2: wrong input. 3: it was broken,
+    or something was touched.
     """
-    from elastic_strips.planning import plan_report
     from elastic_strips.sim.scenarios import get_scenario
 
     options.check_outputs(scenario)
+    if len(goals) > 1 and not drives:
+        raise click.UsageError("several goals are for --drive; a strip leads to one")
+    for name in ("rate", "speed") if drives else ():
+        if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
+            raise click.UsageError(f"--{name} is of a strip alone; with --drive the robot's own limits hold")
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, base=base)
-    plan = plan_report(model, problem.scene, *problem.ends(model), seed=seed or 0)
+    if drives:
+        return _drive(problem, model, goals, seed, seconds, no_browser)
+    return _keep(problem, model, goals, seed or 0, rate, speed, seconds, no_browser)
+
+
+def _keep(
+    problem: Scenario,
+    model: RobotModel,
+    goals: tuple[Goal, ...],
+    seed: int,
+    rate: float,
+    speed: float,
+    seconds: float | None,
+    no_browser: bool,
+) -> int:
+    """Keep a strip alive while things are dragged."""
+    from elastic_strips.planning import plan_report
+
+    start, end = problem.ends(model)
+    plan = plan_report(model, problem.scene, start, goals[0] if goals else end, seed=seed)
     if not plan.certified:
         output.say(f"warning: {plan.reason}", err=True)
     with options.open_viewer(no_browser=no_browser, title=problem.name) as viewer:
@@ -60,9 +96,9 @@ def drag(
 
         with LiveStrip(model, problem.scene, plan.strip, viewer=viewer, rate=rate, speed=speed) as live:
             output.say(f"viewer  {viewer.url}  (drag obstacles and the goal's ring; Ctrl-C ends)")
-            end = time.monotonic() + (seconds or float("inf"))
+            until = time.monotonic() + (seconds or float("inf"))
             try:
-                while viewer.alive and live.alive and time.monotonic() < end:
+                while viewer.alive and live.alive and time.monotonic() < until:
                     time.sleep(0.1)
             except KeyboardInterrupt:
                 pass
@@ -73,3 +109,36 @@ def drag(
             f", {live.ticks} ticks, {live.replans} planned anew",
         )
     return options.EXIT_DONE if report.certified else options.EXIT_NOT_DONE
+
+
+def _drive(
+    problem: Scenario,
+    model: RobotModel,
+    goals: tuple[Goal, ...],
+    seed: int | None,
+    seconds: float | None,
+    no_browser: bool,
+) -> int:
+    """Drive to wherever the goal is dragged, against the wall clock."""
+    from elastic_strips.sim.scenarios import make_simulation
+    from elastic_strips.sim.scenarios.drive import DriveSetup, conclude
+
+    from .drive_command import watched_drive
+
+    setup = DriveSetup(robot=model, seed=problem.seed if seed is None else seed, goals=goals, compute="1")
+    driven, result, _ = watched_drive(
+        problem,
+        partial(make_simulation, problem, setup, realtime=True),
+        time_limit=seconds or _LONGEST_DRIVE,
+        view=True,
+        no_browser=no_browser,
+        stays=True,
+    )
+    found = conclude(problem, driven, result).evaluation
+    touched = len(found.collisions)
+    output.say(
+        f"{driven.time:.1f} s, {found.path_m:.2f} m, {len(result.goals)} goals reached, {len(result.stops)} stops, ",
+        output.verdict(f"{touched} contacts at speed", not touched),
+        f", {len(found.rest_contacts)} times run into at rest",
+    )
+    return options.EXIT_NOT_DONE if touched else options.EXIT_DONE

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.scenarios import DriveOutcome, Scenario
-    from elastic_strips.strip import Strip
-    from elastic_strips.strip.report import DeformReport
+    from elastic_strips.viewer.dragged_goal import DraggedGoal
 
 
 _STOPS_TOLD = 5
@@ -58,14 +57,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
 )
 @options.sensors_option
-@click.option(
-    "--goal",
-    "goals",
-    multiple=True,
-    type=options.GoalText(),
-    help="A goal in place of the scenario's: of the base, with any heading where none is given, or of a frame of the "
-    "robot. May be given again: one after the other, without a stop where the way leads on.",
-)
+@options.goals_option
 @click.option("--time-limit", type=options.Finite(0.1, 36000), help="Longest run [s of simulated time].")
 @options.evade_option
 @click.option(
@@ -109,7 +101,11 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
 )
 @options.html_option("Write a standalone 3D page of the drive.")
 @options.picture_options
-@click.option("--view", is_flag=True, help="Show it while it drives, in the browser on this machine only.")
+@click.option(
+    "--view",
+    is_flag=True,
+    help="Show it while it drives, in the browser on this machine only; its goal can be dragged.",
+)
 @options.browser_option
 def drive(
     scenario: str,
@@ -206,7 +202,7 @@ def drive_and_report(
     from elastic_strips.sim.scenarios import drive_document
     from elastic_strips.sim.scenarios.drive import conclude
 
-    driven, result, interrupted = _driven(problem, make, time_limit=time_limit, view=view, no_browser=no_browser)
+    driven, result, interrupted = watched_drive(problem, make, time_limit=time_limit, view=view, no_browser=no_browser)
     if outputs.record_file is not None:  # before the evaluation, which may take a while: the drive is not to be lost
         write_record(result.record, outputs.record_file)
     outcome = conclude(problem, driven, result)
@@ -232,31 +228,49 @@ def drive_and_report(
     return options.EXIT_DONE if outcome.reached and not outcome.evaluation.collisions else options.EXIT_NOT_DONE
 
 
-def _driven(
+def watched_drive(
     problem: Scenario,
     make: Callable[..., Simulation[Controller]],
     *,
     time_limit: float | None,
     view: bool,
     no_browser: bool,
+    stays: bool = False,
 ) -> tuple[Simulation[Controller], DriveResult, bool]:
-    """Make a simulation, run and watch it; it, its result, and whether it was interrupted."""
+    """Make a simulation, run and watch it; it, its result, and whether it was interrupted.
+
+    In the viewer its goal can be dragged. One that ``stays`` ends with the page, not at the goal.
+    """
+    from elastic_strips.viewer.dragged_goal import DraggedGoal
+
     viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
+    dragged: DraggedGoal | None = None
     with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(driven: Simulation[Controller]) -> None:
             bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
-            if viewer is not None:
-                viewer.update(
-                    _shown(driven),
-                    driven.world.at(driven.time),
-                    q=driven.robot.space.from_coordinates(driven.plant.coordinates),
-                )
+            if viewer is None or dragged is None:
+                return
+            dragged.tell()
+            space, goal = driven.robot.space, dragged.shown
+            result = driven.controller.result  # None where it stands, or goes on with the motion that it has
+            viewer.update(
+                driven.controller.executor.active.tail(driven.time).strip() if result is None else result.report,
+                driven.world.at(driven.time),
+                q=space.from_coordinates(driven.plant.coordinates),
+                goal=space.from_coordinates(driven.controller.goal if goal is None else goal),
+                motion=result is None,
+                notes=_notes(driven.controller, dragged),
+            )
+            if stays and not viewer.alive:
+                driven.stop()
 
         driven = make(watch=watch)
+        driven.stays = stays
         if viewer is not None:
-            viewer.show(driven.robot, problem.world.at(0.0), _shown(driven))
-            output.say(f"viewer  {viewer.url}")
+            viewer.show(driven.robot, problem.world.at(0.0), driven.controller.strip)
+            dragged = DraggedGoal(viewer, driven.controller)
+            output.say(f"viewer  {viewer.url}  (drag the goal's ring, or its hand{'; Ctrl-C ends' if stays else ''})")
         try:
             with _stopping(driven) as interrupted:
                 result = driven.run(time_limit=time_limit)
@@ -265,10 +279,14 @@ def _driven(
     return driven, result, bool(interrupted)
 
 
-def _shown(driven: Simulation[Controller]) -> Strip | DeformReport:
-    """What the viewer shows ahead of the robot."""
-    controller = driven.controller
-    return controller.result.report if controller.result else controller.strip
+def _notes(controller: Controller, dragged: DraggedGoal) -> list[tuple[str, str]]:
+    """What the card says of the drive."""
+    from elastic_strips.control import RunState
+
+    told = [("robot", controller.state.label)]
+    if dragged.refused or controller.state in (RunState.BRAKING, RunState.STOPPED):
+        told.append(("why", dragged.refused or controller.reason))
+    return told
 
 
 @contextmanager

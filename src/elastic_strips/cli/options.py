@@ -313,6 +313,14 @@ evade_option = click.option(
     default=None,
     help="Leave the strip where something moving comes [default], or only brake and wait.",
 )
+goals_option = click.option(
+    "--goal",
+    "goals",
+    multiple=True,
+    type=GoalText(),
+    help="A goal in place of the scenario's: of the base, with any heading where none is given, or of a frame of the "
+    "robot. May be given again for a drive: one after the other, without a stop where the way leads on.",
+)
 sensors_option = click.option(
     "--sensors",
     metavar="NAMES|FILE.yaml",

@@ -103,7 +103,7 @@ def teleop(
                 if steps % _SHOWN_EVERY == 0:
                     ahead = session.guard.executor.active.tail(session.time).strip()
                     q = model.space.from_coordinates(session.coordinates)
-                    viewer.update(ahead, session.world.at(session.time), q=q, notes=_notes(answer))
+                    viewer.update(ahead, session.world.at(session.time), q=q, motion=True, notes=guard_notes(answer))
                 steps += 1
                 time.sleep(max(0.0, began + steps * dt - time.monotonic()))
                 began = max(began, time.monotonic() - steps * dt - 0.1)  # a slow computer is not caught up with
@@ -112,7 +112,8 @@ def teleop(
     return _report(session, shares)
 
 
-def _notes(answer: GuardedCommand) -> list[tuple[str, str]]:
+def guard_notes(answer: GuardedCommand) -> list[tuple[str, str]]:
+    """What the card says of a guard's answer."""
     rows = [("guard", answer.outcome.value), ("taken", f"{100 * answer.share:.0f} %")]
     rows.append(("stops in", f"{answer.stops_in:.2f} s"))
     if answer.link:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor as Workers
-from concurrent.futures import Future
 from dataclasses import dataclass
 from time import perf_counter
 from typing import TypedDict
@@ -18,43 +17,32 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.collision.certificate import LEFT_PATH
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import Goal, PlanReport
-from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
-from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
-from elastic_strips.validation import check_able, check_array, check_count, check_number, check_type, named_arguments
+from elastic_strips.validation import check_able, check_count, check_number, check_type, named_arguments
 
 from .executor import ExecutorLink, MotionExecutor
+from .goal_keeper import GoalKeeper
 from .interfaces import Command, Event, GoalReached, Measurement, RunState
-from .itinerary import Goals, goals_in_order, off_goal
+from .itinerary import Goals, configuration_of, goals_in_order
 from .local_planner import LocalPlanner
 from .monitor import SceneMonitor
 from .pace import Pace
 from .params import DriveParams, Tolerance
-from .path_drive import PathDrive
-from .plan_queue import PlanQueue
 from .process.priority import keep_memory, undisturbed
 from .record import TickStatistics
-from .replanning import Replanned, Replanner
+from .replanning import Replanner
 from .retreat import Retreat
 from .strip_timer import PlanOutcome, PlanResult
 
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
 """Events that are kept by default: a robot may run for days."""
-_STRIP_START_OFFSET = 0.02
-"""A robot at least this far [m, rad] from the beginning of a strip that was planned while it braked stands
-elsewhere."""
-_PLANNING_TIME = 0.1
-"""Time [s] that a plan to another goal is given while the robot drives: the strip begins where it will be then."""
-_DRIVES_ON = 0.5
-"""Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
 PlanTick = Callable[[float, Scene, Trajectory, float], PlanResult]
 """Time, scene, the active trajectory, and when a new one is to begin; see :meth:`LocalPlanner.tick`."""
 
@@ -134,19 +122,14 @@ class Controller:
     Attributes:
         first_plan: report of the first strip's plan; None where the strip was given.
         scene: the newest scene that was planned with.
-        goals: goals after the present one.
-        goal_q: configuration (nq,) of the present goal; while the way to it is planned, of the one before.
-        goal: its coordinate row (nv,).
-        goals_reached: the goals that were reached so far, in order of time.
         result: result of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
-        tolerance: how near counts as reached.
         time: of the last step [s].
         tick: the last planning tick, or None.
         statistics: durations of the planning ticks.
         sensing_took: time [s] that the perception took for what comes next, by the clock that computing is measured
             with.
-        executor, planner, replanner, pace: the parts.
+        executor, planner, replanner, keeper, pace: the parts.
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision.
@@ -192,8 +175,6 @@ class Controller:
         self.sensing_took: float = 0.0
         self._steps = 0
         first, *following = goals_in_order(robot, goal)
-        self.goals: list[Goal | Sequence[Goal]] = following
-        self.goals_reached: list[GoalReached] = []
         self.scene: Scene = Scene([]) if scene is None else scene
         self.first_plan: PlanReport | None = None
         self.replanner: Replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
@@ -201,40 +182,44 @@ class Controller:
             self.first_plan = self.replanner.first(self.scene, start, first, path=path)()
             self.replanner.begin(self.first_plan)
             strip = self.first_plan.strip
-        self.goal_q: Array = strip.q[-1] if is_goal_region(first) else robot.check_q(first, what="goal")  # type: ignore[arg-type]
-        self.goal: Array = robot.space.to_coordinates(self.goal_q)
+        goal_q = configuration_of(robot, first)
+        goal_q = strip.q[-1] if goal_q is None else goal_q
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
         self.plan_tick: PlanTick = self.planner.tick
-        self._leaving: Trajectory | None = None  # the motion along which it backs off
-        self._retreat = Retreat(robot, self.planner.timer.easy)
-        self.tolerance: Tolerance = self.params.tolerance
         self._here: MotionExecutor | None = None
         if executor is None:
             executor = self._here = MotionExecutor(
-                robot, self.limits, self.params, self.start, self.goal, self.tolerance, keep=events
+                robot,
+                self.limits,
+                self.params,
+                self.start,
+                robot.space.to_coordinates(goal_q),
+                self.params.tolerance,
+                keep=events,
             )
         self.executor: ExecutorLink = executor
+        self._retreat = Retreat(executor, self.planner)
+        self.keeper: GoalKeeper = GoalKeeper(
+            self.start,
+            goal_q,
+            following,
+            executor,
+            self.planner,
+            self.replanner,
+            self.params,
+            workers,
+            self._forget_motions,
+        )
         self.result: PlanResult | None = None
         self._doubts = SceneMonitor(self.params.monitor, self.params.assumptions)
         self._recoveries = 0
         self._speed = 1.0  # part of the full speed
         self._active: Trajectory = self.executor.active  # of the planning tick
         self._proven = self._due = self.params.tracking_error  # [m] what it is certified with, and ought to be
-        self._plans = PlanQueue(workers)
-        self._replan_task: Future[Replanned] | None = None  # replans a strip to the same goal
-        self._replan_from: Array = self.start  # (nv,) where that strip begins
-        self._next_plan: Future[PlanReport] | None = None  # plans the first strip to another goal
-        self._next_goal: Goal | Sequence[Goal] = self.goal_q  # that goal
-        self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
-        self._onward: PlanReport | None = None  # that plan, where motions go on along its strip
-        self._asked = -np.inf  # [s] when it was asked for
-        self._path: PathDrive | None = None  # that is followed
-        self._counted = False  # whether the goal was written down as reached
-        self._cancelled = ""
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
-        self._no_path = self._stopping = ""
+        self._stopping = ""
         self._next_tick = 0  # number of the step with the next planning tick
 
     def __enter__(self) -> Controller:
@@ -245,7 +230,7 @@ class Controller:
 
     def close(self) -> None:
         """End the planning thread; a running plan is waited for."""
-        self._plans.close()
+        self.keeper.plans.close()
 
     @property
     def params(self) -> DriveParams:
@@ -278,6 +263,31 @@ class Controller:
         return self.executor.estimate
 
     @property
+    def goals(self) -> list[Goal | Sequence[Goal]]:
+        """Goals after the present one."""
+        return self.keeper.goals
+
+    @property
+    def goal_q(self) -> Array:
+        """Configuration (nq,) of the present goal; while the way to it is planned, of the one before."""
+        return self.keeper.goal_q
+
+    @property
+    def goal(self) -> Array:
+        """Its coordinate row (nv,)."""
+        return self.keeper.goal
+
+    @property
+    def goals_reached(self) -> list[GoalReached]:
+        """The goals that were reached so far, in order of time."""
+        return self.keeper.reached
+
+    @property
+    def tolerance(self) -> Tolerance:
+        """How near counts as reached."""
+        return self.keeper.tolerance
+
+    @property
     def replans(self) -> int:
         """How often a strip was planned anew."""
         return self.replanner.count
@@ -306,12 +316,12 @@ class Controller:
     @property
     def ended(self) -> bool:
         """Whether the last goal is reached."""
-        return self.state is RunState.REACHED and not self.goals and self._next_plan is None
+        return self.state is RunState.REACHED and not self.goals and not self.keeper.planning
 
     @property
     def halted(self) -> bool:
         """Whether the robot was to :meth:`stop`, or its goal was cancelled, and it stands."""
-        return bool(self._stopping or self._cancelled) and self.executor.at_rest(self.time)
+        return bool(self._stopping or self.keeper.cancelled) and self.executor.at_rest(self.time)
 
     def log(self, kind: str, reason: str) -> None:
         """Write down an event at the present time: its kind in one word, and a reason."""
@@ -345,10 +355,7 @@ class Controller:
         Raises:
             ConfigurationError: a configuration that is not valid.
         """
-        first, *following = goals_in_order(self.robot, goal)
-        self.goals = following
-        self._cancelled = ""
-        self._set_goal(first)
+        self.keeper.retarget(self.time, goal, self.scene, self.pace.latency)
 
     @named_arguments
     def follow(self, path: npt.ArrayLike, *, within: float, wait: bool = True) -> None:
@@ -369,36 +376,7 @@ class Controller:
             ParameterError: a path of another shape, or a distance that is too small.
             ConfigurationError: the robot's base is fixed, or further from the path than that.
         """
-        rows = check_array("path", path, (None, 3 if np.shape(path)[-1:] == (3,) else 2))
-        if not self.robot.space.planar:
-            raise ConfigurationError(f"follow: the base of {self.robot.name!r} is fixed")
-        least = self.planner.margins.tracking_error
-        check_number("within", within, above=least, unit="m")
-        followed = FollowedPath(rows[:, :2], within)
-        off = float(followed.off(self.reference.coordinates[None, :2])[0])
-        if off > within - least:
-            raise ConfigurationError(
-                f"follow: the base is {off:.3f} m from the path; within={within:g} m allows {within - least:.3f} m, "
-                f"for the tracking error is up to {least:g} m"
-            )
-        self.goals = []
-        self._forget_plans()
-        self._cancelled = ""
-        moves = not self.executor.at_rest(self.time)
-        begin = (
-            self.executor.active.at(self.time + self.pace.latency).coordinates
-            if moves
-            else self.executor.active.coordinates[-1]
-        )
-        yaw = float(rows[-1, 2]) if rows.shape[1] == 3 else None
-        self._path = PathDrive(self.robot, followed, yaw, wait=wait)
-        self.planner.keep_to(followed)
-        strip = self._path.strip_from(begin)
-        self.goal_q = strip.q[-1]
-        self.goal = self.robot.space.to_coordinates(self.goal_q)
-        self._counted = False
-        self.executor.retarget(self.goal, self.tolerance)
-        self.planner.take(strip, beside=moves)
+        self.keeper.follow(self.time, path, within, wait, self.pace.latency)
 
     def cancel(self, reason: str = "the goal was cancelled") -> None:
         """Give up the goal and all after it: the robot comes to rest, and stands until :meth:`retarget`.
@@ -406,11 +384,7 @@ class Controller:
         Args:
             reason: becomes the reason of the state.
         """
-        self.goals = []
-        self._forget_plans()
-        self._cancelled = self._no_path = reason
-        self.executor.retarget(self.goal, self.tolerance)
-        self.executor.reject(reason)
+        self.keeper.cancel(reason)
 
     def set_speed(self, part: float) -> None:
         """Drive more slowly, or as fast as before: the motions that are planned from now on.
@@ -424,32 +398,6 @@ class Controller:
         self._speed = check_number("part", part, low=0.0, high=1.0)
         if self._speed > 0.0:
             self.planner.timer.slow_down(self._speed)
-
-    def _set_goal(self, goal: Goal | Sequence[Goal]) -> None:
-        """Start planning the way to a goal, from where the robot will be by then."""
-        self._forget_plans()
-        self.executor.retarget(self.goal, self.tolerance)
-        moves = not self.executor.at_rest(self.time)
-        begin = self.time + self.pace.latency + _PLANNING_TIME
-        at = self.executor.active.at(begin).coordinates if moves else self.reference.coordinates
-        self._asked = self.time
-        self._plan_to(goal, at)
-
-    def _plan_to(self, goal: Goal | Sequence[Goal], at: Array) -> None:
-        """Have the first strip to a goal planned, from a coordinate row (nv,)."""
-        self._next_goal, self._replan_from = goal, at
-        start = self.robot.space.from_coordinates(at)
-        self._next_plan = self._plans.submit(self.replanner.first(self.scene, start, goal))
-
-    def _forget_plans(self) -> None:
-        """Forget what leads to the goals that there were; brakes that are due stay."""
-        self._no_path, self._path = "", None
-        self.planner.keep_to(None)
-        for plan in (self._next_plan, self._onward_plan, self._replan_task):
-            if plan is not None:
-                plan.cancel()  # where it has not begun
-        self._next_plan = self._onward_plan = self._replan_task = self._onward = None
-        self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
 
     def lend(self) -> MotionExecutor:
         """Let somebody else drive the robot with this controller's executor, until :meth:`take_back`.
@@ -465,7 +413,7 @@ class Controller:
     def take_back(self) -> None:
         """Drive on after :meth:`lend`, from wherever the robot is, moving or not: it joins the strip from there."""
         self._ready.clear()
-        self._replan_task = None  # it leads from where the robot would have come to rest
+        self.keeper.forget_replan()
         self.planner.take(self.strip, beside=True)
 
     def warm_up(self) -> None:
@@ -511,7 +459,7 @@ class Controller:
             self._next_tick = self._steps + max(1, round(every), int(np.ceil(seconds / period - 1e-9)))
         self._publish(t)
         command = self._here.command(t)
-        self._count(t)
+        self.keeper.count(t)
         self._steps += 1
         return command
 
@@ -524,7 +472,7 @@ class Controller:
         """
         check_type("scene", scene, Scene, SceneError, none=True)
         self.time = t
-        self._count(t)
+        self.keeper.count(t)
         self._see(t, scene, trouble)
         if not self._stopping or not self.executor.at_rest(t):
             self._planning_tick(t)
@@ -547,21 +495,11 @@ class Controller:
             self._recoveries = self.executor.recoveries
             self._ready.clear()
             self.replanner.demand(t + self.params.replan_time)
-        if self.state is RunState.REACHED and self.goals and self.executor.settled and self._next_plan is None:
-            self._set_goal(self.goals.pop(0))
+        self.keeper.set_out(t, self.scene, self.pace.latency)
 
-    def _count(self, t: float) -> None:
-        """Write down that the goal is reached, once it is."""
-        if self.state is RunState.REACHED and self._next_plan is None and not self._counted:
-            self._counted = True
-            self._reach(t, self.estimate, passed=False)
-
-    def _reach(self, t: float, at: Array, *, passed: bool) -> None:
-        """Write down that the goal was reached at the coordinate row ``at`` (nv,)."""
-        position, yaw, joints = off_goal(self.robot, at[None], self.goal)[0].tolist()
-        self.goals_reached.append(GoalReached(t, self.goal, position, yaw, joints, passed))
-        if passed:
-            self.log("passed", f"goal {len(self.goals_reached)}, {1e3 * position:.0f} mm off")
+    def _forget_motions(self) -> None:
+        """Forget motions that are planned, but have not begun; brakes that are due stay."""
+        self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
 
     # the planning loop
 
@@ -571,7 +509,7 @@ class Controller:
         Returns:
             What it took [s], by the meter.
         """
-        began, submitting = perf_counter(), self._plans.submitting
+        began, submitting = perf_counter(), self.keeper.plans.submitting
         executor = self.executor
         self.result = None
         before = len(self._ready)
@@ -591,7 +529,7 @@ class Controller:
         result = self.result
         charged = self.pace.finish(full=bool(result and result.timings))
         self._ready[before:] = [(due + charged, ready, proven) for due, ready, proven in self._ready[before:]]
-        seconds = perf_counter() - began - (self._plans.submitting - submitting)  # plans are no part of the tick
+        seconds = perf_counter() - began - (self.keeper.plans.submitting - submitting)  # plans are no part of the tick
         reason = (result.reason if result else "") or self.reason
         status = result.report.status.value if result else ""
         self.tick = Tick(t, seconds, result, self.strip.coordinates, executor.active.end_time, status, reason)
@@ -623,37 +561,38 @@ class Controller:
         if executor.lost_for > 0.1:
             executor.reject("odometry lost")
             return
-        if self._backs_off(t, scene):
+        if self._retreat.backs_off(t, self._begin(t), scene, stuck=self._stuck):
             return
-        stops = self._no_path or ("the speed is set to 0" if self._speed == 0.0 else "")
+        stops = self.keeper.no_way or ("the speed is set to 0" if self._speed == 0.0 else "")
         if stops:  # the strip leads to the previous goal, or nowhere for now
             executor.reject(stops)
             self._watch_stop(t)
             return
         self._prove_again(t, scene)
-        waiting, at_rest = self._path is None and self._replan(t), executor.at_rest(t)
+        waiting, at_rest = self.keeper.path is None and self.keeper.replan(t, scene), executor.at_rest(t)
         evades = self.planner.evasion is not None and any(o.motion is not None for o in scene)
         if (waiting and at_rest and not evades) or self._rest_of_goal(t, scene):
             return
         self._allow()
         begin = self._begin(t)
         if at_rest and t >= executor.active.end_time + params.settle_time:
-            executor.anchor(stationary(self.robot, self.limits, np.array(executor.estimate), begin, params.control_dt))
-        self._look_onward(scene)
+            # From now on: from a time to come on the robot would count as moving until then.
+            executor.anchor(stationary(self.robot, self.limits, np.array(executor.estimate), t, params.control_dt))
+        self.keeper.look_onward(scene)
         result = self.result = self.plan_tick(t, scene, self._active, begin)
         if self.planner.passed is not None:
-            self._pass_goal(*self.planner.passed)
+            self.keeper.pass_goal(*self.planner.passed)
         if result.late:
             executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
-        if self._path is not None:
-            if self._blocked(t, self._path, result, at_rest):
+        if self.keeper.path is not None:
+            if self.keeper.blocked(t, self.keeper.path, result, at_rest):
                 return
         elif not waiting:
-            self.replanner.work_beside(scene, result.report.strip, self._plans.submit)
+            self.replanner.work_beside(scene, result.report.strip, self.keeper.plans.submit)
             due = self.replanner.watch(t, result, scene, at_rest=at_rest)
             if due:
                 executor.log("replanning", due)
-        drives_on = self._next_plan is not None and t < self._asked + _DRIVES_ON
+        drives_on = self.keeper.drives_on(t)
         if not waiting or drives_on or result.outcome in (PlanOutcome.EVADE, PlanOutcome.BRAKE):
             self._decide(t, result)
 
@@ -667,44 +606,13 @@ class Controller:
         if broken:
             executor.brake(broken)
 
-    def _backs_off(self, t: float, scene: Scene) -> bool:
-        """Whether the robot backs off, or touches something.
-
-        Where it has stood so for a while, or so near to something that no motion is certified, it backs off along the
-        way that it came, proven to be free of all else.
-        """
-        executor = self.executor
-        stands = executor.at_rest(t)
-        if executor.active is self._leaving and not stands:
-            certificate = self.planner.certify_leaving(executor.active.tail(self._begin(t)), scene)
-            if not certificate.certified:
-                executor.brake(f"the way back is not free: {certificate.broken}")
-            return True
-        near = executor.contact
-        if not near and stands and self._stuck:
-            near = self.planner.cramped(executor.active.at(self._begin(t)), scene)
-        due = self._retreat.due(t, touching=bool(near), stands=stands) and executor.settled
-        motion = self._retreat.motion(executor.active.coordinates[-1], self._begin(t)) if due else None
-        if motion is None:
-            return bool(executor.contact)
-        certificate = self.planner.certify_leaving(motion, scene)
-        if certificate.certified:
-            executor.log("leaving", f"backs off along the way that it came, after: {near}")
-            proven = self.planner.margins.tracking_error
-            executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
-            self._retreat.went(motion)
-            self._leaving = motion
-            return True
-        executor.log("refused", f"cannot back off: {certificate.broken}")
-        return bool(executor.contact)
-
     @property
     def _stuck(self) -> bool:
         """Whether the robot is to go on to a goal, and the last planning tick found no motion."""
-        if self.executor.at_goal or self._cancelled or self._speed == 0.0:
+        if self.executor.at_goal or self.keeper.cancelled or self._speed == 0.0:
             return False  # it is to stand where it is
         result = self.tick.result if self.tick is not None else None
-        return bool(self._no_path) or result is None or not result.accepted
+        return bool(self.keeper.no_way) or result is None or not result.accepted
 
     def _prove_again(self, t: float, scene: Scene) -> None:
         """Certify the active motion with a larger error, where the robot comes near to what it was proven with."""
@@ -761,14 +669,14 @@ class Controller:
             if result.outcome is PlanOutcome.BRAKE:
                 self.executor.brake(result.reason)
             elif result.motion is not None and result.certificate is not None:
-                at_goal = result.outcome is PlanOutcome.ARRIVE and self._next_plan is None
+                at_goal = result.outcome is PlanOutcome.ARRIVE and not self.keeper.planning
                 self.executor.submit(result.motion, result.certificate, at_goal=at_goal, proven=proven)
 
     def _rest_of_goal(self, t: float, scene: Scene) -> bool:
         """Whether the active trajectory ends at the goal and is still certified: then there is nothing to plan, unless
         the robot may go on from there."""
         executor = self.executor
-        if self._onward is not None and not executor.at_rest(t):
+        if self.keeper.goes_on and not executor.at_rest(t):
             return False
         if not executor.at_goal or executor.at_rest(t):
             return executor.at_goal
@@ -778,133 +686,3 @@ class Controller:
         if certified:
             executor.hold("the motion ends at the goal", self._active, proven)
         return certified
-
-    def _replan(self, t: float) -> bool:
-        """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it.
-
-        It begins where the robot will come to rest, and is taken when it stands there. A robot that evades takes it at
-        once: it will stand elsewhere, and joins the strip from wherever that is, as any that it has left. Where it
-        brakes, and will stand elsewhere for that, a strip from there is planned instead.
-        """
-        if self._next_plan is not None:
-            if not self._next_plan.done():
-                return True
-            self._set_out(self._next_plan)
-        replanner, executor = self.replanner, self.executor
-        if not replanner.pending and self._replan_task is None:
-            return False
-        end = executor.active.coordinates[-1]
-        stands = not (self.reference.v.any() or self._apart(self.reference.coordinates, end))
-        beside = self._joins_from_beside(end, stands)
-        if self._replan_task is None and t >= replanner.due:
-            start = self.robot.space.from_coordinates(end)
-            self._replan_from = end
-            self._replan_task = self._plans.submit(replanner.another(self.scene, start, self.goal_q))
-        if self._replan_task is not None and self._replan_task.done() and (stands or beside):
-            self._take(self._replan_task, beside)
-        return True
-
-    def _set_out(self, plan: Future[PlanReport]) -> None:
-        """Follow the first strip to another goal, from beside it where the robot moves."""
-        self._next_plan = None
-        try:
-            report = plan.result()
-        except Exception as error:  # on any error: the present strip leads to another goal
-            self._no_path = f"no way to the goal: {error}"
-            raise
-        executor = self.executor
-        stands = executor.at_rest(self.time)
-        if stands and self._apart(self._replan_from, executor.active.coordinates[-1]):  # it came to rest meanwhile
-            self._plan_to(self._next_goal, executor.active.coordinates[-1])
-            return
-        self._take_goal(report)
-        self.planner.take(report.strip, beside=not stands)
-
-    def _take_goal(self, report: PlanReport) -> None:
-        """The goal is where a strip ends that is followed from now on."""
-        self._ready = [entry for entry in self._ready if entry[1].outcome is PlanOutcome.BRAKE]
-        self.executor.log("goal", report.reason)
-        self.replanner.begin(report)
-        self.goal_q = report.strip.q[-1]
-        self.goal = self.robot.space.to_coordinates(self.goal_q)
-        self._counted = False
-        self.executor.retarget(self.goal, self.tolerance)
-
-    def _blocked(self, t: float, path: PathDrive, result: PlanResult, at_rest: bool) -> bool:
-        """Where the robot stands and cannot go on along the path that it follows, say for what it waits, and lay the
-        strip onto the path anew; or give the path up, which is answered by True."""
-        stuck = path.stuck(t, self.reference.coordinates, moves=result.accepted or not at_rest)
-        if not stuck:
-            return False
-        broken = None if result.certificate is None else result.certificate.broken
-        broken = result.report.certificate.broken if broken is None else broken
-        what = "a way" if broken is None else (broken.labels or (broken.link, broken.obstacle))[1]
-        if not path.wait and stuck >= self.params.replan_after:
-            self.cancel(f"the path is blocked by {what}: {result.reason}")
-            return True
-        if what not in path.told:
-            path.told.add(what)
-            self.executor.log("waiting", f"for {what}: {result.reason}")
-        if path.due(t, self.params.replan_after):
-            out = broken is not None and broken.kind == LEFT_PATH
-            strip = path.strip_from(self.executor.active.coordinates[-1], turns=out)
-            self.planner.take(strip, as_it_is=out)
-        return False
-
-    def _look_onward(self, scene: Scene) -> None:
-        """Plan the strip from the goal to the next one, and let motions go on along it as soon as it is there."""
-        if not self.goals or self.params.stop_at_goals or not self.replanner.flows or self._onward is not None:
-            return
-        if self._onward_plan is None:
-            plan = self.replanner.onward(scene, self.goal_q, self.goals[0])
-            self._onward_plan = self._plans.submit(plan)
-        elif self._onward_plan.done() and self._onward_plan.exception() is None:  # else it is planned at the goal
-            report = self._onward_plan.result()
-            if report.certified:
-                self._onward = report
-                self.planner.lead_on(report.strip, self.tolerance)
-
-    def _pass_goal(self, t: float, at: Array) -> None:
-        """The robot has gone on from the goal to the next one, without a stop."""
-        self.planner.passed = None
-        if self._onward is None:  # other goals were asked for meanwhile, and the strip to them is being planned
-            return
-        self._reach(t, at, passed=True)
-        report, self._onward, self._onward_plan, self._replan_task = self._onward, None, None, None
-        self.goals.pop(0)
-        self._take_goal(report)
-
-    def _joins_from_beside(self, end: Array, stands: bool) -> bool:
-        """Whether the robot joins the strip that is ready from beside it, because it evades.
-
-        A strip is discarded that begins where a robot that brakes will not stand.
-        """
-        task = self._replan_task
-        if task is None or not task.done():
-            return False
-        apart = self._apart(self._replan_from, end)
-        beside = self.planner.off_strip and (apart or not stands)
-        if apart and not beside:  # it braked
-            self._finish(task, self.replanner.discard)
-        return beside
-
-    def _take(self, plan: Future[Replanned], beside: bool) -> None:
-        """Follow a strip that was planned anew, if there is one."""
-        found = self._finish(plan, self.replanner.take)
-        if found.strip is not None:
-            self.planner.take(found.strip, beside=beside)
-        self.executor.log("replanned", found.reason)
-
-    def _finish(self, plan: Future[Replanned], told: Callable[[Replanned], None]) -> Replanned:
-        """The outcome of a plan, told to the replanner in any case; what has failed is raised after that."""
-        self._replan_task = None
-        error = plan.exception()
-        found = plan.result() if error is None else Replanned(None, "")
-        told(found)
-        if error is not None:
-            raise error
-        return found
-
-    def _apart(self, one: Array, other: Array) -> bool:
-        """Whether a strip that begins at one configuration does not begin at another."""
-        return float(np.abs(self.robot.space.difference(one, other)).max(initial=0.0)) > _STRIP_START_OFFSET

@@ -16,10 +16,12 @@ from elastic_strips.collision import Certificate
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.robot.space import wrap_angle
+from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.braking import brought_to_rest
 from elastic_strips.trajectory.trajectory import ReferenceState, Trajectory
 
+from .keeping import ConstraintKeeper
 from .lookahead import ObstacleLookahead
 from .pace import Pace
 from .params import EvasionParams
@@ -68,6 +70,8 @@ _CONTACT_COST = 40.0
 """Cost of a contact, per second."""
 _STOP_COST = 10.0
 """Cost of a place and speed from which a stop could not be certified, per second."""
+_MISSED_COST = 2.0
+"""Cost of an angle by which the strip's constraint is missed with the joints as they are [1/rad]."""
 _HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
 _LONGER_BY = np.array([0.0, 0.2, 0.5, 0.9])
@@ -129,6 +133,7 @@ class EvasivePlanner(OneThread):
             self._rolling = RollOuts(limits, part=params.acceleration, dt=params.step)
             self._stopping = RollOuts(limits, part=params.acceleration, dt=_ROOM_STEP)
         self._last: Array | None = None
+        self._constraint: ConstraintForce | None = None
 
     @exclusive
     def improved(
@@ -141,6 +146,7 @@ class EvasivePlanner(OneThread):
         arrival: ArrivalTimes,
         pace: Pace | None = None,
         trend: Array | None = None,
+        keeper: ConstraintKeeper | None = None,
     ) -> PlanResult:
         """The given result, or one with a certified motion off the strip where that has a lower cost.
 
@@ -153,8 +159,10 @@ class EvasivePlanner(OneThread):
             arrival: times at the strip's nodes.
             pace: how much time there is for further motions where the best is not certified; enough where None.
             trend: (M, 3) accelerations [m/s²] with which the moving obstacles are expected to go on for a little while.
+            keeper: of the strip's constraint; None where it has none.
         """
         scene = outlook.scene
+        self._constraint = None if keeper is None else keeper.constraint
         if not self.look(outlook, start, result.way, trend):
             return result
         if result.accepted:
@@ -172,9 +180,11 @@ class EvasivePlanner(OneThread):
         gain = _LEAST_GAIN if threatened or start.v.any() else self.params.min_gain
         began = 0.0 if pace is None else pace.reading()
         for motion in self.options(start, cost - gain):
-            certificate = certify(motion, outlook)
-            if certificate.certified:
-                return replace(result, outcome=PlanOutcome.EVADE, motion=motion, certificate=certificate, reason="")
+            several = (motion,) if keeper is None else keeper.motions(motion, scene, self.hold, result.way)
+            for each in several:
+                certificate = certify(each, outlook)
+                if certificate.certified:
+                    return replace(result, outcome=PlanOutcome.EVADE, motion=each, certificate=certificate, reason="")
             if pace is not None:
                 took, began = pace.reading() - began, pace.reading()
                 if not pace.has(took):
@@ -260,6 +270,9 @@ class EvasivePlanner(OneThread):
             return
         pose = self._rolling.poses(start, targets, horizon=params.horizon)
         cost = self._to_go(pose[:, -1])
+        if self._constraint is not None:
+            missed = self._constraint.errors_held(start.coordinates, pose)
+            cost += _MISSED_COST * self.params.step * missed.sum(axis=1)
         if last is not None:  # a bonus for the present manoeuvre
             cost[(np.abs(targets.first - last) < 1e-9).all(axis=1)] -= _STEADINESS_BONUS
         able = cost < better  # risk only adds to it

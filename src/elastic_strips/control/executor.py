@@ -431,7 +431,8 @@ class MotionExecutor:
             reason = f"{1e3 * off:.0f} mm off the reference, known to {1e3 * known:.0f} mm, of {1e3 * proven:.0f} mm"
             if self.estimator.doubt:
                 reason += f": {self.estimator.doubt}"
-        if reason and not self._halt and (not supervisor.at_rest(t) or off > proven or self.estimator.contradiction):
+        beside = off > proven or bool(self.estimator.contradiction or monitor.motor_fault)
+        if reason and not self._halt and (beside or not supervisor.at_rest(t)):
             self._halt = reason
             slipped = self.estimator.slipped
             self.log("fault", f"wheels slip: odometry is {1e3 * slipped:.0f} mm off; {reason}" if slipped else reason)

@@ -54,6 +54,8 @@ _SELF_REACH = 0.1  # [m] within which links count for each other
 _FARTHEST = 1.0  # [m] and obstacles, at most
 _SHARES = (1.0, 0.6, 0.25, 0.0)  # of the base's, or the arm's command that are tried one after the other
 _STUCK = 1e-3  # [m] of room below which none of them is tried
+_ROOM = 1e-3  # [m] from obstacles, besides what a tracking error takes, with which motions are certified
+_CALM = 0.5  # [s] for which a tracking error is kept that is no longer needed: it comes and goes with every fix
 
 
 class GuardOutcome(Enum):
@@ -76,7 +78,8 @@ class GuardParams(Checked):
 
     Attributes:
         drive: what is assumed of obstacles, robot and measurements, and what motions keep from obstacles.
-        self_clearance: distance that motions keep between the robot's own links. The tracking error has a part in it.
+        self_clearance: distance that motions keep between the robot's own links, but for those that touch in no
+            posture. The tracking error has a part in it.
         speed, acceleration: shares of the motors' largest speeds and accelerations that motions are certified with; the
             rest is for tracking. A faster command is one at this speed.
         hold: control periods for which a command is held before the certified motion brakes: with one, the robot would
@@ -244,7 +247,11 @@ class Guard:
         self.executor: MotionExecutor = MotionExecutor(robot, limits, drive, row, row, drive.tolerance, keep=events)
         self._meter: Callable[[], float] = meter or (lambda: 0.0)
         self._certifier = TrajectoryCertifier(
-            robot, clearance=drive.clearance, self_clearance=own.self_clearance, settle_time=drive.settle_time
+            robot,
+            clearance=drive.clearance,
+            self_clearance=own.self_clearance,
+            settle_time=drive.settle_time,
+            apart=0.0,
         )
         self._slower = limits.scaled(own.speed, 1.0)
         self._change = own.acceleration * limits.acceleration
@@ -263,15 +270,18 @@ class Guard:
         self._steering = Steering(robot, self._slower, part=own.acceleration) if steers else None
         self._columns, self._scale = self._proposer.columns, self._proposer.scale
         self._margins: Margins = drive.margins
-        self._doubts = SceneMonitor(drive.monitor)
+        self._needed, self._due = _Peak(drive.tracking_error), _Peak(drive.tracking_error)
+        self._doubts = SceneMonitor(drive.monitor, drive.assumptions)
         self._scene: Scene | None = None
         self._trouble = "no scene has come yet"
         self._outlook: Outlook | None = None
         self._proof: tuple[Trajectory, Outlook] | None = None  # a certified motion, and what against
+        self._refused = ("", "")  # the pair that motions were refused for last
         self._levels = (0, 0)  # where in `_SHARES` the next period begins
         self._inside = False  # whether the robot leaves its clearance, or has to
         self._said: tuple[GuardOutcome, str, str] | None = None
         self._clearance = drive.clearance  # that the active motion is certified with
+        self._leaves = False  # whether that is less than was asked for
         self._lender: Controller | None = None
         self._own = self.executor
         self._frames: dict[str, int] = {}
@@ -393,7 +403,7 @@ class Guard:
 
     def _forget(self) -> None:
         self._proof = self._said = None
-        self._clearance = self._margins.clearance
+        self._clearance, self._leaves = self._margins.clearance, False
         if self._steering is not None:
             self._steering.forget()
 
@@ -425,12 +435,15 @@ class Guard:
             if doubt:
                 executor.log("fault", doubt)
             else:
+                (scene, wrong), self._trouble = self._doubts.motions.checked(t, scene), ""
+                for reason in wrong:
+                    executor.log("fault", reason)
                 if scene is not self._scene:
                     self._scene, self._outlook = scene, None
-                self._trouble = ""
         if trouble:
             self._trouble = trouble
-        allowed = min(executor.needed_error, max(drive.monitor.largest, drive.tracking_error))
+        allowed = self._needed.at(t, min(executor.needed_error, max(drive.monitor.largest, drive.tracking_error)))
+        self._due.at(t, max(executor.due_error, allowed))
         if allowed != self._margins.tracking_error:
             if allowed > self._margins.tracking_error:
                 self._proof = None
@@ -453,18 +466,24 @@ class Guard:
 
     def _wanted(self, desired: Desired) -> Array:
         """(nv,) the desired velocity, as fast as it may be: the base in proportion, each joint by itself."""
-        robot, limits, base = self.robot, self._slower, self.robot.space.base_nv
-        v = np.zeros(robot.nv)
+        base = self.robot.space.base_nv
+        v = np.zeros(self.robot.nv)
         if base and desired.twist is not None:
-            drive = limits.to_drive(desired.twist)
-            v[:base] = limits.to_twist(drive / max(1.0, float((np.abs(drive) / limits.drive_speed).max())))
-        rates = np.zeros(robot.nv - base)
+            v[:base] = desired.twist
         if desired.joints is not None:
-            rates += desired.joints
+            v[base:] += desired.joints
         if desired.hand is not None:
-            rates += self._joints_of_hand(desired.hand, self._frames[desired.frame])
-        v[base:] = np.clip(rates, -limits.joint_speed, limits.joint_speed)
-        return v
+            v[base:] += self._joints_of_hand(desired.hand, self._frames[desired.frame])
+        return self._limited(v)
+
+    def _limited(self, v: Array) -> Array:
+        """A velocity (nv,) as fast as it may be: the base in proportion, each joint by itself."""
+        limits, base, out = self._slower, self.robot.space.base_nv, v.copy()
+        if base:
+            drive = limits.to_drive(v[:base])
+            out[:base] = limits.to_twist(drive / max(1.0, float((np.abs(drive) / limits.drive_speed).max())))
+        out[base:] = np.clip(v[base:], -limits.joint_speed, limits.joint_speed)
+        return out
 
     def _joints_of_hand(self, twist: Array, frame: int) -> Array:
         """(n,) joint rates that move a frame, by damped least squares; all scaled down where one would be too fast."""
@@ -515,37 +534,43 @@ class Guard:
         executor, drive = self.executor, self.params.drive
         start = executor.active.at(t)
         hold = self.params.hold * max(executor.period.seconds, drive.control_dt)
-        pairs = self._proposer.look(start, outlook, settle=hold + drive.settle_time)
-        now = _Now(start, hold, outlook, pairs, *self._kept(pairs, start))
+        wide = replace(outlook.margins, tracking_error=self._due.value).clearance
+        pairs = self._proposer.look(start, outlook, settle=hold + drive.settle_time, clearance=wide)
+        now = _Now(start, hold, outlook, pairs, *self._kept(pairs, start), self._room_for_error(pairs))
         v, cause = self._proposed(wanted, now)
         if float(np.abs(v[self._columns] / self._scale).max()) < _NOTHING:
             none = self._none(t, f"{cause[0]} is near {cause[1]}")
             return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause))
         options, tries = _Options(v, self.robot.space.base_nv, self._levels), 0
         option = options.now()
-        tried = np.full(len(self._change), np.inf)
+        tried, together = np.full(len(self._change), np.inf), True
         while option is not None and tries < self.params.tries:
             if tries and self._meter() - began > self.params.budget:
                 break
             v, _ = self._within_stops(option, start, hold)
             speed = self._reachable(v, now)
-            if float(np.abs(speed - tried).max()) < _NOTHING:  # what was refused already
+            if together and float(np.abs(speed - tried).max()) < _NOTHING:  # what was refused already
                 option = options.after(False, stuck=False)
                 continue
             tried = speed
-            motion = hold_and_brake(self.robot, self.limits, start, speed, part=self.params.acceleration, hold=hold)
-            certificate = self._certify(motion, now)
+            motion = hold_and_brake(
+                self.robot, self.limits, start, speed, part=self.params.acceleration, hold=hold, together=together
+            )
+            certificate, proven = self._proven(motion, now)
             tries += 1
             broken = certificate.broken
             if tries == 1:
                 self._proposer.learn(refused=broken is not None)
             if broken is None:
-                executor.submit(motion, certificate, at_goal=False, proven=outlook.margins.tracking_error)
+                executor.submit(motion, certificate, at_goal=False, proven=proven)
                 if executor.active is not motion:
                     return replace(self._none(t, executor.run.reason), tries=tries)
-                self._proof, self._clearance, self._levels = (motion, outlook), now.clearance, options.easier
+                if options.softened and not cause[0]:
+                    cause = self._refused
+                self._proof, self._levels = (motion, outlook), options.easier
+                self._clearance, self._leaves = now.with_error(proven), now.leaving
                 return self._taken(v, wanted, now, cause, tries)
-            pair = broken.labels or (broken.link, broken.obstacle)
+            self._refused = pair = broken.labels or (broken.link, broken.obstacle)
             if tries == 1:
                 cause = pair
                 if self._steering is not None:
@@ -555,6 +580,9 @@ class Guard:
             self._inside = self._inside or room < _INSIDE
             if room < 0.0:
                 break  # where the motion begins it is too near already
+            together = not (tries == 1 and self.limits.drive_dim == 3 and not of_self)
+            if not together:  # the same, with a stop that turns off along what is in the way
+                continue
             option = options.after(of_self or broken.link in self._arm, stuck=room < _STUCK)
         none = self._none(t, f"{cause[0]} is too near to {cause[1]}")
         return replace(none, link=cause[0], obstacle=cause[1], distance=pairs.of(*cause), tries=tries)
@@ -565,19 +593,35 @@ class Guard:
         cause = stopped, stopped
         steered: Steered | None = None
         if self._steering is not None and not now.leaving:
-            steered = self._steering.steer(v, now.start, now.outlook.scene, partial(self._certify, now=now))
+            steered = self._steering.steer(
+                v, now.start, now.outlook.scene, partial(self._certify, now=now, error=now.due)
+            )
             v, cause = steered.v, self._steering.cause if steered.turned else cause
-        if steered is None or not steered.free:
-            turns = steered is None or not steered.turned
-            proposal = self._proposer.propose(v, now.start, now.pairs, hold=now.hold, turns=turns)
-            v, cause = proposal.v, cause if proposal.cause is None else now.pairs.names[proposal.cause]
+        free, turned = steered is not None and steered.free, steered is not None and steered.turned
+        pairs = now.pairs.own if free else now.pairs  # the base was looked ahead with, and the joints were not
+        proposal = self._proposer.propose(v, now.start, pairs, hold=now.hold, turns=not turned)
+        if proposal.cause is not None:
+            v, cause = self._limited(proposal.v), pairs.names[proposal.cause]
         return (self._slowed(v, now.slow_from) if now.leaving else v), cause
 
-    def _certify(self, motion: Trajectory, now: _Now) -> Certificate:
-        scene, possible = now.outlook.scene, now.outlook.possible
-        return self._certifier.certify(
-            motion, scene, possible, clearance=now.clearance, self_clearance=now.self_clearance
-        )
+    def _proven(self, motion: Trajectory, now: _Now) -> tuple[Certificate, float]:
+        """A motion's certificate, and the tracking error [m] that it is certified with.
+
+        That is the one that is due, so that the robot need not brake where it is further off its reference; the least
+        one only where there is no room for that, and the robot is known, and on its reference, well enough.
+        """
+        executor, least = self.executor, now.outlook.margins.tracking_error
+        if now.due > least and not now.leaving:
+            certificate = self._certify(motion, now, now.due)
+            far = executor.monitor.deviation + executor.coarse > self.params.drive.monitor.brake_at * least
+            if certificate.certified or far:
+                return certificate, now.due
+        return self._certify(motion, now, least), least
+
+    def _certify(self, motion: Trajectory, now: _Now, error: float) -> Certificate:
+        """Certify a motion with a tracking error [m]."""
+        scene, possible, kept = now.outlook.scene, now.outlook.possible, now.with_error(error)
+        return self._certifier.certify(motion, scene, possible, clearance=kept, self_clearance=now.self_clearance)
 
     def _reachable(self, v: Array, now: _Now) -> Array:
         """(k + n,) the speeds of drive and joints that a velocity (nv,) comes to while it is held."""
@@ -600,6 +644,11 @@ class Guard:
         share = min(max(along / size, 0.0), 1.0)
         return _Taken(v, outcome, share, reason, link, obstacle, now.pairs.of(link, obstacle), tries)
 
+    def _room_for_error(self, pairs: NearPairs) -> float:
+        """The tracking error [m] that is due, as far as there is room for it where the robot is."""
+        least, room = self._margins.tracking_error, float(pairs.distance[: pairs.outer].min(initial=math.inf))
+        return max(least, min(self._due.value, room - self._margins.margin - _ROOM))
+
     def _within_stops(self, wanted: Array, start: ReferenceState, hold: float) -> tuple[Array, str]:
         """A velocity (nv,) with which no joint passes its stop, and the joint that this slows most."""
         space, base, k = self.robot.space, self.robot.space.base_nv, self.limits.drive_dim
@@ -615,7 +664,7 @@ class Guard:
         v = wanted.copy()
         v[base:] = rates
         worst = int(np.argmax(less))
-        return v, self.robot.joint_names[worst] if less[worst] > 1e-3 else ""
+        return v, self.robot.joint_names[worst] if less[worst] > _ZERO else ""
 
     def _kept(self, pairs: NearPairs, start: ReferenceState) -> tuple[float, float, int]:
         """What motions keep now from obstacles and between links [m], and the first coordinate that has to be slow.
@@ -655,13 +704,13 @@ class Guard:
         executor, self._levels = self.executor, (0, 0)
         if self._steering is not None:
             self._steering.forget()
+        stands, refuted = executor.at_rest(t), self._recheck(t)
         if holds and not executor.waits:
             executor.hold(reason, executor.active, executor.proven)
         else:
             executor.reject(reason)
-        stands = executor.at_rest(t)
-        if not stands:
-            self._recheck(t)
+        if refuted:
+            executor.brake(refuted)
         outcome = GuardOutcome.STOPPED if stands else GuardOutcome.BRAKING
         return _Taken(np.zeros(self.robot.nv), outcome, 0.0, reason)
 
@@ -678,21 +727,28 @@ class Guard:
         outcome = GuardOutcome.STOPPED if stands else GuardOutcome.BRAKING
         return _Taken(np.zeros(self.robot.nv), outcome, 0.0, reason)
 
-    def _recheck(self, t: float) -> None:
-        """Certify the active motion anew where the scene is not what its certificate allowed for."""
-        outlook, active, proof = self._outlook, self.executor.active, self._proof
-        if outlook is None:
-            return
-        if proof is not None and proof[0] is active and (proof[1] is outlook or proof[1].allows(outlook.scene)):
-            return
-        rest = active.tail(t)
-        kept = min(self._clearance, outlook.margins.clearance)
-        certificate = self._certifier.certify(rest, outlook.scene, outlook.possible, clearance=kept)
-        if certificate.certified:
-            self._proof = active, outlook
-            return
+    def _recheck(self, t: float) -> str:
+        """Certify the active motion anew where the scene is not what its certificate allowed for, or where the robot
+        comes near to the tracking error that it was proven with; why it has to brake, empty where it need not."""
+        outlook, executor, proof = self._outlook, self.executor, self._proof
+        active, proven, due = executor.active, executor.proven, self._due.value
+        if outlook is None or executor.at_rest(t):
+            return ""
+        holds = proof is not None and proof[0] is active and (proof[1] is outlook or proof[1].allows(outlook.scene))
+        rest, broken, least = active.tail(t), None, outlook.margins.tracking_error
+        errors = {min(least, proven)} if self._leaves else {max(due, proven, least), max(proven, least), least}
+        for error in sorted(errors, reverse=True):
+            if holds and error <= proven:
+                return ""
+            kept = replace(outlook.margins, tracking_error=error).clearance
+            kept = min(kept, self._clearance) if self._leaves else kept
+            broken = self._certifier.certify(rest, outlook.scene, outlook.possible, clearance=kept).broken
+            if broken is None:
+                self._proof, self._clearance = (active, outlook), kept
+                executor.hold(executor.run.reason, active, error)
+                return ""
         self._proof = None
-        self.executor.brake(f"the motion is no longer certified: {certificate.broken}")
+        return f"the motion is no longer certified: {broken}"
 
     def _say(self, t: float, taken: _Taken) -> None:
         """Write down what is bent or refused, once for each link and obstacle."""
@@ -702,6 +758,20 @@ class Guard:
         self._said = said
 
 
+class _Peak:
+    """Workspace: the largest of the last values of a tracking error [m]."""
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+        self._until = -math.inf
+
+    def at(self, t: float, value: float) -> float:
+        """Take in the value at time ``t`` [s]; returns the largest one of late."""
+        if value >= self.value or t >= self._until:
+            self.value, self._until = value, t + _CALM
+        return self.value
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Now:
     """What a period decides on: the state from which motions begin, how long they hold, and what they keep from.
@@ -709,6 +779,7 @@ class _Now:
     Attributes:
         clearance, self_clearance: that motions keep [m].
         slow_from: the first coordinate that has to be slow, as the robot is inside its clearance; their number else.
+        due: tracking error [m] that motions are proposed and certified with where there is room for that.
     """
 
     start: ReferenceState
@@ -718,6 +789,11 @@ class _Now:
     clearance: float
     self_clearance: float
     slow_from: int
+    due: float
+
+    def with_error(self, error: float) -> float:
+        """The clearance [m] that motions keep that are certified with a tracking error [m]."""
+        return self.clearance + error - self.outlook.margins.tracking_error
 
     @property
     def leaving(self) -> bool:
@@ -743,6 +819,11 @@ class _Options:
     def easier(self) -> tuple[int, int]:
         """Where the next period had better begin: with a little more than this one came to."""
         return max(self._levels[0] - 1, 0), max(self._levels[1] - 1, 0)
+
+    @property
+    def softened(self) -> bool:
+        """Whether the present one is only a part of what was proposed."""
+        return any(self._levels)
 
     def now(self) -> Array | None:
         """The present one (nv,); None where nothing is left of it."""

@@ -53,6 +53,14 @@ class NearPairs:
     names: tuple[tuple[str, str], ...]
     outer: int
 
+    @property
+    def own(self) -> NearPairs:
+        """Those of two links of the robot alone."""
+        rest = slice(self.outer, None)
+        return NearPairs(
+            self.rows[rest], self.distance[rest], self.need[rest], self.cover[rest], self.names[rest], outer=0
+        )
+
     def of(self, link: str, obstacle: str) -> float:
         """The distance [m] of a pair by its names; NaN where it is not near."""
         found = [d for d, names in zip(self.distance.tolist(), self.names, strict=True) if names == (link, obstacle)]
@@ -103,7 +111,7 @@ class Proposer(OneThread):
         self._bodies = bodies = BodySet.links(robot)
         self._kin = Kinematics(robot.tree, 1)
         self._obstacles = ObstacleProximity(bodies, influence=reach, tolerance=_EXACT)
-        pairs = robot.pairs_within(self_clearance)
+        pairs = robot.pairs_within(0.0)
         self._self = SelfProximity(bodies, pairs, MotionBounds(bodies), influence=self_reach, tolerance=_EXACT)
         self._change = part * limits.acceleration
         slides = limits.drive_dim == 2  # nothing moves it sideways
@@ -131,13 +139,14 @@ class Proposer(OneThread):
         self.caution = min(self.caution + _MORE, _MOST) if refused else max(self.caution - _LESS, 1.0)
 
     @exclusive
-    def look(self, start: ReferenceState, outlook: Outlook, *, settle: float) -> NearPairs:
+    def look(self, start: ReferenceState, outlook: Outlook, *, settle: float, clearance: float) -> NearPairs:
         """What is near a state of the robot.
 
         Args:
             start: the state.
             outlook: of the scene.
             settle: time [s] that the robot needs to stand, besides the braking time of its present speeds.
+            clearance: to keep from obstacles [m].
         """
         kin, bodies, possible = self._kin, self._bodies, outlook.possible
         kin.update(start.coordinates[None])
@@ -165,7 +174,7 @@ class Proposer(OneThread):
             more = 0.5 * possible.acceleration[m] * ((delay + span) ** 2 - delay * delay)
             cover[at] = np.maximum(nearer + possible.speed[m] * span + more, 0.0)
         need = np.full(len(rows), self.self_clearance)
-        need[: len(near)] = outlook.margins.clearance
+        need[: len(near)] = clearance
         labels = bodies.labels
         names = [(labels[b], candidates.obstacle_name(p)) for b, p in zip(near.body, near.part, strict=True)]
         names += [(labels[i], labels[j]) for i, j in self._self.pairs[own.pair]]

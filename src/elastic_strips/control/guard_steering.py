@@ -106,7 +106,10 @@ class Steering:
     def _look(
         self, wanted: Array, start: ReferenceState, scene: Scene, certify: Callable[[Trajectory], Certificate]
     ) -> bool:
-        """Choose the turn: one less than the last where that is free, else that, else one more; whether it is free."""
+        """Choose the turn: one less than the last where that is free, else that, else one more; whether it is free.
+
+        What moves is braked for: turned away from that as well, the robot would go round on the spot.
+        """
         less = max(self._turn - 1, 0)
         broken = certify(self._ahead(wanted, start, less)).broken
         if broken is None:
@@ -115,7 +118,11 @@ class Steering:
         if self._turn == 0 and not self._askew(broken, wanted, start, scene):
             return False
         number = max(self._turn, 1)
-        free = certify(self._ahead(wanted, start, number)).certified
+        refused = certify(self._ahead(wanted, start, number)).broken
+        free = refused is None
+        if self._turn and any(_moves(each, scene) for each in (broken, refused)):
+            self._turn = 0
+            return False
         self._turn = number if free else min(number + 1, len(_TURNS))
         if not free:
             self._until = start.time  # look again at once
@@ -123,7 +130,7 @@ class Steering:
 
     def _askew(self, broken: BrokenSegment, wanted: Array, start: ReferenceState, scene: Scene) -> bool:
         """Whether what a command runs into stands, and lies so that the robot can be turned along it; and which way."""
-        if broken.kind != "obstacle" or scene.obstacle(broken.obstacle).motion is not None:
+        if broken.kind != "obstacle" or _moves(broken, scene):
             return False
         away = self._away(start, scene.obstacle(broken.obstacle))
         way = np.sign(wanted[0]) * np.array([np.cos(start.coordinates[2]), np.sin(start.coordinates[2])])
@@ -166,3 +173,8 @@ class Steering:
         direction = contacts.direction[int(np.argmin(contacts.distance)), :2]
         size = float(np.hypot(*direction))
         return direction / size if size > 0.1 else None
+
+
+def _moves(broken: BrokenSegment | None, scene: Scene) -> bool:
+    """Whether what refutes a motion is an obstacle that moves."""
+    return broken is not None and broken.kind == "obstacle" and scene.obstacle(broken.obstacle).motion is not None

@@ -39,7 +39,17 @@ def goals_in_order(robot: RobotModel, given: Goals) -> list[Goal | Sequence[Goal
     goals = list(cast("Sequence[Goal | Sequence[Goal]]", given)) if several else [cast("Goal", given)]
     if not goals:
         raise ConfigurationError("goal is an empty list")
-    return [each if is_goal_region(each) else robot.check_q(each, what="goal") for each in goals]  # type: ignore[arg-type]
+    found = [(each, configuration_of(robot, each)) for each in goals]
+    return [each if q is None else q for each, q in found]
+
+
+def configuration_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | None:
+    """The configuration (nq,) that a goal is; None where it is something that several may reach.
+
+    Raises:
+        ConfigurationError: one that is not valid.
+    """
+    return None if is_goal_region(goal) else robot.check_q(cast("npt.ArrayLike", goal), what="goal")
 
 
 def faced(robot: RobotModel, here: Array, goal: Goal | Sequence[Goal]) -> Goal | Sequence[Goal]:
@@ -74,8 +84,9 @@ def configurations(
     """
     found: list[Array] = [robot.check_q(start, what="start")]
     for goal in goals:
-        if not is_goal_region(goal):
-            found.append(robot.check_q(goal, what="goal"))  # type: ignore[arg-type]
+        q = configuration_of(robot, goal)
+        if q is not None:
+            found.append(q)
             continue
         here = robot.space.to_coordinates(found[-1])
         search = find_goals(robot, scene, found[-1], faced(robot, here, goal), count=1)

@@ -23,6 +23,7 @@ from elastic_strips.trajectory.trajectory import stationary
 from .evasion import EvasivePlanner
 from .itinerary import passed_at
 from .joining import curves_onto
+from .keeping import ConstraintKeeper
 from .pace import Pace
 from .params import DriveParams, Margins, Tolerance
 from .prediction import ArrivalTimes, Outlook
@@ -38,6 +39,7 @@ _SLOW_SHARE = 0.15  # of the speed limits, below which a robot stops and turns a
 _FREE_AHEAD = 1.5
 """A robot turns onto a strip at speed where so much of it [m in the metric] is certified."""
 _MOST_CURVES = 4  # onto a strip, that are tried in a tick
+_REGAINED_EVERY = 4  # ticks, after which the joints of a strip that misses its constraint are moved to satisfy it
 _PASSING_SPEED = 0.3  # part of the speed limits with which a curve from the end of a strip on begins
 _SAME_DIRECTION_COSINE = 0.995  # of the angle by which the end of the strip may turn until the way on is made anew
 BROKEN_STEPS = 4
@@ -76,6 +78,15 @@ class LocalPlanner:
         self.margins: Margins = params.margins
         self.deformer: Deformer = Deformer(robot, params.strip, constraint=params.constraint)
         self.pace: Pace = Pace(params, None) if pace is None else pace
+        self._keeper: ConstraintKeeper | None = None
+        if self.deformer.constraint is not None:
+            self._keeper = ConstraintKeeper(
+                robot,
+                limits,
+                self.deformer.constraint,
+                self_clearance=params.deform.self_clearance,
+                dt=params.sample_dt,
+            )
         self.timer: StripTimer = StripTimer(robot, limits, params, self.deformer.spacing_weight, self.pace)
         self.arrival: ArrivalTimes = ArrivalTimes(robot, limits)
         self.evasion: EvasivePlanner | None = None
@@ -265,13 +276,14 @@ class LocalPlanner:
             self.evasion.hold = self.timer.held
             before = self.pace.reading()
             evade, trend = self.evasion.improved, self.tracks.trend(outlook)
-            result = evade(result, start, active, outlook, self.timer.certify, self.arrival, self.pace, trend)
+            keeper = self._keeper
+            result = evade(result, start, active, outlook, self.timer.certify, self.arrival, self.pace, trend, keeper)
             self._evasion_took = self.pace.reading() - before
             watch.mark("evasion")
         refused = not result.accepted and result.outcome is not PlanOutcome.BRAKE
         if refused and not timed and self._runs_on(start, report):  # from a velocity that points elsewhere
             curve = None if curved else self._curved(start, active, outlook, report, watch)
-            result = self.timer.joining(result, start, outlook, watch) if curve is None else curve
+            result = self.timer.joining(result, start, outlook, watch, self._keeper) if curve is None else curve
         on_strip = result.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE)
         self._joins = self._joins and not on_strip and result.outcome is not PlanOutcome.EVADE
         self.off_strip = result.outcome is PlanOutcome.EVADE or (self.off_strip and not on_strip)
@@ -282,6 +294,16 @@ class LocalPlanner:
         elif result.accepted and result.motion is not None:
             self._proof = result.motion, outlook
         return result
+
+    def _regained(self, coordinates: Array) -> Strip | None:
+        """The strip with its joints moved to where they satisfy the constraint, every few ticks while it misses that;
+        else None."""
+        keeper, report, constraint = self._keeper, self.report, self.params.constraint
+        if keeper is None or constraint is None or self.off_strip or report is None or self._ticks % _REGAINED_EVERY:
+            return None
+        if report.constraint_errors is None or report.constraint_errors[1:].max() <= constraint.tolerance:
+            return None
+        return Strip.from_coordinates(self.robot, keeper.path(coordinates))
 
     def _nearer(self, start: ReferenceState, outlook: Outlook) -> Outlook | None:
         """The outlook with the tracking error alone as its clearance, where the robot is nearer than its margin to
@@ -304,6 +326,8 @@ class LocalPlanner:
             self.deformer.spacing_weight,
         )
         for curve, rest in islice(curves, _MOST_CURVES):
+            if self._keeper is not None:
+                curve = self._keeper.path(curve)
             self._curve, self.strip = curve, Strip.from_coordinates(self.robot, rest)
             segments = _proven(report)[len(report.strip) - len(rest) :]
             beyond = replace(report, strip=self.strip, certificate=replace(report.certificate, segments=segments))
@@ -352,7 +376,10 @@ class LocalPlanner:
                 _PASSING_SPEED / max(float((np.abs(self.limits.to_coordinates(last)) / self.limits.speed).max()), 1e-9)
             )
             curves = curves_onto(self.robot, self.limits, strip.coordinates[-1], v, rows, weight)
-            self._onward = next(curves, (None, rows))
+            curve, rest = next(curves, (None, rows))
+            if curve is not None and self._keeper is not None:
+                curve = self._keeper.path(curve)
+            self._onward = curve, rest
         return self._onward
 
     def _go_on(self, active: Trajectory, begin: float) -> None:
@@ -445,6 +472,7 @@ class LocalPlanner:
         expected = outlook.expected(params.horizon + now - scene.time)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
         space, weight, strip = self.robot.space, self.deformer.spacing_weight, self.strip
+        regained = None
         if self._curve is not None:
             self._curve, _ = trim_passed(space, self._curve, start.coordinates, weight, moving=moving)
             left = np.sqrt(weight) * space.difference(start.coordinates, self._curve[-1])
@@ -455,6 +483,10 @@ class LocalPlanner:
         if self._curve is None:
             ahead = reconnect if self.off_strip else trim_passed
             coordinates, source = ahead(space, strip.coordinates, start.coordinates, weight, moving=moving)
+            if self.off_strip and self._keeper is not None:
+                last = int(np.count_nonzero(source < 0)) + 1
+                coordinates = np.vstack([self._keeper.path(coordinates[:last]), coordinates[last:]])
+            regained = self._regained(coordinates)
             strip = self.deformer.carry(strip, coordinates, source)
         prediction = None
         if len(expected):
@@ -474,7 +506,10 @@ class LocalPlanner:
         else:
             began = self.pace.reading()
             maintained = self._ticks % params.maintain_every == 0 and not stuck
-            report = self.deformer.step(strip, scene, prediction=prediction, nodes=maintained, retry=False)
+            deform = partial(self.deformer.step, scene=scene, prediction=prediction, nodes=maintained, retry=False)
+            report = deform(strip if regained is None else regained)
+            if regained is not None and not report.certified:
+                report = deform(strip)
             self._step_took = self.pace.reading() - began
             self._broken = 0 if report.certified else self._broken + 1
         if before is not None and before.certified and not self.off_strip:

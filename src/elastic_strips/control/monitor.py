@@ -24,6 +24,7 @@ _OLDEST_FIX = 10.0  # [s] before the measurement that it comes with
 _READING_SLACK = 0.05  # [m, rad] and what a reading may be off besides
 _SAME_PERIOD = 1e-6  # part of a step by which a period may be longer
 _MOST_STEPS = 1000  # of the motors' model at once: after that they have what they were told
+_STANDS = 0.01  # [m/s, rad/s] below this the motors' model stands
 _MOST_VANISHED = 1
 """This many obstacles may vanish at once."""
 
@@ -61,6 +62,7 @@ class Monitor:
         self._modelled: float | None = None  # [s] time of the model
         self._travel, self._span = np.zeros_like(self._model), 0.0  # by the model since the last measurement
         self._wrong_since: float | None = None
+        self._crept, self._stands_since = np.zeros_like(self._model), -math.inf  # by measurements, while it is to stand
 
     def measurement(self, t: float, raw: Measurement, estimate: Array) -> tuple[Measurement | None, tuple[str, ...]]:
         """A measurement without the parts that cannot be true.
@@ -95,6 +97,7 @@ class Monitor:
         self._travel, self._span = np.zeros_like(self._model), 0.0
         if drive is not None:
             self._check_motors(t, drive / span, expected)
+            self._check_standing(t, drive - expected * span)
         return self._last, tuple(filter(None, (*faults, odometry_fault, joints_fault, fix_fault)))
 
     def _odometry(self, raw: Measurement, span: float) -> tuple[Array | None, str]:
@@ -163,6 +166,20 @@ class Monitor:
             self.motor_fault = (
                 f"motor {i} of the drive does not obey: {speed[i]:.2f} m/s where {expected[i]:.2f} are expected"
             )
+
+    def _check_standing(self, t: float, further: Array) -> None:
+        """Add up how much further (k,) [m, rad] than their model motors go that were told to stand, and ought to."""
+        told = self._wanted.any() or float(np.abs(self._model).max(initial=0.0)) > _STANDS
+        if told or t - self._stands_since > self.params.standing_time:
+            self._crept, self._stands_since = np.zeros_like(self._model), t
+        if told:
+            return
+        self._crept = self._crept + further
+        far = np.abs(self._crept)
+        if float(far.max(initial=0.0)) > self.params.standing_travel:
+            i = int(far.argmax())
+            went = f"it went on by {far[i]:.3f} m in {t - self._stands_since:.2f} s"
+            self.motor_fault = f"motor {i} of the drive does not obey: {went} where it is to stand"
 
     def follow(self, reference: Array, estimate: Array, estimator: StateEstimator) -> None:
         """Bring :attr:`deviation` and :attr:`uncertainty` up to date.

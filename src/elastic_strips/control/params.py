@@ -124,6 +124,8 @@ class MonitorParams(Checked):
             12 Hz robots were up to 12 mm off their reference, at 7 Hz up to 61 mm.
         motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor.
         motor_time: longest time [s] for which a drive coordinate may differ by more; then power is cut.
+        standing_travel: how far [m, rad] a drive coordinate may go on within ``standing_time`` [s] once it was told to
+            stand, and ought to; then power is cut.
         motor_wait: time [s] at rest for which the power stays off.
         wheel_lag: time constant [s] of the motors' model.
         recoveries: how often a robot may be found further off its reference than was proven, and go on from there,
@@ -151,6 +153,8 @@ class MonitorParams(Checked):
     longest_period: Positive = 0.075
     motor_error: Positive = 0.15
     motor_time: Positive = 0.1
+    standing_travel: Positive = 0.005
+    standing_time: Positive = 0.3
     motor_wait: NonNegative = 1.0
     wheel_lag: NonNegative = 0.04
     recoveries: Count = 5

@@ -32,6 +32,7 @@ from elastic_strips.strip import DeformParams, Strip
 
 from .itinerary import faced
 from .params import DriveParams
+from .regaining import plan_satisfying
 from .strip_timer import PlanResult
 
 _log = logging.getLogger(__name__)
@@ -178,8 +179,6 @@ class StripPlanner:
             plan_report,
             self.robot,
             scene,
-            asked.start,
-            asked.goal,
             seed=seed,
             params=asked.deform,
             path=asked.path,
@@ -189,16 +188,25 @@ class StripPlanner:
         )
         constraint = self.params.constraint
         if constraint is None:
-            return plan(timeout=timeout)
+            return plan(asked.start, asked.goal, timeout=timeout)
         try:  # what moves is not among what stands, but is looked at where it is
-            report = plan(timeout=0.5 * timeout, constraint=constraint.in_scene(asked.scene))
+            report = plan_satisfying(
+                plan,
+                self.robot,
+                scene,
+                asked.start,
+                asked.goal,
+                constraint.in_scene(asked.scene),
+                params=asked.deform,
+                timeout=0.5 * timeout,
+            )
         except (ConfigurationError, SceneError) as error:  # start or goal does not satisfy it, or is wrong for both
             why = str(error)
         else:
             if report.certified:
                 return report
             why = report.reason
-        report = plan(timeout=0.5 * timeout)
+        report = plan(asked.start, asked.goal, timeout=0.5 * timeout)
         return replace(report, reason=f"{report.reason}; it does not satisfy the constraint, for: {why}")
 
 

@@ -1,4 +1,4 @@
-"""Retreat: after a touch, a robot that stands backs off a little along the way that it came."""
+"""Retreat: a robot that stands and touches something, or is too near to plan, backs off along the way that it came."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ElasticStripsError
-from elastic_strips.robot import RobotModel
-from elastic_strips.trajectory import Retimer, Trajectory
+from elastic_strips.scene import Scene
+from elastic_strips.trajectory import Trajectory
+
+from .executor import ExecutorLink
+from .local_planner import LocalPlanner
 
 _KEPT_ROWS, _ROW_SPACING = 60, 0.01
 """References that are kept, and their distance at least [m or rad]."""
@@ -24,12 +27,13 @@ class Retreat:
     """Workspace: the way that a robot came, and when it backs off along it.
 
     Args:
-        robot: the robot.
-        retimer: times the motion.
+        executor: takes the motions.
+        planner: certifies them.
     """
 
-    def __init__(self, robot: RobotModel, retimer: Retimer) -> None:
-        self._robot, self._retimer = robot, retimer
+    def __init__(self, executor: ExecutorLink, planner: LocalPlanner) -> None:
+        self._executor, self._planner = executor, planner
+        self._leaving: Trajectory | None = None  # the motion along which it backs off
         self._came: deque[Array] = deque(maxlen=_KEPT_ROWS)
         self._touches: deque[float] = deque(maxlen=_MOST_TOUCHES)  # [s] when it began to touch something
         self._since: float | None = None  # [s] when it stood, touching something
@@ -42,6 +46,43 @@ class Retreat:
             return
         if not self._came or float(np.abs(row - self._came[-1]).max(initial=0.0)) > _ROW_SPACING:
             self._came.append(row.copy())
+
+    def backs_off(self, t: float, begin: float, scene: Scene, *, stuck: bool) -> bool:
+        """Whether the robot backs off, or touches something.
+
+        Where it has stood so for a while, or so near to something that no motion is certified, it backs off along the
+        way that it came, proven to be free of all else.
+
+        Args:
+            t: time [s].
+            begin: time [s] at which a motion that is planned now begins.
+            scene: the obstacles.
+            stuck: whether it is to go on to a goal, and found no motion.
+        """
+        executor, planner = self._executor, self._planner
+        stands = executor.at_rest(t)
+        if executor.active is self._leaving and not stands:
+            certificate = planner.certify_leaving(executor.active.tail(begin), scene)
+            if not certificate.certified:
+                executor.brake(f"the way back is not free: {certificate.broken}")
+            return True
+        near = executor.contact
+        if not near and stands and stuck:
+            near = planner.cramped(executor.active.at(begin), scene)
+        due = self.due(t, touching=bool(near), stands=stands) and executor.settled
+        motion = self.motion(executor.active.coordinates[-1], begin) if due else None
+        if motion is None:
+            return bool(executor.contact)
+        certificate = planner.certify_leaving(motion, scene)
+        if certificate.certified:
+            executor.log("leaving", f"backs off along the way that it came, after: {near}")
+            proven = planner.margins.tracking_error
+            executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
+            self.went(motion)
+            self._leaving = motion
+            return True
+        executor.log("refused", f"cannot back off: {certificate.broken}")
+        return bool(executor.contact)
 
     def due(self, t: float, *, touching: bool, stands: bool) -> bool:
         """Whether the robot, which touches something or stands or not, is to back off at the time ``t`` [s]."""
@@ -71,7 +112,9 @@ class Retreat:
         if len(rows) < 2:
             return None
         try:
-            return self._retimer.horizon(np.array(rows), distance=_RETREAT, start_time=begin, speed=_RETREAT_SPEED)
+            return self._planner.timer.easy.horizon(
+                np.array(rows), distance=_RETREAT, start_time=begin, speed=_RETREAT_SPEED
+            )
         except ElasticStripsError:
             return None
 

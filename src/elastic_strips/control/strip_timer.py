@@ -25,6 +25,7 @@ from elastic_strips.trajectory import (
 
 from .itinerary import passed_at
 from .joining import steered
+from .keeping import ConstraintKeeper
 from .pace import Pace
 from .params import DriveParams, Tolerance
 from .prediction import Outlook
@@ -223,7 +224,14 @@ class StripTimer:
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
         return result(PlanOutcome.NONE)
 
-    def joining(self, failed: PlanResult, start: ReferenceState, outlook: Outlook, watch: PhaseClock) -> PlanResult:
+    def joining(
+        self,
+        failed: PlanResult,
+        start: ReferenceState,
+        outlook: Outlook,
+        watch: PhaseClock,
+        keeper: ConstraintKeeper | None = None,
+    ) -> PlanResult:
         """A certified motion that turns towards the strip; the failed result where there is none.
 
         Args:
@@ -231,6 +239,7 @@ class StripTimer:
             start: first state of the motion.
             outlook: of the tick.
             watch: measures the phases.
+            keeper: of the strip's constraint; None where it has none.
         """
         if self._turning * self.pace.every * self.params.control_dt > _LONGEST_TURN:
             return failed
@@ -248,11 +257,13 @@ class StripTimer:
             watch.mark("retiming")
             if motion is None:
                 break
-            certificate = self.certify(motion, outlook)
+            several = (motion,) if keeper is None else keeper.motions(motion, outlook.scene, self.held, failed.way)
+            proofs = ((each, self.certify(each, outlook)) for each in several)
+            taken, certificate = next(((m, proof) for m, proof in proofs if proof.certified), (motion, None))
             watch.mark("motion certificate")
-            if certificate.certified:
+            if certificate is not None:
                 self._turning, self._failures = self._turning + 1, 0
-                return replace(failed, outcome=PlanOutcome.JOIN, motion=motion, certificate=certificate, speed=speed)
+                return replace(failed, outcome=PlanOutcome.JOIN, motion=taken, certificate=certificate, speed=speed)
         return failed
 
     def far(self, start: ReferenceState, end: Array) -> bool:

@@ -15,7 +15,7 @@ from .geometry import LinkGeometry, shape_pose
 
 _LEAST_PROVEN = 1e-4  # [m] distance below which a proof that two pieces never touch gives up
 _DISTANCE_ENOUGH = 0.03  # [m] distance at which it need not go on
-_MOST_CELLS = 600  # parts of the range of two joints that it looks at, at most
+_MOST_CELLS = 2000  # parts of the range of two joints that it looks at, at most
 
 
 def least_distances(model: pin.Model, pieces: Sequence[LinkGeometry], pairs: Indices) -> Array:
@@ -90,8 +90,23 @@ def _joints_between(model: pin.Model, a: int, b: int) -> list[int]:
     return sorted(chains[0] ^ chains[1])
 
 
+def _axis(model: pin.Model, joint: int) -> Array:
+    """(3,) axis of a joint that turns, in its own frame."""
+    data = model.joints[joint].createData()
+    model.joints[joint].calc(data, np.zeros(1))
+    return np.asarray(data.S, dtype=float).reshape(6)[3:]
+
+
 def _chain_reach(model: pin.Model, piece: LinkGeometry, joint: int) -> float:
-    """Bound [m] of a piece's distance from a joint's origin in any posture; 0 where the joint does not carry it."""
+    """Bound [m] of a piece's distance from a joint's axis in any posture; 0 where the joint does not carry it.
+
+    Where other joints lie between them it is that from the joint's origin.
+    """
+    if piece.joint == joint:
+        axis = _axis(model, joint)
+        return piece.capsule.r + max(
+            float(np.linalg.norm(np.cross(axis, end))) for end in (piece.capsule.a, piece.capsule.b)
+        )
     far = max(float(np.linalg.norm(piece.capsule.a)), float(np.linalg.norm(piece.capsule.b))) + piece.capsule.r
     at = piece.joint
     while at > 0 and at != joint:

@@ -15,10 +15,9 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.control import DriveParams
 from elastic_strips.control.controller import KEPT_EVENTS, Controller, Tick
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.control.itinerary import Goals, goals_in_order
+from elastic_strips.control.itinerary import Goals, configuration_of, goals_in_order
 from elastic_strips.control.record import DriveResult, Recorder
 from elastic_strips.errors import RobotError
-from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.trajectory import MotionLimits
@@ -62,6 +61,7 @@ class Simulation(Generic[_Driver]):
         time: time of the present step [s].
         period: of the control loop [s]; the parameters' own, unless it is set before the first step: the controller
             measures it.
+        stays: whether a run goes on when the last goal is reached, for another one may come.
     """
 
     def __init__(
@@ -93,6 +93,7 @@ class Simulation(Generic[_Driver]):
         self.computing: Computing = computing or Computing()
         self.time: float = 0.0
         self.period: float = controller.params.control_dt
+        self.stays: bool = False
         self._goal = goal
         self._new_recorder = lambda: Recorder(self.robot, world, metadata=metadata or {})
         self.recorder: Recorder = self._new_recorder()
@@ -110,7 +111,8 @@ class Simulation(Generic[_Driver]):
         self.controller.stop()
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
-        """Drive until the last goal is reached, the time is up, or :meth:`stop` was called.
+        """Drive until the last goal is reached (unless the run :attr:`stays`), the time is up, or :meth:`stop` was
+        called.
 
         Args:
             time_limit: longest run [s]; ``params.time_limit`` where None.
@@ -126,7 +128,8 @@ class Simulation(Generic[_Driver]):
             command = self._control(t)
             self._advance(t, command)
             self._step += 1
-            if ((controller.ended or controller.halted) and self._settled()) or t > limit + LONGEST_OVERTIME:
+            done = controller.halted or (controller.ended and not self.stays)
+            if (done and self._settled()) or t > limit + LONGEST_OVERTIME:
                 break
             if self.realtime:
                 ahead = began + (self._step - first) * self.period - perf_counter()
@@ -351,7 +354,7 @@ def simulation(
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, params)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))
-    last = goals_in_order(robot, goal)[-1]
+    last_q = configuration_of(robot, goals_in_order(robot, goal)[-1])
     if isinstance(noise, SensorPerception):
         noise.computing = computing
     driven = Simulation(
@@ -359,7 +362,7 @@ def simulation(
         world,
         machine,
         senses,
-        goal=None if is_goal_region(last) else robot.space.to_coordinates(robot.check_q(last, what="goal")),  # type: ignore[arg-type]
+        goal=None if last_q is None else robot.space.to_coordinates(last_q),
         watch=watch,
         realtime=realtime,
         record=record,

@@ -17,7 +17,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, RobotError
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import Kinematics, RobotModel
 from elastic_strips.robot.kinematics import find_frame
-from elastic_strips.scene import Scene
+from elastic_strips.scene import Scene, UnknownMotion
 from elastic_strips.validation import Bound, Positive, check_array, check_fields, check_type, named_arguments
 
 from .solver import System
@@ -270,6 +270,29 @@ class ConstraintForce(OneThread):
         kin.update(coordinates)
         return self._errors(kin, self._places(kin) if places is None else places)
 
+    def errors_held(self, row: Array, poses: Array) -> Array:
+        """(…,) angle [rad] by which the constraint is missed at poses (…, 3) of the base with the joints of a
+        coordinate row (nv,) as they are."""
+        kin = Kinematics(self._robot.tree, 1)
+        kin.update(row[None], jacobians=False)
+        axis, origin, target = self._axes(kin)[0], self._origins(kin)[0], self._target
+        turn = poses[..., 2] - row[2]
+        cos, sin = np.cos(turn), np.sin(turn)
+        x, y = cos * axis[0] - sin * axis[1], sin * axis[0] + cos * axis[1]
+        if self._place is not None:
+            out = origin[:2] - row[:2]
+            line = np.stack(
+                [
+                    self._place[0] - poses[..., 0] - cos * out[0] + sin * out[1],
+                    self._place[1] - poses[..., 1] - sin * out[0] - cos * out[1],
+                    np.full(turn.shape, self._place[2] - origin[2]),
+                ]
+            )
+            to = line / np.maximum(np.sqrt((line * line).sum(axis=0)), _LEAST_SIGHT)
+        else:
+            to = np.zeros(3) if target is None else target
+        return np.arccos(np.clip(x * to[0] + y * to[1] + axis[2] * to[2], -1.0, 1.0))
+
     def bound(self, strip: Strip) -> tuple[float, int]:
         """Largest angle [rad] by which a strip misses the constraint, between its nodes too; and the segment of it.
 
@@ -323,22 +346,30 @@ class ConstraintForce(OneThread):
                     f"{self.constraint.tolerance:g} are allowed (tolerance)"
                 )
 
-    def project(self, coordinates: Array) -> tuple[Array, Array]:
+    def project(
+        self, coordinates: Array, *, places: Array | None = None, steps: int = _MOST_NEWTON_STEPS
+    ) -> tuple[Array, Array]:
         """Rows (N, nv) that satisfy the constraint, by the least motion of the joints, and by how much (N,) [rad] each
         misses it still.
 
         The base stays, because the path decides where it drives.
+
+        Args:
+            coordinates: the rows.
+            places: (N, 3) what to look at [m] at each of them; what is known of it where None.
+            steps: Newton's steps, at most.
         """
         space, b = self._robot.space, self._robot.space.base_nv
         rows = coordinates.copy()
         kin = Kinematics(self._robot.tree, len(rows))
-        for k in range(_MOST_NEWTON_STEPS + 1):
+        for k in range(steps + 1):
             kin.update(rows)
-            angle = self.errors(kin)
+            at = self._places(kin) if places is None else places
+            angle = self._errors(kin, at)
             todo = angle > self.enough
-            if not todo.any() or k == _MOST_NEWTON_STEPS:
+            if not todo.any() or k == steps:
                 break
-            off, slopes = self.residual(kin)
+            off, slopes = self._residual(kin, at)
             J = slopes[todo][:, :, b:]  # (K, 3, n)
             step = np.linalg.solve(J @ J.transpose(0, 2, 1) + _PROJECTION_DAMPING * np.eye(3), off[todo][:, :, None])
             move = -(J.transpose(0, 2, 1) @ step)[:, :, 0]
@@ -375,7 +406,10 @@ class ConstraintForce(OneThread):
 
     def residual(self, kin: Kinematics) -> tuple[Array, Array]:
         """By how much the axis misses its target, (N, 3), and the derivatives of that, (N, 3, nv)."""
-        a, places = self._axes(kin), self._places(kin)
+        return self._residual(kin, self._places(kin))
+
+    def _residual(self, kin: Kinematics, places: Array | None) -> tuple[Array, Array]:
+        a = self._axes(kin)
         columns = kin.columns(self._joint)
         turning = columns[..., 3:]  # (N, nv, 3)
         slopes = np.cross(turning, a[:, None, :])
@@ -388,6 +422,18 @@ class ConstraintForce(OneThread):
         moving = columns[..., :3] + np.cross(turning, origins[:, None, :])  # of the origin
         aside = moving - np.einsum("nvi,ni->nv", moving, d)[..., None] * d[:, None, :]
         return a - d, (slopes + aside / sight[:, None, None]).transpose(0, 2, 1)
+
+    def places_at(self, scene: Scene, times: Array) -> Array | None:
+        """(K, 3) what the axis is to point at [m] at times (K,) [s], by where it is and how it moves in a scene; None
+        for a direction, or if not known."""
+        if self._place is None:
+            return None
+        places = np.tile(self._place, (len(times), 1))
+        if self._obstacle >= 0:
+            known = scene.obstacles[self._obstacle]
+            if known.motion is not None and not isinstance(known.motion, UnknownMotion):
+                places += (times - scene.time)[:, None] * known.velocity()[0]
+        return places
 
     def _errors(self, kin: Kinematics, places: Array | None) -> Array:
         a, target = self._axes(kin), self._target

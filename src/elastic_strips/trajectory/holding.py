@@ -20,11 +20,19 @@ _STANDS = 1e-3  # [s] a motion that has nothing to brake ends this long after
 
 
 def hold_and_brake(
-    robot: RobotModel, limits: MotionLimits, start: ReferenceState, speed: Array, *, part: float, hold: float
+    robot: RobotModel,
+    limits: MotionLimits,
+    start: ReferenceState,
+    speed: Array,
+    *,
+    part: float,
+    hold: float,
+    together: bool = True,
 ) -> Trajectory:
     """A motion that changes its speeds evenly for a while, towards given ones, and then brakes to rest.
 
-    The drive brakes in one time, so that the base stays on its arc; each joint as soon as it can.
+    The drive brakes in one time, so that the base stays on its arc, or each axis of a base that slides as soon as it
+    can, so that it turns off along what it comes near to; each joint as soon as it can.
 
     Args:
         robot: the robot.
@@ -34,12 +42,14 @@ def hold_and_brake(
             are approached as far as possible.
         part: share of the acceleration limits.
         hold: time [s] from the start until it brakes.
+        together: whether all axes of a base that slides brake in one time.
     """
     k, change = limits.drive_dim, part * limits.acceleration
     now = limits.to_coordinates(start.v)
     top = np.minimum(np.maximum(speed, now - change * hold), now + change * hold)
     braking = np.abs(top) / change
-    braking[:k] = braking[:k].max(initial=0.0)
+    if together or k != 3:
+        braking[:k] = braking[:k].max(initial=0.0)
     longest = float(braking.max(initial=0.0))
     count = max(2, math.ceil(hold / _HELD_STEP))
     held = hold / count * np.arange(count + 1, dtype=float)

@@ -198,17 +198,26 @@ class TrajectoryCertifier(OneThread):
         clearance: distance [m] to keep from obstacles: at least the tracking error.
         self_clearance: distance [m] to keep between the robot's own links.
         settle_time: how long [s] the robot may take to come to rest after the end.
+        apart: pairs of links that keep more than this [m] in every posture need not keep the self-clearance; itself
+            where None.
     """
 
     def __init__(
-        self, robot: RobotModel, *, clearance: float, self_clearance: float = 1e-3, settle_time: float = 0.0
+        self,
+        robot: RobotModel,
+        *,
+        clearance: float,
+        self_clearance: float = 1e-3,
+        settle_time: float = 0.0,
+        apart: float | None = None,
     ) -> None:
         self.robot: RobotModel = robot
         self.clearance: float = clearance
         self._self_clearance = self_clearance
         self.settle_time = settle_time
         bodies = BodySet.links(robot)
-        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), robot.pairs_within(self_clearance))
+        pairs = robot.pairs_within(self_clearance if apart is None else apart)
+        self._certifier = MotionCertifier(bodies, MotionBounds(bodies), pairs)
 
     @property
     def self_clearance(self) -> float:

@@ -7,14 +7,16 @@ from elastic_strips._late import late_names
 if TYPE_CHECKING:
     from .browser import Browser, BrowserError
     from .drag import Drag
+    from .dragged_goal import DraggedGoal
     from .live import LiveStrip
     from .viewer import Viewer
 
-__all__ = ["Browser", "BrowserError", "Drag", "LiveStrip", "Viewer"]
+__all__ = ["Browser", "BrowserError", "Drag", "DraggedGoal", "LiveStrip", "Viewer"]
 
 _MODULES = {  # pictures of what stands need no planner
     "browser": ("Browser", "BrowserError"),
     "drag": ("Drag",),
+    "dragged_goal": ("DraggedGoal",),
     "live": ("LiveStrip",),
     "viewer": ("Viewer",),
 }

@@ -42,6 +42,12 @@ class Drag:
         return moved
 
 
+def base_pose(row: Array) -> Array:
+    """Pose (4, 4) of a planar base at a coordinate row (nv,)."""
+    x, y, yaw = map(float, row[:3])
+    return Drag("drag", None, (x, y, 0.0), yaw).applied(np.eye(4))
+
+
 def parse(line: bytes) -> Drag | None:
     """Read a message; None where it is not one, since any program on this machine may write to the page's server."""
     try:

@@ -22,6 +22,7 @@ from .geometry import Body, Floats, MeshData, RobotPoses, linear
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
 THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
+_MOTION, _UNCHECKED = ("certified motion", CERTIFIED), ("base, not checked", UNCHECKED)
 _HATCHED = f"repeating-linear-gradient(135deg, {geometry.BARE} 0 3px, #a9b0b8 3px 6px)"
 STATIC = ("/ghosts", "/strip", "/forces", "/trouble", "/predictions")
 """Parts of a still picture that an animation may hide."""
@@ -50,7 +51,8 @@ _NONE = np.zeros((0, 16), dtype=np.float32)
 class Snapshot:
     """A scene and a strip's nodes (N, nq) to draw, with the report about the strip if there is one.
 
-    The robot stands at ``q`` (nq,), or at the first node where that is None; ``frame`` turns the camera to the strip.
+    The robot stands at ``q`` (nq,), or at the first node where that is None, and its goal is ``goal`` (nq,), or the
+    last node; the nodes are those of a certified ``motion``, or not; ``frame`` turns the camera to the strip.
     ``live`` is one of many pictures a second: slow measurements are left out. ``tick`` is the time of one tick
     [s]; ``notes`` are further rows of the card.
     """
@@ -61,6 +63,8 @@ class Snapshot:
     report: DeformReport | None = None
     frame: bool = False
     q: ArrayLike | None = None
+    goal: ArrayLike | None = None
+    motion: bool = False
     live: bool = False
     tick: float | None = None
     notes: tuple[tuple[str, str], ...] = ()
@@ -101,9 +105,8 @@ class Drawing:
         points = poses.points()
         matrices = poses.matrices(self.joints, geometry.spaced(points, self.ghosts))
         out += [commands.instances(f"/ghosts/{body.joint}", matrices[:, b]) for b, body in enumerate(self.bodies)]
-        out += self.strip("/strip", coordinates, points, segment_colors(snapshot.report, len(coordinates) - 1))
-        out += self.markers(coordinates)
-        out += self._hand_ball(points[-1])
+        out += self.strip("/strip", coordinates, points, _colors(snapshot))
+        out += self._ends(snapshot, coordinates, points)
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
         out += self._trouble(snapshot.report, coordinates)
@@ -217,7 +220,7 @@ class Drawing:
         if report is not None:
             head, rows, legend = _chip(report, snapshot.live), _measured(report, snapshot.live), self._colours(report)
         elif moves:
-            rows, legend = [["nodes", str(len(snapshot.nodes))]], [["base, not checked", UNCHECKED]]
+            rows, legend = [["nodes", str(len(snapshot.nodes))]], [list(_MOTION if snapshot.motion else _UNCHECKED)]
         if snapshot.tick is not None:
             rows.append(["tick", f"{1e3 * snapshot.tick:.1f} ms"])
         rows += [list(note) for note in snapshot.notes]
@@ -262,6 +265,15 @@ class Drawing:
             T[:2, :2], T[:3, 3] = [[c, -s], [s, c]], (x, y, 0.006)
         out.append(commands.transforms("/markers", ["/markers/start", "/markers/goal"], commands.columns(poses)))
         return out
+
+    def _ends(self, snapshot: Snapshot, coordinates: Array, points: Array) -> list[Command]:
+        """Mark where the strip begins, and the goal, which is where it ends or somewhere else."""
+        ends, hand = coordinates[[0, -1]], points[-1]
+        if snapshot.goal is not None and self.poses is not None:
+            ends[1] = snapshot.robot.space.to_coordinates(np.asarray(snapshot.goal))
+            self.poses.update(ends[1:])
+            hand = self.poses.points()[0]
+        return self.markers(ends) + self._hand_ball(hand)
 
     def _hand_ball(self, points: Array) -> list[Command]:
         """A ball about the last of places (C, 3), by which the goal's hand is dragged; none without joints."""
@@ -370,6 +382,12 @@ def _measured(report: DeformReport, live: bool) -> list[list[str]]:
 def bare_legend(robot: RobotModel) -> list[list[str]]:
     """The legend of hatched links, about which nothing is proven."""
     return [["no collision shape: nothing is proven", _HATCHED]] if robot.bare_links else []
+
+
+def _colors(snapshot: Snapshot) -> Array:
+    """Colours (N - 1, 3) of the segments between a snapshot's nodes."""
+    count = len(snapshot.nodes) - 1
+    return np.tile(linear(CERTIFIED), (count, 1)) if snapshot.motion else segment_colors(snapshot.report, count)
 
 
 def segment_colors(report: DeformReport | None, count: int) -> Array:

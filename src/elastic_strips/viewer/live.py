@@ -13,13 +13,14 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.planning.keeper import StripKeeper
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.inverse_kinematics import PoseSolver, PoseTarget, rotation_of
+from elastic_strips.robot.inverse_kinematics import rotation_of
 from elastic_strips.robot.space import wrap_angle
 from elastic_strips.scene import Scene
 from elastic_strips.strip import DeformParams, DeformReport, Strip
 from elastic_strips.validation import check_array, check_number, check_type
 
-from .drag import Drag
+from .drag import Drag, base_pose
+from .hand import hand_solvers
 from .viewer import Viewer
 
 _log = logging.getLogger(__name__)
@@ -82,7 +83,7 @@ class LiveStrip:
         self._targets: dict[str, Array] = {}
         self._goal: Array | None = None  # (nv,) coordinates
         self._hand_goal: Array | None = None  # pose (4, 4)
-        self._hands = _hand_solvers(robot)  # of the ticks, and of whoever holds the lock
+        self._hands = hand_solvers(robot)  # of the ticks, and of whoever holds the lock
         self._held: tuple[str | None, bool, Array] | None = None  # name, hand, and the pose (4, 4) when it was grabbed
         self._ticks: deque[float] = deque([self.report.seconds], maxlen=_RECENT_TICKS)
         self._count = 0
@@ -174,7 +175,7 @@ class LiveStrip:
         else:
             pose[:3, 3] = check_array("at", at, (3,))
             with self._lock:
-                pose[:3, :3] = self._hands[1].pose(self.report.strip)[:3, :3]
+                pose[:3, :3] = self._hands[1].pose(self.report.strip.coordinates[-1])[:3, :3]
         with self._lock:
             self._hand_goal = pose
 
@@ -229,11 +230,8 @@ class LiveStrip:
             return np.array(self._scene.obstacle(name).pose) if name in self._scene else None
         if hand:
             with self._lock:
-                return None if self._hands is None else self._hands[1].pose(self.report.strip)
-        if not self._robot.space.planar:
-            return None
-        x, y, yaw = self.report.strip.coordinates[-1, :3]
-        return Drag("drag", None, (float(x), float(y), 0.0), float(yaw)).applied(np.eye(4))
+                return None if self._hands is None else self._hands[1].pose(self.report.strip.coordinates[-1])
+        return base_pose(self.report.strip.coordinates[-1]) if self._robot.space.planar else None
 
     # The loop
 
@@ -303,43 +301,6 @@ class LiveStrip:
                 self._goal = None if self._goal is goal else self._goal
         share = np.linspace(0.0, 1.0, len(coordinates))[:, None]
         return Strip.from_coordinates(self._robot, coordinates + share * off / max(far, 1.0))
-
-
-class _Hand:
-    """Workspace: where the goal's hand is, and what joints bring it to a pose; used by one thread."""
-
-    def __init__(self, robot: RobotModel, frame: str) -> None:
-        self._solver = PoseSolver(robot, frame)
-        self._free = np.ones(robot.nv)
-        self._free[: robot.space.base_nv] = 0.0
-
-    def pose(self, strip: Strip) -> Array:
-        """Of the hand at the strip's last node (4, 4)."""
-        at, rotation = self._solver.place(strip.coordinates[-1:])
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = rotation[0], at[0]
-        return pose
-
-    def reached(self, row: Array, pose: Array) -> Array:
-        """Coordinates (nv,) that come as near to a pose (4, 4) as the joints do from those of ``row``."""
-        target = PoseTarget(self._solver.frames[0], pose[:3, 3], pose[:3, :3], np.zeros(3))
-        rows, _ = self._solver.solve(row[None], [target], self._free)
-        return rows[0]
-
-
-def _hand_solvers(robot: RobotModel) -> tuple[_Hand, _Hand] | None:
-    """Two for the frame of the last control point; None where no joint but the base's moves that."""
-    points, model = robot.control_point_set, robot.model
-    joint, at = int(points.joint[-1]), points.local[-1]
-    off = {
-        frame.name: float(np.linalg.norm(frame.placement.translation - at))
-        for frame in model.frames
-        if frame.parentJoint == joint
-    }
-    if not off or not robot.tree.support[joint][robot.space.base_nv :].any():
-        return None
-    frame = min(off, key=lambda name: off[name])
-    return _Hand(robot, frame), _Hand(robot, frame)
 
 
 def _towards(pose: Array, target: Array, step: float, turn: float) -> Array:

@@ -140,6 +140,8 @@ class Viewer:
         scene: Scene | None = None,
         *,
         q: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+        motion: bool = False,
         tick: float | None = None,
         notes: Sequence[tuple[str, str]] = (),
     ) -> None:
@@ -149,6 +151,8 @@ class Viewer:
             report: A ``DeformReport`` or a ``Strip``.
             scene: The scene if it has changed.
             q: Configuration (nq,) where the robot is; at the strip's first node where None.
+            goal: Configuration (nq,) at the goal; the strip's last node where None.
+            motion: Whether a ``Strip`` is the motion that is driven, which was certified as a whole.
             tick: Time of a tick [s], to be shown; nothing is shown where None.
             notes: Further rows of the card: names and values.
 
@@ -163,24 +167,43 @@ class Viewer:
             raise InputError(f"update shows a report or a Strip, not {shown(report)}")
         if scene is not None:
             self._scene = scene
-        job = Snapshot(strip.robot, self._scene, strip.q, about, q=q, live=True, tick=tick, notes=tuple(notes))
+        job = Snapshot(
+            strip.robot,
+            self._scene,
+            strip.q,
+            about,
+            q=q,
+            goal=goal,
+            motion=motion,
+            live=True,
+            tick=tick,
+            notes=tuple(notes),
+        )
         if self._lost:
             self._missed = job  # no browser gets it; save_html may
         else:
             self._post(job)
 
-    def listen(self, listener: Callable[[Drag], None] | None, *, goal: bool = False, hand: bool = False) -> None:
-        """Let obstacles be grabbed in the page, and call ``listener`` when they are dragged; None ends that.
+    def listen(
+        self,
+        listener: Callable[[Drag], None] | None,
+        *,
+        obstacles: bool = True,
+        goal: bool = False,
+        hand: bool = False,
+    ) -> None:
+        """Let things be grabbed in the page, and call ``listener`` when they are dragged; None ends that.
 
         Args:
             listener: called with each message, in a thread of the viewer's own; it must not block.
-            goal: Whether the ring at the goal can be grabbed as well.
+            obstacles: Whether obstacles can be grabbed.
+            goal: Whether the ring at the goal can be grabbed.
             hand: Whether there is a ball at the hand of the goal, which can be grabbed.
         """
         self._listener, on = listener, listener is not None
         self._drawing.hand = hand and on
         with self._condition:
-            self._extra.append(commands.draggable(obstacles=on, goal=goal and on, hand=hand and on))
+            self._extra.append(commands.draggable(obstacles=obstacles and on, goal=goal and on, hand=hand and on))
             self._condition.notify_all()
 
     def steered(self, listener: Callable[[Steer], None] | None, *, slides: bool = False) -> None:

@@ -94,7 +94,7 @@ def test_of_very_many_parts_only_those_near_a_body_are_kept(silvermate, always, 
     keep_what_is_near(monkeypatch, always=always)
     near = Bench(silvermate, everything.scene, everything.coordinates)
     near.update()
-    for turn in range(12):
+    for turn in range(3):
         for bench in (everything, near):
             bench.check(tolerance=bench.proximity.tolerance + GJK_NOISE)
         one, two = everything.proximity.contacts(), near.proximity.contacts()

@@ -404,7 +404,7 @@ def test_a_goal_that_is_walled_in_is_said_once_and_by_what(silvermate):
     at_once = ChargedExecutor(Computing(), lambda: 0.0)
     home, goal = silvermate.home(), silvermate.home(x=3.0)
     with Controller(silvermate, home, goal, Scene(walls), params=params, workers=at_once) as controller:
-        drive(controller, Wheels(silvermate), 1000, lambda t: None)
+        drive(controller, Wheels(silvermate), 400, lambda t: None)
         assert controller.state is RunState.STOPPED
         assert all(wall.name in controller.reason for wall in walls)
         said = [event for event in controller.events if event.kind == "refused" and event.reason == controller.reason]

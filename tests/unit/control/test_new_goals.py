@@ -180,9 +180,11 @@ def test_cancelled_it_comes_to_rest_and_takes_another_goal(silvermate):
     assert driven.until(lambda: driven.controller.ended), driven.controller.reason
 
 
-def test_where_it_stands_too_near_to_plan_it_first_goes_back_the_way_it_came(silvermate):
-    """Within the tracking error of something no motion is certified: it may have been pushed there."""
-    driven = ride(silvermate, silvermate.home(x=6.0))
+@each("latency", [2, 7])
+def test_where_it_stands_too_near_to_plan_it_first_goes_back_the_way_it_came(silvermate, latency):
+    """Within the tracking error of something no motion is certified: it may have been pushed there. So it is where
+    planning takes longer than from one tick to the next."""
+    driven = ride(silvermate, silvermate.home(x=6.0), params=DriveParams(latency=latency))
     driven.wait(1.6)
     driven.controller.stop()
     driven.wait(2.0)

@@ -92,7 +92,10 @@ def test_what_cannot_be_satisfied_does_not_stop_the_robot(silvermate):
     tilted = silvermate.home(x=5.0, joints={"arm_6_joint": 1.0})
     strip, text = plan_anew(replanner, SCENE, start, tilted)
     assert strip is not None
-    assert "it does not satisfy the constraint, for: goal does not satisfy" in text
+    rows = strip.coordinates  # satisfied on the way: the joints turn where the base has arrived
+    away = np.abs(rows[:, :3] - rows[-1, :3]).max(axis=1) > 0.01
+    assert away.sum() > 5
+    assert ConstraintForce(silvermate, level).errors_at(rows[away]).max() <= level.tolerance + 1e-9
 
 
 @pytest.mark.parametrize("kind", [Replanner, SwitchingReplanner])

@@ -48,7 +48,7 @@ def test_it_backs_off_along_the_way_that_it_came(silvermate):
 
 
 def test_it_does_not_go_on_touching_for_ever(silvermate):
-    controller, _, touching = driven(silvermate, lambda t: Scene([], time=t), 60.0)
+    controller, _, touching = driven(silvermate, lambda t: Scene([], time=t), 30.0)
     began = np.flatnonzero(np.diff(touching.astype(int)) == 1)
     assert len(began) == 3
     assert controller.state is RunState.STOPPED

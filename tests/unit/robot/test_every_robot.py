@@ -383,7 +383,7 @@ SLOW = {
         "talos_reduced_corrected",
         "solo12",
     ),
-    *("hextilt_flying_arm_5", "icub"),
+    *("hextilt_flying_arm_5", "icub", "anymal_b_simple", "solo", "ur3_robot", "laikago", "a1"),
     *("ur10_joint_limited_robot", "ur3_joint_limited_robot", "allegro_right_hand", "icub_reduced", "double_pendulum"),
 }
 """More than a second to load, or the like of another; ``python -m workshop robots`` loads them all."""

@@ -102,7 +102,7 @@ def test_the_goals_hand_moves_by_the_joints_alone(name):
     goal = robot.home(x=1.0) if robot.space.planar else robot.home() + 0.6 * np.eye(robot.nq)[0]
     strip = plan(robot, Scene(), robot.home(), goal)
     with LiveStrip(robot, Scene(), strip, thread=False) as live:
-        hand = live._hands[1].pose(live.report.strip)
+        hand = live._hands[1].pose(live.report.strip.coordinates[-1])
         base = live.report.strip.coordinates[-1, : robot.space.base_nv].copy()
         wanted = hand.copy()
         wanted[:3, 3] += (-0.03, 0.02, -0.04)
@@ -111,7 +111,7 @@ def test_the_goals_hand_moves_by_the_joints_alone(name):
             live.tick()
             if live._goal is None and live._hand_goal is None and live.report.certified:
                 break
-        moved = live._hands[1].pose(live.report.strip)
+        moved = live._hands[1].pose(live.report.strip.coordinates[-1])
         assert np.linalg.norm(moved[:3, 3] - wanted[:3, 3]) < 0.5 * np.linalg.norm(hand[:3, 3] - wanted[:3, 3])
         np.testing.assert_allclose(live.report.strip.coordinates[-1, : robot.space.base_nv], base, atol=1e-9)
         assert live.report.certified

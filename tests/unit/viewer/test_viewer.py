@@ -193,6 +193,17 @@ def test_a_plain_strip_is_shown_as_not_checked(robot, scene, make_report):
     assert any("not checked" in name for name, _ in card["legend"])
 
 
+def test_a_motion_is_shown_as_certified_and_its_goal_where_it_is(silvermate):
+    q = np.stack([silvermate.home(), silvermate.home(x=1.0)])
+    with Viewer(server=False) as viewer:
+        strip = es.Strip(silvermate, q)
+        viewer.show(silvermate, es.Scene(), strip).update(strip, motion=True, goal=silvermate.home(x=1.5, y=-0.25))
+        page = pictured(viewer)
+    assert not any("not checked" in name for name, _ in page["", "hud"]["legend"])
+    places = np.frombuffer(page["/markers/start", "transforms"]["matrices"].data, "<f4").reshape(2, 16)
+    np.testing.assert_allclose(places[:, 12:14], [[0.0, 0.0], [1.5, -0.25]], atol=2e-5)
+
+
 def test_a_report_that_proves_nothing_is_shown_as_its_strip(robot, scene, make_report):
     planned = SimpleNamespace(strip=make_report().strip, certified=True)  # as plan_report returns it
     with Viewer(server=False) as viewer:

@@ -2,12 +2,15 @@
 // Alt, or the ring, about the vertical. The picture follows what comes back from the program.
 let allowed = { obstacles: false, goal: false, hand: false }, held = null, chosen = null;
 extra.draggable = (cmd) => {
-  if (cmd.obstacles) delete document.body.dataset.ended;
-  else if (allowed.obstacles) ended();  // nobody keeps the strip any more
+  const any = (can) => can.obstacles || can.goal || can.hand;
+  if (any(cmd)) delete document.body.dataset.ended;
+  else if (any(allowed)) ended();  // nobody keeps the strip any more
   allowed = cmd;
   choose(null);
-  byId("es-hint").style.display = cmd.obstacles && !document.body.dataset.grabbed ? "block" : "none";
-  byId("es-hint").textContent = `drag an obstacle${cmd.goal ? ", the goal's ring" : ""}${cmd.hand ? " or the goal's hand" : ""} \u00b7 Shift: up and down \u00b7 Alt: turn`;
+  byId("es-hint").style.display = any(cmd) && !document.body.dataset.grabbed ? "block" : "none";
+  const things = [[cmd.obstacles, "an obstacle"], [cmd.goal, "the goal's ring"], [cmd.hand, "the goal's hand"]];
+  const named = things.filter(([can]) => can).map(([, name]) => name), last = named.pop();
+  byId("es-hint").textContent = `drag ${named.length ? `${named.join(", ")} or ` : ""}${last} \u00b7 Shift: up and down \u00b7 Alt: turn`;
 };
 const say_back = (message) => {
   if (viewer.connection && viewer.connection.readyState === 1) viewer.connection.send(JSON.stringify(message));
@@ -99,7 +102,7 @@ function send() {
   if (held) say_back({ type: "drag", name: held.name, hand: held.hand, shift: held.shift, turn: held.turn });
 }
 pane.addEventListener("pointerdown", (event) => {
-  if (event.button !== 0 || !(allowed.obstacles || allowed.goal)) return;
+  if (event.button !== 0 || !(allowed.obstacles || allowed.goal || allowed.hand)) return;
   const mode = on_handle(event), hit = mode ? null : look_under(event);
   if (!mode && !(hit && can_drag(hit))) { choose(null); return; }
   event.stopPropagation();  // the camera stays

@@ -44,16 +44,18 @@ def test_the_silvermates_file_says_everything():
             assert f.name == "name" or re.search(rf"^    {f.name}:", text, re.MULTILINE), f.name
 
 
-def test_the_file_of_a_robot_fits_it():
-    """TIAGo's laser sees a wall ahead from within its base; a robot without a file gets the Silvermate's."""
-    robot = load_robot("tiago")
+@each("name, ahead", [("tiago", 0.0), ("jackal-box", 0.12)])
+def test_the_file_of_a_robot_fits_it(name, ahead):
+    """Its laser sees a wall ahead, and no part of the robot; a robot without a file gets the Silvermate's."""
+    robot = load_robot(name)
     world = World(Scene([Box([0.2, 4.0, 1.0], at=[2.1, 0.0, 0.5])]))
-    suite = SensorSuite(robot, world, read_sensors(sensor_file("tiago")), seed=1)
+    suite = SensorSuite(robot, world, read_sensors(sensor_file(name)), seed=1)
     coordinates = robot.space.to_coordinates(robot.home())
     readings = [reading for step in range(20) for reading in suite.observe(0.01 * step, coordinates)]
     assert readings
     for reading in readings:
-        assert abs(np.median(reading.ranges[175:186]) - 2.0) < 0.1
+        middle = len(reading.ranges) // 2
+        assert abs(np.median(reading.ranges[middle - 5 : middle + 6]) - 2.0 + ahead) < 0.1
     assert sensor_file("nobody") == sensor_file("silvermate") != sensor_file("tiago")
 
 

@@ -1,0 +1,341 @@
+"""Goal keeper: the goals of a drive, the plans that lead to them, and what was reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor as Workers
+from concurrent.futures import Future
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array
+from elastic_strips.collision.certificate import LEFT_PATH
+from elastic_strips.errors import ConfigurationError
+from elastic_strips.planning import Goal, PlanReport
+from elastic_strips.robot import RobotModel
+from elastic_strips.scene import Scene
+from elastic_strips.strip import Strip
+from elastic_strips.strip.followed import FollowedPath
+from elastic_strips.validation import check_array, check_number
+
+from .executor import ExecutorLink
+from .interfaces import GoalReached, RunState
+from .itinerary import Goals, goals_in_order, off_goal
+from .local_planner import LocalPlanner
+from .params import DriveParams, Tolerance
+from .path_drive import PathDrive
+from .plan_queue import PlanQueue
+from .replanning import Replanned, Replanner
+from .strip_timer import PlanResult
+
+_STRIP_START_OFFSET = 0.02
+"""A robot at least this far [m, rad] from the beginning of a strip that was planned while it braked stands
+elsewhere."""
+_PLANNING_TIME = 0.1
+"""Time [s] that a plan to another goal is given while the robot drives: the strip begins where it will be then."""
+_DRIVES_ON = 0.5
+"""Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
+
+
+class GoalKeeper:
+    """Workspace: the goals of a drive, and the plans that lead to them, which are computed beside the control loop.
+
+    Args:
+        start: (nv,) coordinate row of the robot.
+        goal_q: configuration (nq,) of the first goal, to which the planner's strip leads.
+        goals: those after it.
+        executor, planner, replanner: the parts of the controller.
+        params: parameters of the drive.
+        workers: run the plans; an own thread where None.
+        forget_motions: called where motions that are planned, but have not begun, lead elsewhere.
+
+    Attributes:
+        goals: goals after the present one.
+        goal_q, goal: configuration (nq,) and coordinate row (nv,) of the present one; while the way to it is planned,
+            of the one before.
+        reached: the goals that were reached so far, in order of time.
+        tolerance: how near counts as reached.
+        path: the path that is followed, or None.
+        plans: what computes the plans.
+        cancelled: why the goal was given up; empty where it was not.
+        no_way: why nothing leads to the goal; empty where something does.
+    """
+
+    def __init__(
+        self,
+        start: Array,
+        goal_q: Array,
+        goals: Sequence[Goal | Sequence[Goal]],
+        executor: ExecutorLink,
+        planner: LocalPlanner,
+        replanner: Replanner,
+        params: DriveParams,
+        workers: Workers | None,
+        forget_motions: Callable[[], None],
+    ) -> None:
+        self._robot: RobotModel = planner.robot
+        self._executor, self._planner, self._replanner = executor, planner, replanner
+        self._params, self._forget_motions = params, forget_motions
+        self.tolerance: Tolerance = params.tolerance
+        self.plans: PlanQueue = PlanQueue(workers)
+        self.goals: list[Goal | Sequence[Goal]] = list(goals)
+        self.goal_q: Array = goal_q
+        self.goal: Array = self._robot.space.to_coordinates(goal_q)
+        self.reached: list[GoalReached] = []
+        self.path: PathDrive | None = None
+        self.cancelled: str = ""
+        self.no_way: str = ""
+        self._counted = False  # whether the present goal was written down as reached
+        self._replan: Future[Replanned] | None = None  # plans a strip to the same goal
+        self._next: Future[PlanReport] | None = None  # plans the first strip to another goal
+        self._next_goal: Goal | Sequence[Goal] = self.goal_q  # that goal
+        self._plan_from: Array = start  # (nv,) where either begins
+        self._asked = -np.inf  # [s] when another goal was asked for
+        self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
+        self._onward: PlanReport | None = None  # that plan, where motions go on along its strip
+
+    # What is asked for
+
+    def retarget(self, t: float, goal: Goals, scene: Scene, latency: float) -> None:
+        """Take another goal, or several, in place of all that there were; see :meth:`Controller.retarget`."""
+        first, *following = goals_in_order(self._robot, goal)
+        self.goals = following
+        self.cancelled = ""
+        self._set_goal(t, first, scene, latency)
+
+    def follow(self, t: float, path: npt.ArrayLike, within: float, wait: bool, latency: float) -> None:
+        """Follow a path of the base in place of all goals; see :meth:`Controller.follow`."""
+        rows = check_array("path", path, (None, 3 if np.shape(path)[-1:] == (3,) else 2))
+        robot, executor = self._robot, self._executor
+        if not robot.space.planar:
+            raise ConfigurationError(f"follow: the base of {robot.name!r} is fixed")
+        least = self._planner.margins.tracking_error
+        check_number("within", within, above=least, unit="m")
+        followed = FollowedPath(rows[:, :2], within)
+        off = float(followed.off(executor.reference(t).coordinates[None, :2])[0])
+        if off > within - least:
+            raise ConfigurationError(
+                f"follow: the base is {off:.3f} m from the path; within={within:g} m allows {within - least:.3f} m, "
+                f"for the tracking error is up to {least:g} m"
+            )
+        self.goals = []
+        self.forget()
+        self.cancelled = ""
+        moves, active = not executor.at_rest(t), executor.active
+        begin = active.at(t + latency).coordinates if moves else active.coordinates[-1]
+        yaw = float(rows[-1, 2]) if rows.shape[1] == 3 else None
+        self.path = PathDrive(robot, followed, yaw, wait=wait)
+        self._planner.keep_to(followed)
+        strip = self.path.strip_from(begin)
+        self._lead_to(strip)
+        self._planner.take(strip, beside=moves)
+
+    def cancel(self, reason: str) -> None:
+        """Give up the goal and all after it; see :meth:`Controller.cancel`."""
+        self.goals = []
+        self.forget()
+        self.cancelled = self.no_way = reason
+        self._executor.retarget(self.goal, self.tolerance)
+        self._executor.reject(reason)
+
+    def forget(self) -> None:
+        """Forget what leads to the goals that there were."""
+        self.no_way, self.path = "", None
+        self._planner.keep_to(None)
+        for plan in (self._next, self._onward_plan, self._replan):
+            if plan is not None:
+                plan.cancel()  # where it has not begun
+        self._next = self._onward_plan = self._replan = self._onward = None
+        self._forget_motions()
+
+    def forget_replan(self) -> None:
+        """Forget a strip that begins where the robot would have come to rest."""
+        self._replan = None
+
+    # What has come of it
+
+    @property
+    def planning(self) -> bool:
+        """Whether the way to another goal is still planned."""
+        return self._next is not None
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether motions go on from the present goal to the next one."""
+        return self._onward is not None
+
+    def drives_on(self, t: float) -> bool:
+        """Whether the robot drives on towards the goal before, while the way to another one is planned."""
+        return self.planning and t < self._asked + _DRIVES_ON
+
+    def set_out(self, t: float, scene: Scene, latency: float) -> None:
+        """Set out for the next goal where this one is reached."""
+        executor = self._executor
+        if executor.run.state is RunState.REACHED and self.goals and executor.settled and not self.planning:
+            self._set_goal(t, self.goals.pop(0), scene, latency)
+
+    def count(self, t: float) -> None:
+        """Write down that the goal is reached, once it is."""
+        if self._executor.run.state is RunState.REACHED and not self.planning and not self._counted:
+            self._counted = True
+            self._reach(t, self._executor.estimate, passed=False)
+
+    def pass_goal(self, t: float, at: Array) -> None:
+        """The robot has gone on from the goal to the next one, without a stop; there it was at the row ``at`` (nv,)."""
+        self._planner.passed = None
+        if self._onward is None:  # other goals were asked for meanwhile, and the strip to them is being planned
+            return
+        self._reach(t, at, passed=True)
+        report, self._onward, self._onward_plan, self._replan = self._onward, None, None, None
+        self.goals.pop(0)
+        self._take_goal(report)
+
+    def _reach(self, t: float, at: Array, *, passed: bool) -> None:
+        position, yaw, joints = off_goal(self._robot, at[None], self.goal)[0].tolist()
+        self.reached.append(GoalReached(t, self.goal, position, yaw, joints, passed))
+        if passed:
+            self._executor.log("passed", f"goal {len(self.reached)}, {1e3 * position:.0f} mm off")
+
+    # Plans
+
+    def look_onward(self, scene: Scene) -> None:
+        """Plan the strip from the goal to the next one, and let motions go on along it as soon as it is there."""
+        if not self.goals or self._params.stop_at_goals or not self._replanner.flows or self._onward is not None:
+            return
+        if self._onward_plan is None:
+            self._onward_plan = self.plans.submit(self._replanner.onward(scene, self.goal_q, self.goals[0]))
+        elif self._onward_plan.done() and self._onward_plan.exception() is None:  # else it is planned at the goal
+            report = self._onward_plan.result()
+            if report.certified:
+                self._onward = report
+                self._planner.lead_on(report.strip, self.tolerance)
+
+    def replan(self, t: float, scene: Scene) -> bool:
+        """Start planning a strip where that is due, and take it when it is ready; True while the robot waits for it.
+
+        It begins where the robot will come to rest, and is taken when it stands there. A robot that evades takes it at
+        once: it will stand elsewhere, and joins the strip from wherever that is, as any that it has left. Where it
+        brakes, and will stand elsewhere for that, a strip from there is planned instead.
+        """
+        if self._next is not None:
+            if not self._next.done():
+                return True
+            self._take_next(t, self._next, scene)
+        replanner, executor = self._replanner, self._executor
+        if not replanner.pending and self._replan is None:
+            return False
+        end, reference = executor.active.coordinates[-1], executor.reference(t)
+        stands = not (reference.v.any() or self._apart(reference.coordinates, end))
+        beside = self._joins_from_beside(end, stands)
+        if self._replan is None and t >= replanner.due:
+            start = self._configuration(end)
+            self._plan_from = end
+            self._replan = self.plans.submit(replanner.another(scene, start, self.goal_q))
+        if self._replan is not None and self._replan.done() and (stands or beside):
+            found = self._finish(self._replan, replanner.take)
+            if found.strip is not None:
+                self._planner.take(found.strip, beside=beside)
+            executor.log("replanned", found.reason)
+        return True
+
+    def blocked(self, t: float, path: PathDrive, result: PlanResult, at_rest: bool) -> bool:
+        """Where the robot stands and cannot go on along the path that it follows, say for what it waits, and lay the
+        strip onto the path anew; or give the path up, which is answered by True."""
+        executor = self._executor
+        stuck = path.stuck(t, executor.reference(t).coordinates, moves=result.accepted or not at_rest)
+        if not stuck:
+            return False
+        broken = None if result.certificate is None else result.certificate.broken
+        broken = result.report.certificate.broken if broken is None else broken
+        what = "a way" if broken is None else (broken.labels or (broken.link, broken.obstacle))[1]
+        if not path.wait and stuck >= self._params.replan_after:
+            self.cancel(f"the path is blocked by {what}: {result.reason}")
+            return True
+        if what not in path.told:
+            path.told.add(what)
+            executor.log("waiting", f"for {what}: {result.reason}")
+        if path.due(t, self._params.replan_after):
+            out = broken is not None and broken.kind == LEFT_PATH
+            strip = path.strip_from(executor.active.coordinates[-1], turns=out)
+            self._planner.take(strip, as_it_is=out)
+        return False
+
+    def _set_goal(self, t: float, goal: Goal | Sequence[Goal], scene: Scene, latency: float) -> None:
+        """Start planning the way to a goal, from where the robot will be by then."""
+        executor = self._executor
+        self.forget()
+        executor.retarget(self.goal, self.tolerance)
+        moves, begin = not executor.at_rest(t), t + latency + _PLANNING_TIME
+        self._asked = t
+        self._plan_to(goal, (executor.active.at(begin) if moves else executor.reference(t)).coordinates, scene)
+
+    def _plan_to(self, goal: Goal | Sequence[Goal], at: Array, scene: Scene) -> None:
+        """Have the first strip to a goal planned, from a coordinate row (nv,)."""
+        self._next_goal, self._plan_from = goal, at
+        self._next = self.plans.submit(self._replanner.first(scene, self._configuration(at), goal))
+
+    def _configuration(self, row: Array) -> Array:
+        """(nq,) configuration at which a plan begins; a joint that is estimated a little beyond its range is at its
+        end."""
+        space = self._robot.space
+        within = np.clip(row, space.lower, space.upper)
+        near = np.abs(within - row) < _STRIP_START_OFFSET
+        return space.from_coordinates(np.where(near, within, row))
+
+    def _take_next(self, t: float, plan: Future[PlanReport], scene: Scene) -> None:
+        """Follow the first strip to another goal, from beside it where the robot moves."""
+        self._next = None
+        try:
+            report = plan.result()
+        except Exception as error:  # on any error: the present strip leads to another goal
+            self.no_way = f"no way to the goal: {error}"
+            raise
+        executor = self._executor
+        stands, end = executor.at_rest(t), executor.active.coordinates[-1]
+        if stands and self._apart(self._plan_from, end):  # it came to rest meanwhile
+            self._plan_to(self._next_goal, end, scene)
+            return
+        self._take_goal(report)
+        self._planner.take(report.strip, beside=not stands)
+
+    def _take_goal(self, report: PlanReport) -> None:
+        """The goal is where a strip ends that is followed from now on."""
+        self._forget_motions()
+        self._executor.log("goal", report.reason)
+        self._replanner.begin(report)
+        self._lead_to(report.strip)
+
+    def _lead_to(self, strip: Strip) -> None:
+        self.goal_q = strip.q[-1]
+        self.goal = self._robot.space.to_coordinates(self.goal_q)
+        self._counted = False
+        self._executor.retarget(self.goal, self.tolerance)
+
+    def _joins_from_beside(self, end: Array, stands: bool) -> bool:
+        """Whether the robot joins the strip that is ready from beside it, because it evades.
+
+        A strip is discarded that begins where a robot that brakes will not stand.
+        """
+        plan = self._replan
+        if plan is None or not plan.done():
+            return False
+        apart = self._apart(self._plan_from, end)
+        beside = self._planner.off_strip and (apart or not stands)
+        if apart and not beside:  # it braked
+            self._finish(plan, self._replanner.discard)
+        return beside
+
+    def _finish(self, plan: Future[Replanned], told: Callable[[Replanned], None]) -> Replanned:
+        """The outcome of a plan, told to the replanner in any case; what has failed is raised after that."""
+        self._replan = None
+        error = plan.exception()
+        found = plan.result() if error is None else Replanned(None, "")
+        told(found)
+        if error is not None:
+            raise error
+        return found
+
+    def _apart(self, one: Array, other: Array) -> bool:
+        """Whether a strip that begins at one configuration does not begin at another."""
+        return float(np.abs(self._robot.space.difference(one, other)).max(initial=0.0)) > _STRIP_START_OFFSET
