@@ -338,3 +338,18 @@ def cell_cost(clear: Array, inner: float, comfort: float, narrow: float, cost: A
 def cheapest_route(cost: Array, first: int, last: int) -> list[int]:
     """Numbers of the cells of the cheapest path, row by row; none where there is none. Costs (rows, columns) are
     infinite, or within 1e-100 and 1e100 and 10,000 times of each other."""
+
+class RayBodies:
+    """Convex bodies that rays are cast against; kinds are those of `elastic_strips.perception.rays`."""
+
+    def __init__(self, kind: Indices, size: Array, start: Indices, planes: Array) -> None: ...
+    def place(self, rotation: Array, translation: Array) -> None: ...
+    def cast(
+        self,
+        origin: Array,
+        direction: Array,
+        reach: float,
+        inside: float,
+        distance: Array,
+        normal: Array | None,
+    ) -> None: ...

@@ -16,6 +16,7 @@
 #include "grid.hpp"
 #include "lookahead.hpp"
 #include "path_proof.hpp"
+#include "rays.hpp"
 #include "search.hpp"
 #include "system.hpp"
 #include "timing.hpp"
@@ -769,6 +770,32 @@ void bind_grid(nb::module_& m) {
   });
 }
 
+void bind_rays(nb::module_& m) {
+  nb::class_<RayBodies> bodies(m, "RayBodies");
+  bodies.def("__init__", [](RayBodies* self, Numbers kind, Reals size, Numbers start, Reals planes) {
+    Sizes()
+        .is('p', kind.size())
+        .is('s', kind.size() + 1)
+        .is('k', RayBodies::KINDS)("p<k p3 s q4", kind, size, start, planes);
+    const std::int64_t* from = start.data();
+    require(from[0] == 0 && std::is_sorted(from, from + start.size()), "planes that do not follow each other");
+    require(from[kind.size()] == static_cast<std::int64_t>(planes.shape(0)), "planes of more or less than there is");
+    new (self) RayBodies(kind.data(), size.data(), from, planes.data(), kind.size());
+  });
+  unlocked(bodies, "place", [](RayBodies& self, Reals rotation, Reals translation) {
+    Sizes().is('p', self.size())("p33 p3", rotation, translation);
+    self.place(rotation.data(), translation.data());
+  });
+  unlocked(bodies, "cast",
+           [](const RayBodies& self, Reals origin, Reals direction, double reach, double inside, Same<double> distance,
+              std::optional<Same<double>> normal) {
+             Sizes()("o3 r3 r r3", origin, direction, distance, normal);
+             require(origin.shape(0) == 1 || origin.shape(0) == direction.shape(0), "origins of other rays");
+             self.cast(origin.data(), origin.shape(0) == 1, direction.data(), direction.shape(0), reach, inside,
+                       distance.data(), normal ? normal->data() : nullptr);
+           });
+}
+
 void translate(const std::exception_ptr& thrown, void* errors) {
   try {
     std::rethrow_exception(thrown);
@@ -800,4 +827,5 @@ NB_MODULE(_native, m) {
   bind_validity(m);
   bind_driving(m);
   bind_grid(m);
+  bind_rays(m);
 }

@@ -38,7 +38,7 @@ def _mujoco(robot: es.RobotModel) -> object:
 
 def _embree(robot: es.RobotModel) -> object:
     from elastic_strips.scene import World
-    from elastic_strips.sim.sensors.bodies import ObstacleRays
+    from elastic_strips.sim.sensors.obstacle_rays import ObstacleRays
 
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
     return ObstacleRays(World(es.Scene([es.scene.ConvexHull(corners)])))

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastic_strips.perception import LaserScan, RangeRing
+from elastic_strips.perception.own_body import Posture, SensorMount
 from elastic_strips.scene import World
 from elastic_strips.sim.sensors import LaserParams, SensorConfig, SensorSuite, SonarParams
-from elastic_strips.sim.sensors.bodies import Posture, SensorMount
 
 LASER = LaserParams(rays=41, range_max=4.0, latency=0.0, near_reads_min=True)
 SONAR = SonarParams(groups=1, rays=9, latency=0.0, crosstalk=0.3, max_incidence=math.pi / 2)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from .bodies import sensor_frames
+from elastic_strips.perception.own_body import sensor_frames
+
 from .devices import SensorSuite
 from .params import InfraredParams, LaserParams, SensorConfig, SonarParams, named_sensors, read_sensors, sensor_file
 

@@ -10,14 +10,15 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, RobotError, SceneError
+from elastic_strips.perception.own_body import Posture, SelfFilter, SensorMount
+from elastic_strips.perception.rays import Rays
 from elastic_strips.perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
 from elastic_strips.validation import check_count, check_number, check_type
 
-from .bodies import ObstacleRays, Posture, SelfFilter, SensorMount
+from .obstacle_rays import ObstacleRays
 from .params import LaserParams, RangeParams, RingParams, SensorConfig
-from .rays import Rays
 
 _NOISE_CUT = 3.0
 """Noise is cut off at this many standard deviations."""

@@ -9,8 +9,8 @@ from brute_force import configuration, random_coordinates
 from cases import refused
 
 from elastic_strips.errors import ConfigurationError, RobotError
+from elastic_strips.perception.own_body import Posture, SensorMount
 from elastic_strips.sim.sensors import sensor_frames
-from elastic_strips.sim.sensors.bodies import Posture, SensorMount
 
 
 def test_the_silvermate_has_its_sensors(silvermate):

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import builtins
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from brute_force import SHAPES, make_obstacle, make_scene
-from cases import each, refused
+from cases import each
 from free_way import along, outside_scene
 
-from elastic_strips.errors import MissingExtraError
+from elastic_strips.native import twin
+from elastic_strips.perception.rays import Nearest, RayBodies, Rays
 from elastic_strips.scene import (
     Box,
     Capsule,
@@ -26,8 +27,7 @@ from elastic_strips.scene import (
     Voxels,
     World,
 )
-from elastic_strips.sim.sensors.bodies import ObstacleRays
-from elastic_strips.sim.sensors.rays import Rays
+from elastic_strips.sim.sensors.obstacle_rays import ObstacleRays
 
 REACH = 12.0
 EIGHTH = math.sin(math.pi / 8), math.cos(math.pi / 8)
@@ -187,15 +187,33 @@ def test_an_empty_world_shows_nothing():
     assert np.isinf(ObstacleRays(world()).cast(0.0, beams([0, 0, 0], fan()), REACH).distance).all()
 
 
-def test_without_embree_only_meshes_are_refused(monkeypatch):
-    real = builtins.__import__
+@each("padding", [0.0, 0.03])
+def test_the_kernel_meets_what_its_twin_meets(padding):
+    """Distances, normals and what is passed over, of every shape, from inside and outside."""
+    rng = np.random.default_rng(8)
+    geometries = [part for shape in SHAPES for part in _geometries(shape, rng)]
+    count = len(geometries)
+    T = np.array([random_transform(rng) for _ in range(count)])
+    origin = rng.uniform(-2.5, 2.5, (3000, 3))
+    origin[:count] = T[:, :3, 3]
+    target = T[rng.integers(count, size=3000), :3, 3] + rng.normal(scale=0.08, size=(3000, 3))
+    several = beams(origin, target - origin)
+    for rays, inside in ((several, 0.0), (several, np.inf), (beams([2.5, 0.3, 0.2], target - [2.5, 0.3, 0.2]), 0.0)):
+        found = []
+        for other in (False, True):
+            with twin() if other else nullcontext():
+                bodies, nearest = RayBodies(geometries, padding), Nearest(len(rays), normals=True)
+                bodies.place(np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3])
+                bodies.cast(rays, nearest, reach=4.0, inside=inside)
+                found.append(nearest)
+        one, two = found
+        assert 500 < np.isfinite(one.distance).sum() < 3000
+        np.testing.assert_allclose(one.distance, two.distance, atol=1e-9)
+        outside = np.isfinite(one.distance) & (one.distance > 0.0)
+        same = np.linalg.norm(one.normal - two.normal, axis=1)[outside] < 1e-6
+        assert same.mean() > 0.999  # on an edge either side is right
 
-    def without(name, *args, **kwargs):
-        if name.startswith("embreex"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
 
-    monkeypatch.setattr(builtins, "__import__", without)
-    ObstacleRays(world(Box([1, 1, 1]), Sphere(1), Cylinder(1, 1), Capsule(1, 1), Cone(1, 1)))
-    with refused(MissingExtraError, "elastic-strips[sensing]"):
-        ObstacleRays(world(ConvexHull(CUBE)))
+def _geometries(shape, rng):
+    solid = make_obstacle(shape, rng, (-1.0, -1.0, -0.5), (1.0, 1.0, 0.5)).solid
+    return [member for part in solid.parts for member in part.members]

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from free_way import along, outside_robot
 
+from elastic_strips.perception.own_body import Posture
 from elastic_strips.scene import Box, Cylinder, Scene, World
 from elastic_strips.sim.sensors import LaserParams
-from elastic_strips.sim.sensors.bodies import ObstacleRays, Posture
 from elastic_strips.sim.sensors.devices import LaserRangefinder
+from elastic_strips.sim.sensors.obstacle_rays import ObstacleRays
 
 EXACT = LaserParams(noise=0.0, noise_ratio=0.0, dropout=0.0)
 HANGING = [0.4, 0.2, 0.6, 0.0, -2.2, 0.0, -0.2]

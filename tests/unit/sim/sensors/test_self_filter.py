@@ -7,8 +7,8 @@ from brute_force import random_coordinates
 from cases import each
 from free_way import along, outside_robot
 
-from elastic_strips.sim.sensors.bodies import Posture, SelfFilter, SensorMount
-from elastic_strips.sim.sensors.rays import Rays
+from elastic_strips.perception.own_body import Posture, SelfFilter, SensorMount
+from elastic_strips.perception.rays import Rays
 
 REACH = 4.0
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from cases import each
 
+from elastic_strips.perception.own_body import Posture
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, World
 from elastic_strips.sim.sensors import InfraredParams, SonarParams
-from elastic_strips.sim.sensors.bodies import ObstacleRays, Posture
 from elastic_strips.sim.sensors.devices import SonarArray, cone_rays
+from elastic_strips.sim.sensors.obstacle_rays import ObstacleRays
 
 SONAR = SonarParams(noise=0.0, noise_ratio=0.0, dropout=0.0, crosstalk=0.0, groups=1)
 INFRARED = InfraredParams(noise=0.0, noise_ratio=0.0, dropout=0.0)

@@ -1,22 +1,23 @@
-"""Rays, and their first intersections with primitive shapes in closed form.
+"""Rays, and where they first meet convex bodies: closed forms of primitives, and planes of polyhedra.
 
-Primitives are boxes, spheres, cylinders, capsules and cones: a function of a shape takes K rays (origin, direction) in
-the frames of K shapes and their sizes (K, 3), and returns where they enter and where they leave [m along
-the beam]; a beam that misses enters at infinity.
+The native kernel goes down a tree of the bodies' boxes with several rays at once. Its twin here asks all pairs of a ray
+and a body's sphere: a function of a shape takes K rays (origin, direction) in the frames of K shapes and their sizes
+(K, 3), and returns where they enter and where they leave [m along the ray]; a ray that misses enters at infinity.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import coal
 import numpy as np
-import numpy.typing as npt
 
-from elastic_strips.arrays import Array, Indices
-from elastic_strips.coal_shapes import ShapeKind, shape_of
+from elastic_strips.arrays import Array, Indices, by_rows
+from elastic_strips.coal_shapes import SIGNS, ShapeKind, shape_of, support_points
+from elastic_strips.hulls import convex_hull
+from elastic_strips.native import kernel
 
 _SPHERE_SLACK = 1e-6  # [m] bounding spheres are taken larger by this, so that rounding drops no touching pair
 
@@ -105,95 +106,135 @@ class Nearest:
         return np.flatnonzero((distance < before) & (distance == self.distance[ray]))
 
 
+_Interval = Callable[[Array, Array, Array], tuple[Array, Array]]
+_Normal = Callable[[Array, Array], Array]
 _LEAST_DIVISOR = 1e-14
-_BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE = range(5)
+_BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE, _POLYHEDRON = range(6)  # as the kernel numbers them
+_MOST_PAIRS = 2_000_000  # of a body and a ray that the twin looks at together
+_KINDS = {ShapeKind.CYLINDER: _CYLINDER, ShapeKind.CAPSULE: _CAPSULE, ShapeKind.CONE: _CONE}
+_PLANE_DIGITS = 9  # to which planes of coplanar triangles are the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Primitives:
-    """Primitive shapes, in the order of their kinds.
+class _Body:
+    """A convex body in the frame of its own that rays are cast in, with its origin in the geometry's frame."""
 
-    Attributes:
-        row: (P,) index of each among the given geometries.
-        kind: (P,) ascending.
-        size: (P, 3) half lengths of a box; else radius, half length along z, 0 [m].
-        radius: (P,) radii of spheres about the shapes' origins that hold them [m].
+    kind: int
+    size: tuple[float, float, float]
+    radius: float
+    shift: Array
+    planes: Array
+
+
+class RayBodies:
+    """Workspace: convex bodies that rays are cast against.
+
+    Args:
+        geometries: Coal geometries; round ones that are no primitives are polyhedra that hold them.
+        padding: by how much each is made thicker [m]; cones and polyhedra by at least that.
     """
 
-    row: Indices
-    kind: npt.NDArray[np.intp]
-    size: Array
-    radius: Array
-
-    @staticmethod
-    def of(geometries: Sequence[coal.CollisionGeometry | None], padding: float = 0.0) -> Primitives:
-        """The primitives among Coal geometries, each thicker by ``padding`` [m]; of cones only unpadded ones."""
-        found = [(kind, k, size) for k, g in enumerate(geometries) for kind, size in _measured(g, padding)]
-        found.sort()
-        kind = np.array([f[0] for f in found], dtype=np.intp)
-        size = np.array([f[2] for f in found]).reshape(-1, 3)
-        radius = np.linalg.norm(size, axis=1)
-        radius[kind == _CAPSULE] = size[kind == _CAPSULE, :2].sum(axis=1)
-        return Primitives(np.array([f[1] for f in found], dtype=np.intp), kind, size, radius)
+    def __init__(self, geometries: Iterable[coal.CollisionGeometry], padding: float = 0.0) -> None:
+        bodies = [_body(geometry, padding) for geometry in geometries]
+        self._kind = np.array([b.kind for b in bodies], dtype=np.intp)
+        self._size = np.array([b.size for b in bodies]).reshape(-1, 3)
+        self._radius = np.array([b.radius for b in bodies])
+        self._shift = np.array([b.shift for b in bodies]).reshape(-1, 3)
+        self._planes = [b.planes for b in bodies]
+        start = np.concatenate(([0], np.cumsum([len(b.planes) for b in bodies]))).astype(np.intp)
+        self._rotation, self._translation = np.zeros((len(bodies), 3, 3)), np.zeros((len(bodies), 3))
+        native = kernel()
+        planes = np.concatenate((np.zeros((0, 4)), *self._planes))
+        self._native = native.RayBodies(self._kind, self._size, start, planes) if native else None
 
     def __len__(self) -> int:
-        return len(self.kind)
+        return len(self._kind)
 
-    def cast(
-        self, rotation: Array, translation: Array, rays: Rays, nearest: Nearest, *, reach: float, inside: float
-    ) -> bool:
-        """Intersect rays with these shapes.
+    def place(self, rotation: Array, translation: Array) -> None:
+        """Put the geometries' frames where they are in the frame of the rays.
 
         Args:
-            rotation: (P, 3, 3) rotations of the shapes' frames in the rays' frame.
-            translation: (P, 3) their origins [m].
+            rotation: (P, 3, 3).
+            translation: (P, 3) [m].
+        """
+        self._rotation = rotation
+        self._translation = translation + np.matmul(rotation, self._shift[:, :, None])[:, :, 0]
+        if self._native is not None:
+            self._native.place(*by_rows(self._rotation, self._translation))
+
+    def cast(self, rays: Rays, nearest: Nearest, *, reach: float, inside: float) -> None:
+        """Intersect rays with these bodies.
+
+        Args:
             rays: rays to intersect.
             nearest: takes the hits.
-            reach: length of the rays [m]; hits beyond may be left out.
-            inside: distance [m] of a ray that begins inside a shape.
-
-        Returns:
-            Whether any ray came near any of them.
+            reach: length of the rays [m]; what is beyond is not met.
+            inside: distance [m] of a ray that begins inside a body; infinite where such a body is passed over.
         """
-        piece, ray = rays.near(translation, self.radius, reach)
-        if len(piece) == 0:
-            return False
-        bounds = np.searchsorted(self.kind[piece], np.arange(len(_SHAPES) + 1))
+        if self._native is not None:
+            origin, direction = by_rows(rays.origin, rays.direction)
+            self._native.cast(origin, direction, reach, inside, nearest.distance, nearest.normal)
+            return
+        some = max(1, _MOST_PAIRS // max(len(self), 1))
+        for first in range(0, len(rays), some):
+            part = np.arange(first, min(first + some, len(rays)))
+            piece, ray = rays.some(part).near(self._translation, self._radius, reach)
+            self._meet(piece, part[ray], rays, nearest, reach, inside)
+
+    def _meet(self, piece: Indices, ray: Indices, rays: Rays, nearest: Nearest, reach: float, inside: float) -> None:
+        """The twin: pairs of a body and a ray."""
         origins = rays.origin if len(rays.origin) > 1 else np.broadcast_to(rays.origin, rays.direction.shape)
-        for (interval, normal), begin, end in zip(_SHAPES, bounds[:-1], bounds[1:], strict=True):
-            if begin == end:
-                continue
-            p, r = piece[begin:end], ray[begin:end]
-            turn, size = rotation[p], self.size[p]
-            o = np.matmul((origins[r] - translation[p])[:, None, :], turn)[:, 0]
+        for interval, normal, p, r in self._by_kind(piece, ray):
+            turn, size = self._rotation[p], self._size[p]
+            o = np.matmul((origins[r] - self._translation[p])[:, None, :], turn)[:, 0]
             d = np.matmul(rays.direction[r][:, None, :], turn)[:, 0]
             enter, leave = interval(o, d, size)
             distance = np.where(enter < 0.0, inside, enter)
-            distance[~((leave >= 0.0) & (leave >= enter))] = np.inf
+            distance[~((leave >= 0.0) & (leave >= enter) & (distance <= reach))] = np.inf
             won = nearest.closer(r, distance)
             if nearest.normal is not None and len(won):
                 local = normal(o[won] + distance[won, None] * d[won], size[won])
                 nearest.normal[r[won]] = np.matmul(turn[won], local[:, :, None])[..., 0]
-        return True
+
+    def _by_kind(self, piece: Indices, ray: Indices) -> Iterator[tuple[_Interval, _Normal, Indices, Indices]]:
+        """Functions of a shape, and the pairs that they are for; polyhedra one after the other."""
+        kinds = self._kind[piece]
+        for kind, (interval, normal) in enumerate(_SHAPES):
+            at = np.flatnonzero(kinds == kind)
+            if len(at):
+                yield interval, normal, piece[at], ray[at]
+        at = np.flatnonzero(kinds == _POLYHEDRON)
+        for body in np.unique(piece[at]):
+            mine = at[piece[at] == body]
+            planes = self._planes[body]
+            yield _polyhedron(planes), _polyhedron_normal(planes), piece[mine], ray[mine]
 
 
-def is_primitive(geometry: coal.CollisionGeometry | None, padding: float = 0.0) -> bool:
-    """Whether a Coal geometry, made thicker by ``padding`` [m], is a primitive here."""
-    return bool(_measured(geometry, padding))
-
-
-def _measured(geometry: coal.CollisionGeometry | None, padding: float) -> list[tuple[int, tuple[float, float, float]]]:
-    """Kind and size of a Coal geometry; empty if it is not a primitive."""
+def _body(geometry: coal.CollisionGeometry, padding: float) -> _Body:
+    """A Coal geometry, thicker by a padding [m]."""
     kind, size = shape_of(geometry)
+    none, here = np.zeros((0, 4)), np.zeros(3)
     if kind is ShapeKind.BOX:
         x, y, z = (h + padding for h in size)
-        return [(_BOX, (x, y, z))]
+        return _Body(_BOX, (x, y, z), math.hypot(x, y, z), here, none)
     if kind is ShapeKind.SPHERE:
-        return [(_SPHERE, (size[0] + padding, 0.0, 0.0))]
-    number = {ShapeKind.CYLINDER: _CYLINDER, ShapeKind.CAPSULE: _CAPSULE, ShapeKind.CONE: _CONE}.get(kind)
-    if number is None or (number == _CONE and padding > 0.0):  # a thicker cone would have another origin
-        return []
-    return [(number, (size[0] + padding, size[1] + (padding if number == _CYLINDER else 0.0), 0.0))]
+        return _Body(_SPHERE, (size[0] + padding, 0.0, 0.0), size[0] + padding, here, none)
+    if kind in _KINDS and not (kind is ShapeKind.CONE and padding > 0.0):  # a thicker cone would have another origin
+        radius, half = size[0] + padding, size[1] + (padding if kind is ShapeKind.CYLINDER else 0.0)
+        about = radius + half if kind is ShapeKind.CAPSULE else math.hypot(radius, half)
+        return _Body(_KINDS[kind], (radius, half, 0.0), about, here, none)
+    points, swept = support_points(geometry)
+    if swept + padding > 0.0:
+        points = (points[:, None] + (swept + padding) * SIGNS).reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    shift = 0.5 * (low + high)
+    corners = points - shift
+    planes = np.unique(convex_hull(corners).equations.round(_PLANE_DIGITS), axis=0)
+    planes[:, :3] /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    planes[:, 3] = (corners @ planes[:, :3].T).max(axis=0)  # rounded normals, but no corner outside
+    x, y, z = (0.5 * (high - low)).tolist()
+    radius = float(np.linalg.norm(corners, axis=1).max())
+    return _Body(_POLYHEDRON, (x, y, z), radius, shift, planes)
 
 
 def _slab(o: Array, d: Array, half: Array) -> tuple[Array, Array]:
@@ -270,6 +311,26 @@ def _cone(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
     return np.where(rim, np.minimum(enter, t3), enter), np.where(rim, np.maximum(leave, t3), leave)
 
 
+def _polyhedron(planes: Array) -> _Interval:
+    """Inside all of its planes (F, 4): n·x ≤ d."""
+
+    def interval(o: Array, d: Array, size: Array) -> tuple[Array, Array]:
+        height, speed = o @ planes[:, :3].T - planes[:, 3], d @ planes[:, :3].T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = -height / speed
+        enter = np.where(speed < 0.0, at, -np.inf).max(axis=1)
+        leave = np.where(speed > 0.0, at, np.inf).min(axis=1)
+        beside = ((speed == 0.0) & (height > 0.0)).any(axis=1) | ~(enter <= leave)
+        enter[beside], leave[beside] = np.inf, -np.inf
+        return enter, leave
+
+    return interval
+
+
+def _polyhedron_normal(planes: Array) -> _Normal:
+    return lambda p, size: planes[np.argmax(p @ planes[:, :3].T - planes[:, 3], axis=1), :3]
+
+
 def _both(enter: Array, leave: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Intersection of two intervals; an empty one enters at infinity."""
     enter, leave = np.maximum(enter, low), np.minimum(leave, high)
@@ -317,8 +378,7 @@ def _cone_normal(p: Array, size: Array) -> Array:
     return np.where(base, np.array([0.0, 0.0, -1.0]), _unit(side))  # at the apex the side has no direction of its own
 
 
-_Interval = Callable[[Array, Array, Array], tuple[Array, Array]]
-_SHAPES: tuple[tuple[_Interval, Callable[[Array, Array], Array]], ...] = (
+_SHAPES: tuple[tuple[_Interval, _Normal], ...] = (
     (_box, _box_normal),
     (_sphere, _sphere_normal),
     (_cylinder, _cylinder_normal),
