@@ -10,6 +10,7 @@ import numpy.typing as npt
 Array: TypeAlias = npt.NDArray[np.float64]
 Indices: TypeAlias = npt.NDArray[np.intp]
 Mask: TypeAlias = npt.NDArray[np.bool_]
+Image: TypeAlias = npt.NDArray[np.float32]
 ArrayLike: TypeAlias = npt.ArrayLike
 Document: TypeAlias = dict[str, object]
 """What is read from a file or written to one: names and plain values, lists and documents in it."""

@@ -21,6 +21,7 @@
 #include "system.hpp"
 #include "timing.hpp"
 #include "validity.hpp"
+#include "volume.hpp"
 
 namespace nb = nanobind;
 using namespace strips;
@@ -796,6 +797,62 @@ void bind_rays(nb::module_& m) {
            });
 }
 
+void bind_volume(nb::module_& m) {
+  using Known = Same<std::int8_t>;
+  nb::class_<VolumeMap> map(m, "VolumeMap");
+  map.def("__init__", [](VolumeMap* self, Numbers blocks, Numbers corner, double cell, int miss, int floor, int top,
+                         int filled, int emptied) {
+    Sizes()("3 3", blocks, corner);
+    const std::int64_t* n = blocks.data();
+    require(std::all_of(n, n + 3, [](std::int64_t each) { return each > 0 && each < 4096; }) && cell > 0.0 &&
+                n[0] * n[1] * n[2] < std::int64_t{1} << 24,
+            "a map of no voxels, or of too many");
+    require(miss > 0 && miss <= 127 && -128 < floor && floor < emptied && emptied < filled && filled < top && top < 128,
+            "evidence that is out of order");
+    new (self) VolumeMap(n, corner.data(), cell, {miss, floor, top, filled, emptied});
+  });
+  map.def("roll", [](VolumeMap& self, Numbers corner) {
+    Sizes()("3", corner);
+    self.roll(corner.data());
+  });
+  unlocked(map, "hit", [](VolumeMap& self, Reals points, Same<const std::int8_t> weight, Known before) {
+    Sizes()("n3 n n", points, weight, before);
+    self.hit(points.data(), weight.data(), weight.size(), before.data());
+  });
+  unlocked(map, "carve",
+           [](VolumeMap& self, Same<const float> clear, bool camera, bool round, Reals scale, Reals middle,
+              Reals rotation, Reals origin, double nearest) {
+             Sizes()("rc 2 2 33 3", clear, scale, middle, rotation, origin);
+             require(clear.size() > 0 && scale.data()[0] != 0.0 && scale.data()[1] != 0.0, "an image of no pixels");
+             const Optics optics{clear.shape(0),
+                                 clear.shape(1),
+                                 camera,
+                                 round,
+                                 {scale.data()[0], scale.data()[1]},
+                                 {middle.data()[0], middle.data()[1]}};
+             self.carve({optics, clear.data(), rotation.data(), origin.data(), nearest});
+           });
+  unlocked(map, "look", [](const VolumeMap& self, Reals points, Known known) {
+    Sizes()("n3 n", points, known);
+    self.look(points.data(), known.size(), known.data());
+  });
+  unlocked(map, "set", [](VolumeMap& self, Reals points, int known) {
+    Sizes()("n3", points);
+    require(known >= -128 && known < 128, "evidence out of its bounds");
+    self.set(points.data(), points.shape(0), static_cast<std::int8_t>(known));
+  });
+  map.def("changed", [](VolumeMap& self, bool unseen) {
+    std::vector<std::int64_t> blocks = self.changed(unseen);
+    return given_away(blocks);
+  });
+  map.def("boxes", [](const VolumeMap& self, Numbers block, bool unseen) {
+    Sizes()("3", block);
+    std::vector<std::int64_t> boxes = self.boxes(block.data(), unseen);
+    return given_away(boxes);
+  });
+  map.def("count", &VolumeMap::count);
+}
+
 void translate(const std::exception_ptr& thrown, void* errors) {
   try {
     std::rethrow_exception(thrown);
@@ -828,4 +885,5 @@ NB_MODULE(_native, m) {
   bind_driving(m);
   bind_grid(m);
   bind_rays(m);
+  bind_volume(m);
 }

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elastic_strips.arrays import Array, ArrayLike, Mask
+from elastic_strips.arrays import Array, ArrayLike, Image, Mask
 from elastic_strips.errors import ParameterError
 from elastic_strips.summary import Summary
 
@@ -97,12 +97,139 @@ class RangeRing(Summary):
         return T[:, :3, 3] + self.ranges[at, None] * T[:, :3, 0]
 
 
-Reading = LaserScan | RangeRing
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DepthImage(Summary):
+    """An image of a depth camera.
+
+    Attributes:
+        sensor: name of the sensor.
+        time: when it was exposed [s].
+        T_base_sensor: (4, 4) pose of the camera's optical frame in the base's frame when it was exposed: z looks
+            forward, x to the right, y down.
+        depth: (H, W) float32 distances along z [m], row by row from the upper left; ``NOTHING`` where nothing is within
+            ``depth_max``, ``NO_ANSWER`` where nothing is known.
+        focal: focal lengths of columns and rows [px].
+        center: column and row of the optical axis [px]; the middle of the first pixel is (0, 0).
+        depth_min, depth_max: shortest and longest depth that the camera can tell [m].
+        q: (nq,) configuration of the robot then, or None: where it is known, what the robot itself covers can be told.
+    """
+
+    sensor: str
+    time: float
+    T_base_sensor: Array
+    depth: Image
+    focal: tuple[float, float]
+    center: tuple[float, float]
+    depth_min: float
+    depth_max: float
+    q: Array | None = None
+
+    def __post_init__(self) -> None:
+        _freeze(self, "T_base_sensor", (4, 4))
+        _freeze(self, "depth", (-1, -1), np.float32)
+        if self.q is not None:
+            _freeze(self, "q", (-1,))
+        if not (min(self.focal) > 0.0 and math.isfinite(sum(self.focal) + sum(self.center))):
+            raise ParameterError(f"DepthImage.focal={self.focal!r}, center={self.center!r}: lengths in pixels, above 0")
+
+    @property
+    def ranges(self) -> Image:
+        """(H, W) the depths."""
+        return self.depth
+
+    @property
+    def hits(self) -> Mask:
+        """(H, W) whether a pixel met something."""
+        return np.isfinite(self.depth)
+
+    def directions(self) -> Array:
+        """(H, W, 3) where the pixels' middles look, in the camera's frame: a depth of one along z."""
+        rows, columns = self.depth.shape
+        return camera_directions(rows, columns, self.focal, self.center)
 
 
-def _freeze(reading: LaserScan | RangeRing, name: str, shape: tuple[int, ...]) -> None:
-    """Keep a field as a read-only array of floats of this shape (−1: any)."""
-    array = np.array(getattr(reading, name), dtype=float)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RangeImage(Summary):
+    """One round of a range finder of many rays that turns, a 3-D lidar: one row for each elevation.
+
+    Attributes:
+        sensor: name of the sensor.
+        time: when it was measured, as if at once [s].
+        T_base_sensor: (4, 4) pose of the sensor in the base's frame then: it turns about z.
+        ranges: (H, W) float32 [m]; ``NOTHING`` where nothing is within ``range_max``, ``NO_ANSWER`` where nothing is
+            known.
+        azimuth: azimuths of the first column and of the last one, from x on towards y [rad]; the columns between are
+            evenly spread.
+        elevation: elevations of the first row and of the last one [rad].
+        range_min, range_max: shortest and longest range that it can tell [m].
+        q: (nq,) configuration of the robot then, or None.
+    """
+
+    sensor: str
+    time: float
+    T_base_sensor: Array
+    ranges: Image
+    azimuth: tuple[float, float]
+    elevation: tuple[float, float]
+    range_min: float
+    range_max: float
+    q: Array | None = None
+
+    def __post_init__(self) -> None:
+        _freeze(self, "T_base_sensor", (4, 4))
+        _freeze(self, "ranges", (-1, -1), np.float32)
+        if self.q is not None:
+            _freeze(self, "q", (-1,))
+        if min(self.ranges.shape) < 2 or self.azimuth[0] == self.azimuth[1] or self.elevation[0] == self.elevation[1]:
+            raise ParameterError(f"the range image of {self.sensor!r} needs at least two rows and two columns, apart")
+        if abs(self.azimuth[1] - self.azimuth[0]) > 2.0 * math.pi + 1e-9:
+            raise ParameterError(f"RangeImage.azimuth={self.azimuth!r} is more than a turn")
+
+    @property
+    def hits(self) -> Mask:
+        """(H, W) whether a ray met something."""
+        return np.isfinite(self.ranges)
+
+    @property
+    def steps(self) -> tuple[float, float]:
+        """From column to column, and from row to row [rad]."""
+        rows, columns = self.ranges.shape
+        return (
+            (self.azimuth[1] - self.azimuth[0]) / (columns - 1),
+            (self.elevation[1] - self.elevation[0]) / (rows - 1),
+        )
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last column is beside the first."""
+        return abs(self.azimuth[1] - self.azimuth[0]) + 1.5 * abs(self.steps[0]) > 2.0 * math.pi
+
+    def directions(self) -> Array:
+        """(H, W, 3) unit vectors along the rays, in the sensor's frame."""
+        rows, columns = self.ranges.shape
+        return turning_directions(rows, columns, self.azimuth, self.elevation)
+
+
+def camera_directions(rows: int, columns: int, focal: tuple[float, float], center: tuple[float, float]) -> Array:
+    """(H, W, 3) where the middles of a camera's pixels look, in its frame: a depth of one along z."""
+    u = (np.arange(columns) - center[0]) / focal[0]
+    v = (np.arange(rows) - center[1]) / focal[1]
+    x, y = np.meshgrid(u, v)
+    return np.stack((x, y, np.ones_like(x)), axis=-1)
+
+
+def turning_directions(rows: int, columns: int, azimuth: tuple[float, float], elevation: tuple[float, float]) -> Array:
+    """(H, W, 3) unit vectors along the rays of a range finder that turns, in its frame."""
+    a, e = np.meshgrid(np.linspace(*azimuth, columns), np.linspace(*elevation, rows))
+    return np.stack((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
+
+
+Reading = LaserScan | RangeRing | DepthImage | RangeImage
+
+
+def _freeze(reading: Reading, name: str, shape: tuple[int, ...], dtype: type = np.float64) -> None:
+    """Keep a field as a read-only array of this shape (−1: any)."""
+    array = np.array(getattr(reading, name), dtype=dtype)
     if array.ndim != len(shape) or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
         raise ParameterError(f"{type(reading).__name__}.{name} has shape {array.shape}; it needs {shape}")
     array.flags.writeable = False

@@ -10,14 +10,14 @@ from typing import TypeVar
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.arrays import Array, ArrayLike, Document, Indices
 from elastic_strips.decompose import convex_pieces, load_mesh
 from elastic_strips.errors import SceneError
 from elastic_strips.summary import shortened
 from elastic_strips.validation import MAX_LENGTH, check_number, named_arguments, shown
 
 from .motion import Motion, check_motion
-from .parts import Part, Solid, cluster_solid, hull_part, primitive
+from .parts import Part, Solid, boxes_solid, cluster_solid, hull_part, primitive
 from .quantities import (
     POSE_TOLERANCE,
     check_length,
@@ -413,6 +413,25 @@ class Voxels(Obstacle):
         edges.flags.writeable = False
         spec = {"centers": points, "size": edges}
         self._fill("voxels", spec, cluster_solid(points, edges), at, quat, name, motion)
+
+    @classmethod
+    def of_boxes(cls, low: Indices, high: Indices, cell: float, name: str) -> Voxels:
+        """Voxels of a grid in the world that are merged already; all of them are one part.
+
+        Args:
+            low, high: (B, 3) first cell and the one after the last along each axis, of boxes that do not overlap.
+            cell: edge of a voxel [m].
+            name: name of the obstacle.
+        """
+        cells = [np.indices(size).reshape(3, -1).T + first for first, size in zip(low, high - low, strict=True)]
+        edges, centers = np.full(3, cell), (np.concatenate(cells) + 0.5) * cell
+        centers.flags.writeable = edges.flags.writeable = False
+        made = cls.__new__(cls)
+        solid = boxes_solid(low * cell, high * cell)
+        made._fill(
+            "voxels", {"centers": centers, "size": edges}, solid, np.zeros(3), np.array([0.0, 0, 0, 1]), name, None
+        )
+        return made
 
 
 class Points(Obstacle):

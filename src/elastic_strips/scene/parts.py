@@ -164,6 +164,11 @@ def cluster_solid(centers: Array, size: Array) -> Solid:
     return Solid(_blocks(lows, highs, block))
 
 
+def boxes_solid(lows: Array, highs: Array) -> Solid:
+    """Solid of axis-aligned boxes (B, 3) [m] that are one part."""
+    return Solid(_blocks(lows, highs, np.zeros(lows.shape, dtype=np.int64)))
+
+
 def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, _Index]:
     """Corners ``lows``, ``highs`` (m, 3) [m] of boxes with the same union, and the cell (m, 3) each one lies in."""
     turns = np.exp(2j * np.pi * centers / size).mean(axis=0)

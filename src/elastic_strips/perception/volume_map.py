@@ -1,0 +1,229 @@
+"""Volume map: space about the robot in voxels, from images of depths and ranges; obstacles block by block.
+
+A voxel is free only where *every* pixel over the ball about it ends behind it, by three standard deviations. It is an
+obstacle where rays have ended, one hit where ranges are exact to less than a voxel, several where they are not. What
+is neither was not seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import numpy.typing as npt
+
+from elastic_strips.arrays import Array, Image, Indices, Mask
+from elastic_strips.errors import ParameterError
+from elastic_strips.native import kernel
+from elastic_strips.scene import Obstacle, Voxels
+from elastic_strips.validation import Bound, NonNegative, Positive, check_fields
+
+from .readings import DepthImage, RangeImage
+from .volume_twin import BLOCK, UNSEEN, VolumeTwin
+
+_SIGMAS = 3.0  # standard deviations that count as the largest error
+_UNIT = 0.05  # of log-odds, in which the map counts
+_MOST_BLOCKS = 1 << 20
+
+Known = npt.NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VolumeMapParams:
+    """How images become voxels; lengths in [m].
+
+    Attributes:
+        cell: edge of the voxels.
+        length, height: of the window about the robot, along x and y and along z, rounded up to blocks of eight voxels.
+        bottom: height at which it begins.
+        noise: standard deviation of a depth or range …
+        noise_growth: … and what it grows by with the square of it [1/m].
+        bias: largest error that all ranges of an image have in common: of the sensor, its place on the robot, the
+            robot's posture, and where the robot stands.
+        range_max: nothing further away is noted.
+        hit_range: nothing further away becomes an obstacle: there it is not known to a voxel where it is.
+        exact_range: up to here one hit is an obstacle, from here on two are.
+        ground: what is no higher than this, and three standard deviations, is the floor and no obstacle.
+        fill: lost pixels with at most this many lost ones among their eight neighbours are as near as the nearest of
+            them; −1 leaves them lost.
+        hit, miss: log-odds that a hit adds, and that a look through takes away.
+        floor, top: bounds of the log-odds; the floor is −floor.
+        occupied: voxels above it become obstacles, until they are below −floor / 2.
+    """
+
+    cell: Positive = 0.05
+    length: Positive = 20.0
+    height: Positive = 2.8
+    bottom: Annotated[float, Bound(low=-100.0, high=100.0, unit="m")] = 0.0
+    noise: NonNegative = 0.002
+    noise_growth: NonNegative = 0.0035
+    bias: NonNegative = 0.01
+    range_max: Positive = 5.0
+    hit_range: Positive = 4.0
+    exact_range: Positive = 1.5
+    ground: NonNegative = 0.04
+    fill: Annotated[int, Bound(low=-1, high=7)] = 2
+    hit: Positive = 0.85
+    miss: Positive = 0.4
+    floor: Positive = 0.8
+    top: Positive = 3.4
+    occupied: Positive = 0.5
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        blocks = self.blocks
+        if int(np.prod(blocks)) > _MOST_BLOCKS:
+            raise ParameterError(
+                f"VolumeMapParams.size={self.size!r} are more than {_MOST_BLOCKS} blocks of eight voxels"
+            )
+        if not self.occupied < min(self.hit, self.top):
+            raise ParameterError(
+                f"VolumeMapParams.occupied={self.occupied!r} must be below hit={self.hit!r} and top={self.top!r}"
+            )
+
+    @property
+    def block(self) -> float:
+        """Edge of the blocks [m]."""
+        return BLOCK * self.cell
+
+    @property
+    def blocks(self) -> tuple[int, int, int]:
+        """How many blocks the window has along each axis."""
+        across, up = (math.ceil(length / self.block - 1e-9) for length in (self.length, self.height))
+        return across, across, up
+
+    def sigma(self, ranges: Array) -> Array:
+        """Standard deviation [m] of ranges [m], of any shape."""
+        return self.noise + self.noise_growth * ranges * ranges
+
+    def error(self, ranges: Array) -> Array:
+        """The largest error [m] of ranges [m]."""
+        return _SIGMAS * self.sigma(ranges) + self.bias
+
+
+class VolumeMap:
+    """Workspace: voxels about a robot. One per thread.
+
+    Args:
+        params: parameters of the map.
+        name: name of the layer, with which its obstacles' names begin.
+    """
+
+    def __init__(self, params: VolumeMapParams | None = None, name: str = "volume") -> None:
+        self.params: VolumeMapParams = params or VolumeMapParams()
+        self.name: str = name
+        p = self.params
+        units = [round(x / _UNIT) for x in (p.miss, -p.floor, p.top, p.occupied, -0.5 * p.floor)]
+        native = kernel()
+        make = VolumeTwin if native is None else native.VolumeMap
+        self._corner = np.array(
+            [*(-(n // 2) for n in p.blocks[:2]), math.floor(p.bottom / p.block + 1e-9)], dtype=np.intp
+        )
+        self._map = make(np.array(p.blocks, dtype=np.intp), self._corner, p.cell, *units)
+        self._made: dict[tuple[int, int, int], Obstacle] = {}
+
+    def center(self, x: float, y: float) -> None:
+        """Have the window about a point of the floor [m]; what leaves it is forgotten."""
+        p = self.params
+        middle = [math.floor(at / p.block) - n // 2 for at, n in zip((x, y), p.blocks, strict=False)]
+        if max(abs(middle[0] - self._corner[0]), abs(middle[1] - self._corner[1])) > 1:  # not to and fro at a border
+            self._corner = np.array([*middle, self._corner[2]], dtype=np.intp)
+            self._map.roll(self._corner)
+
+    def add(self, reading: DepthImage | RangeImage, T_world_base: Array, ignored: Mask | None = None) -> Mask:
+        """Take an image in.
+
+        Args:
+            reading: the image; pixels without an answer change nothing.
+            T_world_base: (4, 4) pose of the base when it was measured.
+            ignored: (H, W) pixels whose ends are not of the world at rest; they free what they pass.
+
+        Returns:
+            (H, W) which pixels ended where it was surely free before: something has moved there.
+        """
+        p = self.params
+        T = T_world_base @ reading.T_base_sensor
+        ranges = filled(reading.ranges, p.fill)
+        there = np.isfinite(ranges)
+        far = reading.depth_max if isinstance(reading, DepthImage) else reading.range_max
+        near = reading.depth_min if isinstance(reading, DepthImage) else reading.range_min
+        most = min(far, p.range_max)
+        known = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, most)).astype(float)
+        error = p.error(known)
+        clear = np.maximum(known - error, 0.0)
+        # what was filled in only frees: where a lost pixel ends, nothing was seen
+        at = there & reading.hits & (ranges <= min(p.hit_range, far))
+        points = (reading.directions()[at] * ranges[at, None]) @ T[:3, :3].T + T[:3, 3]
+        weight = np.where(ranges[at] <= p.exact_range, p.hit, 0.5 * (p.occupied + 0.5 * p.hit)) / _UNIT
+        weight[points[:, 2] <= p.ground + error[at]] = 0.0
+        if ignored is not None:
+            weight[ignored[at]] = 0.0
+        before = np.empty(len(points), dtype=np.int8)
+        self._map.hit(np.ascontiguousarray(points), np.rint(weight).astype(np.int8), before)
+        camera, around, scale, middle = _optics(reading)
+        rotation, origin = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
+        self._map.carve(
+            np.ascontiguousarray(clear, dtype=np.float32), camera, around, scale, middle, rotation, origin, near
+        )
+        moved = np.zeros(ranges.shape, dtype=bool)
+        moved[at] = (before != UNSEEN) & (before <= -round(p.floor / _UNIT)) & (weight > 0.0)
+        return moved
+
+    def known(self, points: Array) -> Known:
+        """(n,) what is known of the voxels that points (n, 3) [m] lie in: 1 an obstacle, 0 free, −1 not seen."""
+        found = np.empty(len(points), dtype=np.int8)
+        self._map.look(np.ascontiguousarray(points, dtype=float), found)
+        free = round(0.5 * self.params.floor / _UNIT)
+        return np.where(found == UNSEEN, -1, np.where(found > -free, 1, 0)).astype(np.int8)
+
+    def see(self, points: Array) -> None:
+        """Voxels of points (n, 3) [m] are free, whatever was seen there: the robot is there."""
+        self._map.set(np.ascontiguousarray(points, dtype=float), -round(self.params.floor / _UNIT))
+
+    def obstacles(self) -> list[Obstacle]:
+        """What stands, one obstacle a block; blocks in which nothing changed are the same objects as before."""
+        for block in self._map.changed(False).reshape(-1, 3):
+            key = (int(block[0]), int(block[1]), int(block[2]))
+            made = self._box_obstacle(np.ascontiguousarray(block), self.name, unseen=False)
+            if made is None:
+                self._made.pop(key, None)
+            else:
+                self._made[key] = made
+        return list(self._made.values())
+
+    def _box_obstacle(self, block: Indices, name: str, *, unseen: bool) -> Obstacle | None:
+        boxes = self._map.boxes(block, unseen).reshape(-1, 6)
+        if not len(boxes):
+            return None
+        i, j, k = block.tolist()
+        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], self.params.cell, f"{name}-{i}-{j}-{k}")
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """How many voxels are obstacles, and how many were never seen."""
+        return self._map.count(False), self._map.count(True)
+
+
+def filled(ranges: Image, most: int) -> Image:
+    """Ranges (H, W) with lost ones replaced by the shortest beside them, where at most ``most`` of these are lost."""
+    if most < 0:
+        return ranges
+    lost = np.isnan(ranges)
+    if not lost.any():
+        return ranges
+    around = np.pad(ranges, 1, constant_values=np.nan)
+    rows, columns = ranges.shape
+    beside = [around[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    gone = np.sum([np.isnan(each) for each in beside], axis=0)
+    nearest = np.fmin.reduce(beside)
+    return np.where(lost & (gone <= most), nearest, ranges)
+
+
+def _optics(reading: DepthImage | RangeImage) -> tuple[bool, bool, Array, Array]:
+    """Whether it is a camera's, whether it is closed, pixels a unit along columns and rows, and where that is 0."""
+    if isinstance(reading, DepthImage):
+        return True, False, np.array(reading.focal, dtype=float), np.array(reading.center, dtype=float)
+    scale = 1.0 / np.array(reading.steps)
+    return False, reading.closed, scale, -np.array([reading.azimuth[0], reading.elevation[0]]) * scale

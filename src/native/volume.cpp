@@ -1,0 +1,408 @@
+#include "volume.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+namespace strips {
+
+namespace {
+
+constexpr float kFarthest = 1e4f;  // [m] that an image may see
+constexpr int kEdge = VolumeMap::EDGE;
+const double kHalfDiagonal = 0.5 * std::sqrt(3.0);
+
+// The least and the largest of any rectangle of pixels, at most four of which it takes to cover: of halves of halves.
+class Pyramid {
+ public:
+  Pyramid(const float* image, std::size_t rows, std::size_t columns) {
+    std::vector<float> known(image, image + rows * columns);
+    for (float& x : known) x = x > 0.0f && x < kFarthest ? x : 0.0f;  // what is no number, too
+    levels_.push_back({rows, columns, known, known});
+    while (rows > 1 || columns > 1) {
+      const Level& fine = levels_.back();
+      Level next{(rows + 1) / 2, (columns + 1) / 2, {}, {}};
+      next.least.resize(next.rows * next.columns);
+      next.most.resize(next.rows * next.columns);
+      for (std::size_t r = 0; r < next.rows; ++r) {
+        for (std::size_t c = 0; c < next.columns; ++c) {
+          const std::size_t r2 = std::min(2 * r + 1, rows - 1), c2 = std::min(2 * c + 1, columns - 1);
+          const std::size_t a = 2 * r * columns + 2 * c, b = 2 * r * columns + c2;
+          const std::size_t d = r2 * columns + 2 * c, e = r2 * columns + c2;
+          const std::size_t at = r * next.columns + c;
+          const auto& l = fine.least;
+          const auto& m = fine.most;
+          next.least[at] = std::min(std::min(l[a], l[b]), std::min(l[d], l[e]));
+          next.most[at] = std::max(std::max(m[a], m[b]), std::max(m[d], m[e]));
+        }
+      }
+      rows = next.rows;
+      columns = next.columns;
+      levels_.push_back(std::move(next));
+    }
+  }
+
+  // Of rows r0 to r1 and columns c0 to c1, both of them included.
+  template <bool least>
+  float of(std::size_t r0, std::size_t r1, std::size_t c0, std::size_t c1) const {
+    std::size_t k = 0;
+    while ((r1 >> k) - (r0 >> k) > 1 || (c1 >> k) - (c0 >> k) > 1) ++k;
+    const Level& level = levels_[k];
+    const std::vector<float>& x = least ? level.least : level.most;
+    const std::size_t top = (r0 >> k) * level.columns, bottom = (r1 >> k) * level.columns, left = c0 >> k,
+                      right = c1 >> k;
+    const float a = x[top + left], b = x[top + right], c = x[bottom + left], d = x[bottom + right];
+    return least ? std::min(std::min(a, b), std::min(c, d)) : std::max(std::max(a, b), std::max(c, d));
+  }
+
+ private:
+  struct Level {
+    std::size_t rows, columns;
+    std::vector<float> least, most;
+  };
+  std::vector<Level> levels_;
+};
+
+// Pixels that a ball covers, first and last, not yet cut to the image, and how far the ball is by the image's measure.
+struct Cover {
+  double rows[2], columns[2], near, far;
+  bool known;  // else the ball is too near, or about the axis, to say
+};
+
+Cover cover(const Optics& optics, const double* c, double radius) {
+  Cover result{{0.0, 0.0}, {0.0, 0.0}, 0.0, 0.0, false};
+  if (optics.camera) {
+    result.near = c[2] - radius;
+    result.far = c[2] + radius;
+    const double below = c[2] * c[2] - radius * radius;
+    if (!(c[2] > radius)) return result;
+    for (int k = 0; k < 2; ++k) {  // tangents to the ball in the plane of z and x, or of z and y
+      const double root = radius * std::sqrt(c[k] * c[k] + below);
+      double* pixels = k == 0 ? result.columns : result.rows;
+      pixels[0] = optics.middle[k] + optics.scale[k] * ((c[k] * c[2] - root) / below);
+      pixels[1] = optics.middle[k] + optics.scale[k] * ((c[k] * c[2] + root) / below);
+    }
+    result.known = true;
+    return result;
+  }
+  const double flat = std::hypot(c[0], c[1]), distance = std::hypot(flat, c[2]);
+  result.near = distance - radius;
+  result.far = distance + radius;
+  if (!(flat > radius)) return result;
+  const double wide = std::asin(radius / flat), high = std::asin(radius / distance);
+  const double middle[2] = {std::atan2(c[1], c[0]), std::atan2(c[2], flat)};
+  for (int k = 0; k < 2; ++k) {
+    const double at = optics.middle[k] + optics.scale[k] * middle[k];
+    const double half = std::abs(optics.scale[k]) * (k == 0 ? wide : high);
+    double* pixels = k == 0 ? result.columns : result.rows;
+    pixels[0] = at - half;
+    pixels[1] = at + half;
+  }
+  result.known = true;
+  return result;
+}
+
+// What the pixels over a ball say: the least that they surely see, and the most; nothing of pixels beside the image.
+struct Seen {
+  float least, most;
+};
+
+Seen seen(const Pyramid& pyramid, const Optics& optics, const Cover& ball) {
+  constexpr float kNone = 0.0f;
+  const auto last = [](std::size_t n) { return static_cast<double>(n - 1); };
+  double r0 = std::floor(ball.rows[0] + 0.5), r1 = std::floor(ball.rows[1] + 0.5);
+  double c0 = std::floor(ball.columns[0] + 0.5), c1 = std::floor(ball.columns[1] + 0.5);
+  bool whole = r0 >= 0.0 && r1 <= last(optics.rows);
+  r0 = std::max(r0, 0.0);
+  r1 = std::min(r1, last(optics.rows));
+  if (r0 > r1) return {kNone, kNone};
+  const auto of = [&](double from, double to, Seen& all) {
+    const auto a = static_cast<std::size_t>(r0), b = static_cast<std::size_t>(r1);
+    const auto c = static_cast<std::size_t>(from), d = static_cast<std::size_t>(to);
+    all.least = std::min(all.least, pyramid.of<true>(a, b, c, d));
+    all.most = std::max(all.most, pyramid.of<false>(a, b, c, d));
+  };
+  Seen all{std::numeric_limits<float>::infinity(), kNone};
+  if (optics.round) {
+    const double n = static_cast<double>(optics.columns);
+    if (c1 - c0 >= n - 1.0) {
+      of(0.0, n - 1.0, all);
+    } else {
+      const double shift = n * std::floor(c0 / n);
+      c0 -= shift;
+      c1 -= shift;
+      of(c0, std::min(c1, n - 1.0), all);
+      if (c1 > n - 1.0) of(0.0, c1 - n, all);
+    }
+  } else {
+    whole = whole && c0 >= 0.0 && c1 <= last(optics.columns);
+    c0 = std::max(c0, 0.0);
+    c1 = std::min(c1, last(optics.columns));
+    if (c0 > c1) return {kNone, kNone};
+    of(c0, c1, all);
+  }
+  if (!whole) all.least = kNone;
+  return all;
+}
+
+std::int64_t floor_divided(std::int64_t a, std::int64_t b) { return a / b - (a % b != 0 && (a < 0) != (b < 0)); }
+std::int64_t modulo(std::int64_t a, std::int64_t b) { return a - b * floor_divided(a, b); }
+
+}  // namespace
+
+VolumeMap::VolumeMap(const std::int64_t* blocks, const std::int64_t* corner, double cell, const Evidence& evidence)
+    : cell_(cell), evidence_(evidence) {
+  std::copy(blocks, blocks + 3, blocks_.begin());
+  std::copy(corner, corner + 3, corner_.begin());
+  const std::size_t count = static_cast<std::size_t>(blocks_[0] * blocks_[1] * blocks_[2]);
+  known_.assign(count * VOLUME, UNSEEN);
+  filled_.assign(count, Bits{});
+  hit_.assign(count, Bits{});
+  obstacles_.noted.assign(count, 0);
+  unseen_.noted.assign(count, 0);
+}
+
+bool VolumeMap::inside(const Block& block) const {
+  for (int k = 0; k < 3; ++k) {
+    if (block[k] < corner_[k] || block[k] >= corner_[k] + blocks_[k]) return false;
+  }
+  return true;
+}
+
+// Blocks stay where they are in memory while the window goes on, as on a ring along each axis.
+std::size_t VolumeMap::slot(const Block& block) const {
+  std::int64_t at = 0;
+  for (int k = 0; k < 3; ++k) at = at * blocks_[k] + modulo(block[k], blocks_[k]);
+  return static_cast<std::size_t>(at);
+}
+
+VolumeMap::Block VolumeMap::block_of(std::size_t at) const {
+  Block block;
+  std::int64_t rest = static_cast<std::int64_t>(at);
+  for (int k = 2; k >= 0; --k) {
+    const std::int64_t place = rest % blocks_[k];
+    rest /= blocks_[k];
+    block[k] = corner_[k] + modulo(place - corner_[k], blocks_[k]);
+  }
+  return block;
+}
+
+bool VolumeMap::locate(const double* point, std::size_t& at, int& voxel) const {
+  Block block;
+  voxel = 0;
+  for (int k = 0; k < 3; ++k) {
+    const double number = std::floor(point[k] / cell_);
+    if (!(std::abs(number) < 1e15)) return false;
+    const auto whole = static_cast<std::int64_t>(number);
+    block[k] = floor_divided(whole, kEdge);
+    voxel = kEdge * voxel + static_cast<int>(whole - kEdge * block[k]);
+  }
+  if (!inside(block)) return false;
+  at = slot(block);
+  return true;
+}
+
+void VolumeMap::note(Changes& changes, std::size_t at) {
+  if (changes.noted[at]) return;
+  changes.noted[at] = 1;
+  changes.blocks.push_back(block_of(at));
+}
+
+void VolumeMap::put(std::size_t at, int voxel, int known) {
+  std::int8_t& now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
+  if ((now == UNSEEN) != (known == UNSEEN)) note(unseen_, at);
+  now = static_cast<std::int8_t>(known);
+  std::uint64_t& word = filled_[at][static_cast<std::size_t>(voxel / 64)];
+  const std::uint64_t bit = std::uint64_t{1} << (voxel % 64);
+  const bool was = (word & bit) != 0;
+  const bool is = known != UNSEEN && (was ? known >= evidence_.emptied : known > evidence_.filled);
+  if (was == is) return;
+  word ^= bit;
+  note(obstacles_, at);
+}
+
+void VolumeMap::pass(std::size_t at, int voxel) {
+  if (hit_[at][static_cast<std::size_t>(voxel / 64)] >> (voxel % 64) & 1) return;
+  const int now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
+  if (now == evidence_.floor) return;
+  put(at, voxel, std::max((now == UNSEEN ? 0 : now) - evidence_.miss, evidence_.floor));
+}
+
+void VolumeMap::roll(const std::int64_t* corner) {
+  Block next;
+  std::copy(corner, corner + 3, next.begin());
+  if (next == corner_) return;
+  for (std::size_t at = 0; at < filled_.size(); ++at) {
+    const Block block = block_of(at);
+    bool stays = true;
+    for (int k = 0; k < 3; ++k) stays = stays && block[k] >= next[k] && block[k] < next[k] + blocks_[k];
+    if (stays) continue;
+    const bool full = std::any_of(filled_[at].begin(), filled_[at].end(), [](std::uint64_t word) { return word != 0; });
+    if (full) note(obstacles_, at);
+    note(unseen_, at);
+    std::fill_n(known_.begin() + static_cast<std::ptrdiff_t>(at * VOLUME), VOLUME, UNSEEN);
+    filled_[at] = hit_[at] = Bits{};
+    obstacles_.noted[at] = unseen_.noted[at] = 0;  // what comes into this place is another block
+  }
+  corner_ = next;
+}
+
+void VolumeMap::hit(const double* points, const std::int8_t* weight, std::size_t count, std::int8_t* before) {
+  for (std::size_t at : touched_) hit_[at] = Bits{};
+  touched_.clear();
+  look(points, count, before);
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t at;
+    int voxel;
+    if (weight[i] <= 0 || !locate(points + 3 * i, at, voxel)) continue;
+    std::uint64_t& word = hit_[at][static_cast<std::size_t>(voxel / 64)];
+    const std::uint64_t bit = std::uint64_t{1} << (voxel % 64);
+    const int was = before[i] == UNSEEN ? 0 : std::max<int>(before[i], 0);
+    const int now = std::min(was + weight[i], evidence_.top);
+    if (word & bit) {  // by several pixels: the most counts
+      if (now > known_[at * VOLUME + static_cast<std::size_t>(voxel)]) put(at, voxel, now);
+      continue;
+    }
+    word |= bit;
+    touched_.push_back(at);
+    put(at, voxel, now);
+  }
+}
+
+void VolumeMap::carve(const Sight& sight) {
+  const Optics& optics = sight.optics;
+  const Pyramid pyramid(sight.clear, optics.rows, optics.columns);
+  const double farthest = pyramid.of<false>(0, optics.rows - 1, 0, optics.columns - 1);
+  if (!(farthest > sight.nearest)) return;
+  const double *R = sight.rotation, *o = sight.origin;
+  const auto seen_from = [&](const double* point, double* c) {
+    const double x[3] = {point[0] - o[0], point[1] - o[1], point[2] - o[2]};
+    for (int k = 0; k < 3; ++k) c[k] = R[k] * x[0] + R[3 + k] * x[1] + R[6 + k] * x[2];
+  };
+  const double edge = kEdge * cell_, ball = kHalfDiagonal * edge, small = kHalfDiagonal * cell_;
+  // Of a camera's depth the corners of its image are further away than what it is deep.
+  double reach = farthest;
+  if (optics.camera) {
+    double slopes = 1.0;
+    for (int k = 0; k < 2; ++k) {
+      const double size = static_cast<double>(k == 0 ? optics.columns : optics.rows);
+      const double wide = std::max(optics.middle[k] + 0.5, size - 0.5 - optics.middle[k]) / optics.scale[k];
+      slopes += wide * wide;
+    }
+    reach *= std::sqrt(slopes);
+  }
+  Block low, high;
+  for (int k = 0; k < 3; ++k) {
+    low[k] = std::max(corner_[k], static_cast<std::int64_t>(std::floor((o[k] - reach) / edge)));
+    high[k] = std::min(corner_[k] + blocks_[k] - 1, static_cast<std::int64_t>(std::floor((o[k] + reach) / edge)));
+  }
+  Block block;
+  for (block[0] = low[0]; block[0] <= high[0]; ++block[0]) {
+    for (block[1] = low[1]; block[1] <= high[1]; ++block[1]) {
+      for (block[2] = low[2]; block[2] <= high[2]; ++block[2]) {
+        double middle[3], c[3];
+        for (int k = 0; k < 3; ++k) middle[k] = (static_cast<double>(block[k]) + 0.5) * edge;
+        seen_from(middle, c);
+        const Cover all = cover(optics, c, ball);
+        if (all.near > farthest || all.far < sight.nearest) continue;
+        bool every = false;
+        if (all.known) {
+          const Seen pixels = seen(pyramid, optics, all);
+          if (pixels.most < all.near) continue;
+          every = all.near >= sight.nearest && pixels.least > all.far;
+        }
+        const std::size_t at = slot(block);
+        if (every) {
+          for (int voxel = 0; voxel < VOLUME; ++voxel) pass(at, voxel);
+          continue;
+        }
+        for (int voxel = 0; voxel < VOLUME; ++voxel) {
+          const int place[3] = {voxel / 64, voxel / 8 % 8, voxel % 8};
+          double point[3];
+          for (int k = 0; k < 3; ++k) {
+            point[k] = (static_cast<double>(block[k] * kEdge + place[k]) + 0.5) * cell_;
+          }
+          seen_from(point, c);
+          const Cover one = cover(optics, c, small);
+          if (!one.known || one.near < sight.nearest || one.far >= farthest) continue;
+          if (seen(pyramid, optics, one).least > one.far) pass(at, voxel);
+        }
+      }
+    }
+  }
+}
+
+void VolumeMap::look(const double* points, std::size_t count, std::int8_t* known) const {
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t at;
+    int voxel;
+    known[i] = locate(points + 3 * i, at, voxel) ? known_[at * VOLUME + static_cast<std::size_t>(voxel)] : UNSEEN;
+  }
+}
+
+void VolumeMap::set(const double* points, std::size_t count, std::int8_t known) {
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t at;
+    int voxel;
+    if (locate(points + 3 * i, at, voxel)) put(at, voxel, known);
+  }
+}
+
+std::vector<std::int64_t> VolumeMap::changed(bool unseen) {
+  Changes& changes = unseen ? unseen_ : obstacles_;
+  std::vector<std::int64_t> all;
+  for (const Block& block : changes.blocks) {
+    all.insert(all.end(), block.begin(), block.end());
+    if (inside(block)) changes.noted[slot(block)] = 0;
+  }
+  changes.blocks.clear();
+  return all;
+}
+
+// Runs along z, equal runs beside each other along y, and equal rectangles along x.
+std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at, bool unseen) const {
+  const Block block{at[0], at[1], at[2]};
+  Bits left{};
+  const bool here = inside(block);
+  if (here && !unseen) left = filled_[slot(block)];
+  if (unseen) {
+    const std::int8_t* known = here ? &known_[slot(block) * VOLUME] : nullptr;
+    for (int voxel = 0; voxel < VOLUME; ++voxel) {
+      const bool hidden = known == nullptr || known[voxel] == UNSEEN;
+      if (hidden) left[static_cast<std::size_t>(voxel / 64)] |= std::uint64_t{1} << (voxel % 64);
+    }
+  }
+  std::vector<std::int64_t> found;
+  for (int x = 0; x < kEdge; ++x) {
+    while (left[static_cast<std::size_t>(x)] != 0) {
+      const std::uint64_t word = left[static_cast<std::size_t>(x)];
+      int first = 0;
+      while (!(word >> first & 1)) ++first;
+      const int y = first / kEdge, z = first % kEdge;
+      int top = z + 1, wide = y + 1, deep = x + 1;
+      while (top < kEdge && (word >> (kEdge * y + top) & 1)) ++top;
+      const std::uint64_t run = ((std::uint64_t{1} << (top - z)) - 1) << z;
+      std::uint64_t mask = run << (kEdge * y);
+      while (wide < kEdge && (word >> (kEdge * wide) & run) == run) mask |= run << (kEdge * wide++);
+      while (deep < kEdge && (left[static_cast<std::size_t>(deep)] & mask) == mask) ++deep;
+      for (int k = x; k < deep; ++k) left[static_cast<std::size_t>(k)] &= ~mask;
+      const int ends[6] = {x, y, z, deep, wide, top};
+      for (int k = 0; k < 6; ++k) found.push_back(block[static_cast<std::size_t>(k % 3)] * kEdge + ends[k]);
+    }
+  }
+  return found;
+}
+
+std::size_t VolumeMap::count(bool unseen) const {
+  if (unseen) return static_cast<std::size_t>(std::count(known_.begin(), known_.end(), UNSEEN));
+  std::size_t all = 0;
+  for (const Bits& bits : filled_) {
+    for (std::uint64_t word : bits) {
+      for (; word != 0; word &= word - 1) ++all;
+    }
+  }
+  return all;
+}
+
+}  // namespace strips
