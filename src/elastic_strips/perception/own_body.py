@@ -53,6 +53,7 @@ class Posture:
         robot: the robot.
 
     Attributes:
+        coordinates: (nv,) that row.
         T_world_joint: (njoints, 4, 4) poses of the joints' frames.
         T_base_world: (4, 4) pose of the world in the base's frame, which is the world's for a fixed base.
     """
@@ -62,6 +63,7 @@ class Posture:
         self._data = robot.model.createData()
         self.T_world_joint: Array = np.tile(np.eye(4), (robot.model.njoints, 1, 1))
         self.T_base_world: Array = np.eye(4)
+        self.coordinates: Array = np.zeros(robot.nv)
 
     def place(self, coordinates: Array) -> None:
         """Put the robot at a coordinate row (nv,).
@@ -74,6 +76,7 @@ class Posture:
             raise ConfigurationError(
                 f"coordinates={row!r} must be {self.robot.nv} finite numbers for {self.robot.name!r}"
             )
+        self.coordinates = row.copy()
         pin.forwardKinematics(self.robot.model, self._data, self.robot.space.from_coordinates(row))
         for j in range(1, len(self.T_world_joint)):
             self.T_world_joint[j] = self._data.oMi[j].homogeneous
@@ -89,6 +92,7 @@ class SensorMount:
     Args:
         posture: posture of the robot.
         frames: names of the links.
+        T_frame_sensor: (4, 4) pose of each sensor on its link; the link's own where None.
 
     Attributes:
         joint: (S,) joints that carry them.
@@ -98,7 +102,7 @@ class SensorMount:
         RobotError: the robot has no such link; the message lists its links.
     """
 
-    def __init__(self, posture: Posture, frames: Sequence[str]) -> None:
+    def __init__(self, posture: Posture, frames: Sequence[str], T_frame_sensor: Array | None = None) -> None:
         self._posture = posture
         robot, joint, local = posture.robot, [], []
         for name in frames:
@@ -111,7 +115,7 @@ class SensorMount:
             joint.append(frame.parentJoint)
             local.append(frame.placement.homogeneous)
         self.joint: npt.NDArray[np.intp] = np.array(joint, dtype=np.intp)
-        self.T_joint_sensor: Array = np.array(local)
+        self.T_joint_sensor: Array = np.array(local) @ (np.eye(4) if T_frame_sensor is None else T_frame_sensor)
 
     def poses(self) -> tuple[Array, Array]:
         """Poses (S, 4, 4) of the sensors in the world and in the base's frame."""

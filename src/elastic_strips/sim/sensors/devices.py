@@ -8,17 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Image
 from elastic_strips.errors import ParameterError, RobotError, SceneError
 from elastic_strips.perception.own_body import Posture, SelfFilter, SensorMount
 from elastic_strips.perception.rays import Rays
-from elastic_strips.perception.readings import NO_ANSWER, NOTHING, LaserScan, RangeRing, Reading
+from elastic_strips.perception.readings import (
+    NO_ANSWER,
+    NOTHING,
+    DepthImage,
+    LaserScan,
+    RangeImage,
+    RangeRing,
+    Reading,
+    camera_directions,
+    turning_directions,
+)
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import World
 from elastic_strips.validation import check_count, check_number, check_type
 
 from .obstacle_rays import ObstacleRays
-from .params import LaserParams, RangeParams, RingParams, SensorConfig
+from .params import DepthParams, ImageParams, LaserParams, LidarParams, RangeParams, RingParams, SensorConfig
 
 _NOISE_CUT = 3.0
 """Noise is cut off at this many standard deviations."""
@@ -47,6 +57,139 @@ def noisy_ranges(distance: Array, params: RangeParams, rng: np.random.Generator)
     ranges[distance > params.range_max] = NOTHING
     ranges[lost | np.isnan(distance)] = NO_ANSWER
     return ranges
+
+
+def noisy_image(distance: Array, depth: Array, params: ImageParams, bias: float, rng: np.random.Generator) -> Image:
+    """Depths or ranges (H, W) [m] that a camera or a lidar reports.
+
+    Args:
+        distance: (H, W) true depths or ranges [m]; infinite without a hit, NaN where nothing comes back.
+        depth: (H, W) true ranges along the rays [m], by which edges are found.
+        params: parameters of the device.
+        bias: part of the largest common error, −1 to 1.
+        rng: source of noise and dropouts.
+    """
+    white = np.clip(rng.standard_normal(distance.shape), -_NOISE_CUT, _NOISE_CUT)
+    luck = rng.random(distance.shape)
+    there = np.where(np.isfinite(distance), distance, 0.0)
+    sigma = params.noise + params.noise_ratio * there + params.noise_growth * there * there
+    ranges = there + sigma * white + bias * (params.bias + params.bias_ratio * there)
+    edge = np.zeros(distance.shape, dtype=bool)
+    far = np.where(np.isnan(depth), np.inf, np.minimum(depth, 10.0 * params.range_max))
+    for axis in (0, 1):
+        with np.errstate(invalid="ignore"):
+            jump = np.abs(np.diff(far, axis=axis)) > params.edge_step
+        for side in (slice(1, None), slice(None, -1)):
+            edge[(side, slice(None)) if axis == 0 else (slice(None), side)] |= jump
+    lost = luck < np.where(edge, params.edge_dropout, params.dropout)
+    ranges[distance < params.range_min] = params.range_min if params.near_reads_min else NO_ANSWER
+    ranges[distance > params.range_max] = NOTHING
+    ranges[lost | np.isnan(distance)] = NO_ANSWER
+    return ranges.astype(np.float32)
+
+
+class _Imager:
+    """Workspace: what depth cameras and lidars do alike: rays that meet the world, the floor and the robot itself.
+
+    Unlike a planar laser, they report the robot's own body where it is nearest: what they carry it in has to know it.
+    """
+
+    def __init__(
+        self,
+        params: ImageParams,
+        posture: Posture,
+        obstacles: ObstacleRays,
+        rng: np.random.Generator,
+        T_frame_sensor: Array,
+        directions: Array,
+    ) -> None:
+        self.params: ImageParams = params
+        self._posture, self._obstacles, self._rng = posture, obstacles, rng
+        self._mount = SensorMount(posture, (params.frame,), T_frame_sensor)
+        self._shape = directions.shape[:2]
+        self._stretch = np.linalg.norm(directions, axis=-1)  # from the depth to the range
+        unit = (directions / self._stretch[..., None]).reshape(-1, 3)
+        self._local = Rays(np.zeros((1, 3)), unit)
+        joint = np.full(len(unit), self._mount.joint[0])
+        self._own = SelfFilter(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), 0.0)
+        self._bias = float(rng.uniform(-1.0, 1.0))
+
+    def image(self, t: float) -> tuple[Image, Array, Array]:
+        """Depths or ranges (H, W), the sensor's pose (4, 4) on the base, and the configuration (nq,) then."""
+        p = self.params
+        T_world_sensor, T_base_sensor = self._mount.poses()
+        rays = self._local.moved(T_world_sensor[0])
+        reach = p.range_max * float(self._stretch.max())
+        met = self._obstacles.cast(t, rays, reach, normals=True)
+        assert met.normal is not None
+        own = self._own.distances(rays, reach)
+        distance, facing = met.distance, -np.einsum("ij,ij->i", met.normal, rays.direction)
+        mine = own < distance
+        distance[mine], facing[mine] = own[mine], 1.0
+        if p.floor:
+            height, falls = rays.origin[0, 2], -rays.direction[:, 2]
+            with np.errstate(divide="ignore"):
+                ground = np.where((falls > 0.0) & (height > 0.0), height / falls, np.inf)
+            nearer = (ground < distance) & (ground <= reach)
+            distance[nearer], facing[nearer] = ground[nearer], falls[nearer]
+        grazing = np.isfinite(distance) & (distance > 0.0) & (facing < math.cos(p.max_incidence))
+        ranges = distance.reshape(self._shape)
+        depth = ranges / self._stretch
+        depth[grazing.reshape(self._shape)] = NO_ANSWER
+        q = self._posture.robot.space.from_coordinates(self._posture.coordinates)
+        return noisy_image(depth, ranges, p, self._bias, self._rng), T_base_sensor[0], q
+
+
+class DepthCamera(_Imager):
+    """Workspace: one depth camera on a robot; see :class:`SonarArray` for the arguments and errors."""
+
+    def __init__(
+        self,
+        params: DepthParams,
+        posture: Posture,
+        obstacles: ObstacleRays,
+        rng: np.random.Generator,
+        self_padding: float,
+    ) -> None:
+        focal = 0.5 * params.columns / math.tan(0.5 * params.field_of_view)
+        self._focal = focal, focal
+        self._center = 0.5 * (params.columns - 1), 0.5 * (params.rows - 1)
+        T = np.eye(4)
+        if params.axis == "x":
+            T[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+        c, s = math.cos(params.tilt), math.sin(params.tilt)
+        T[:3, :3] = T[:3, :3] @ [[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]  # z towards y, which is down
+        directions = camera_directions(params.rows, params.columns, self._focal, self._center)
+        super().__init__(params, posture, obstacles, rng, T, directions)
+
+    def measure(self, t: float) -> DepthImage:
+        """The image at time ``t`` [s] from the robot's posture."""
+        p = self.params
+        depth, T, q = self.image(t)
+        return DepthImage(p.name, t, T, depth, self._focal, self._center, p.range_min, p.range_max, q)
+
+
+class Lidar(_Imager):
+    """Workspace: one lidar that turns, on a robot; a turn is as if measured at once."""
+
+    def __init__(
+        self,
+        params: LidarParams,
+        posture: Posture,
+        obstacles: ObstacleRays,
+        rng: np.random.Generator,
+        self_padding: float,
+    ) -> None:
+        self._azimuth = -math.pi, math.pi - 2.0 * math.pi / params.columns
+        self._elevation = params.elevation_min, params.elevation_max
+        directions = turning_directions(params.rows, params.columns, self._azimuth, self._elevation)
+        super().__init__(params, posture, obstacles, rng, np.eye(4), directions)
+
+    def measure(self, t: float) -> RangeImage:
+        """The round at time ``t`` [s] from the robot's posture."""
+        p = self.params
+        ranges, T, q = self.image(t)
+        return RangeImage(p.name, t, T, ranges, self._azimuth, self._elevation, p.range_min, p.range_max, q)
 
 
 class LaserRangefinder:
@@ -190,9 +333,17 @@ _SAME_TIME = 1e-9  # [s] times that differ by less are the same
 class _Clocked:
     """A sensor and its next time; it fires at whole periods after the start."""
 
-    device: LaserRangefinder | SonarArray
+    device: LaserRangefinder | SonarArray | DepthCamera | Lidar
     period: float
     due: float = 0.0
+
+
+_DEVICES = (
+    (LaserParams, LaserRangefinder),
+    (RingParams, SonarArray),
+    (DepthParams, DepthCamera),
+    (LidarParams, Lidar),
+)
 
 
 class SensorSuite:
@@ -231,7 +382,7 @@ class SensorSuite:
         streams = np.random.default_rng(seed).spawn(len(self.config.sensors))
         self._sensors: list[_Clocked] = []
         for params, rng in zip(self.config.sensors, streams, strict=True):
-            make = LaserRangefinder if isinstance(params, LaserParams) else SonarArray
+            make = next(device for kind, device in _DEVICES if isinstance(params, kind))
             device = make(params, self._posture, obstacles, rng, self.config.self_padding)  # type: ignore[arg-type]
             self._sensors.append(_Clocked(device, 1.0 / params.rate))
         self.reset(time)

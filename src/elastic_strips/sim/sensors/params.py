@@ -7,7 +7,7 @@ import math
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal, get_origin, get_type_hints
+from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io.nodes import Node, load_yaml
@@ -22,6 +22,10 @@ _Latency = Annotated[float, Bound(low=0.0, high=10.0, unit="s")]
 _Noise = Annotated[float, Bound(low=0.0, high=10.0, unit="m")]
 _ALL_ROUND = math.radians(300.0)
 _Turn = Annotated[float, Bound(low=0.0, high=2.0 * math.pi + 1e-9, unit="rad")]
+_MOST_PIXELS = 2_000_000
+_Columns = Annotated[int, Bound(low=2, high=_MOST_PIXELS)]
+_Growth = Annotated[float, Bound(low=0.0, high=1.0, unit="1/m")]
+_Elevation = Annotated[float, Bound(low=-0.5 * math.pi, high=0.5 * math.pi, unit="rad")]
 _RightAngle = Annotated[float, Bound(low=0.0, high=0.5 * math.pi, unit="rad")]
 
 
@@ -163,7 +167,114 @@ class InfraredParams(RingParams):
     near_reads_min: bool = True
 
 
-_SensorParams = LaserParams | RingParams
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageParams(RangeParams):
+    """What a depth camera and a 3-D lidar have in common; the first column of a row is the first that is seen.
+
+    Attributes:
+        frame: link of the URDF that it is fixed to.
+        columns, rows: size of its images [px].
+        noise_growth: growth of the standard deviation with the square of the range [1/m].
+        edge_dropout: probability that a range is lost where a neighbour's differs by ``edge_step`` [-].
+        edge_step: such a difference [m].
+        max_incidence: angle between a ray and the normal of a surface beyond which nothing comes back [rad].
+        bias: largest error that all ranges of a run have in common [m]; the same part of it every time …
+        bias_ratio: … and what it grows by per metre of range [-].
+        floor: whether the plane z = 0 is seen.
+    """
+
+    frame: str
+    columns: _Columns
+    rows: _Columns
+    noise_growth: _Growth
+    edge_dropout: Fraction
+    edge_step: _Range
+    max_incidence: _RightAngle
+    bias: _Noise
+    bias_ratio: Fraction
+    floor: bool
+
+    def __post_init__(self) -> None:
+        RangeParams.__post_init__(self)
+        check_count(f"{_where(self)}.rows", self.rows, low=2, high=max(_MOST_PIXELS // self.columns, 2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthParams(ImageParams):
+    """A depth camera. The figures are those assumed of a small stereo or structured-light camera; see docs/sensors.md.
+
+    Attributes:
+        axis: axis of the link that it looks along: "z" of an optical frame, whose x is to the right, or "x" of a frame
+            whose z is up.
+        tilt: by how much it is turned downwards from there [rad].
+        field_of_view: from the left border of an image to the right one [rad]; pixels are square.
+    """
+
+    name: str = "camera"
+    frame: str = "head_frame"
+    axis: Literal["x", "z"] = "z"
+    tilt: Annotated[float, Bound(low=-0.5 * math.pi, high=0.5 * math.pi, unit="rad")] = 0.0
+    field_of_view: Annotated[float, Bound(low=0.01, high=math.radians(150.0), unit="rad")] = 1.02
+    columns: _Columns = 160
+    rows: _Columns = 120
+    range_min: _Range = 0.28
+    range_max: _Range = 6.0
+    rate: _Rate = 15.0
+    latency: _Latency = 0.08
+    noise: _Noise = 0.001
+    noise_ratio: Fraction = 0.0
+    noise_growth: _Growth = 0.0033
+    dropout: Fraction = 0.01
+    edge_dropout: Fraction = 0.5
+    edge_step: _Range = 0.1
+    max_incidence: _RightAngle = 1.396
+    bias: _Noise = 0.002
+    bias_ratio: Fraction = 0.003
+    near_reads_min: bool = False
+    floor: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LidarParams(ImageParams):
+    """A lidar of many rays that turns about its z axis. The figures are those assumed of a small one of 40 m.
+
+    Attributes:
+        elevation_min, elevation_max: elevations of the first and of the last row [rad].
+        columns: rays in a turn, the first along −x.
+    """
+
+    name: str = "lidar"
+    frame: str = "lidar_frame"
+    elevation_min: _Elevation = -0.122
+    elevation_max: _Elevation = 0.908
+    columns: _Columns = 512
+    rows: _Columns = 40
+    range_min: _Range = 0.1
+    range_max: _Range = 40.0
+    rate: _Rate = 10.0
+    latency: _Latency = 0.1
+    noise: _Noise = 0.007
+    noise_ratio: Fraction = 0.0
+    noise_growth: _Growth = 0.0
+    dropout: Fraction = 0.01
+    edge_dropout: Fraction = 0.05
+    edge_step: _Range = 0.3
+    max_incidence: _RightAngle = 1.484
+    bias: _Noise = 0.01
+    bias_ratio: Fraction = 0.0
+    near_reads_min: bool = False
+    floor: bool = True
+
+    def __post_init__(self) -> None:
+        ImageParams.__post_init__(self)
+        if not self.elevation_max > self.elevation_min:
+            raise ParameterError(
+                f"{_where(self)}.elevation_max={self.elevation_max!r} must exceed "
+                f"elevation_min={self.elevation_min!r} rad"
+            )
+
+
+_SensorParams = LaserParams | RingParams | DepthParams | LidarParams
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,8 +295,8 @@ class SensorConfig:
         object.__setattr__(self, "sensors", tuple(self.sensors))
         names: set[str] = set()
         for sensor in self.sensors:
-            if not isinstance(sensor, (LaserParams, RingParams)):
-                raise ParameterError(f"SensorConfig.sensors: {sensor!r} is neither LaserParams nor RingParams")
+            if not isinstance(sensor, _SensorParams):
+                raise ParameterError(f"SensorConfig.sensors: {sensor!r} describes no sensor")
             if sensor.name in names:
                 raise ParameterError(f"SensorConfig.sensors: two of them are named {sensor.name!r}; names are unique")
             names.add(sensor.name)
@@ -198,7 +309,10 @@ class SensorConfig:
     @property
     def all_round(self) -> bool:
         """Whether any sensor looks behind the robot: a ring, or a laser that sees nearly all around."""
-        return any(isinstance(s, RingParams) or s.field_of_view > _ALL_ROUND for s in self.sensors)
+        return any(
+            isinstance(s, (RingParams, LidarParams)) or (isinstance(s, LaserParams) and s.field_of_view > _ALL_ROUND)
+            for s in self.sensors
+        )
 
     def only(self, *names: str) -> SensorConfig:
         """These sensors alone.
@@ -211,10 +325,12 @@ class SensorConfig:
         return replace(self, sensors=tuple(s for s in self.sensors if s.name in names))
 
 
-_KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams]] = {
+_KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams | DepthParams | LidarParams]] = {
     "laser": LaserParams,
     "sonar": SonarParams,
     "infrared": InfraredParams,
+    "depth": DepthParams,
+    "lidar": LidarParams,
 }
 
 
@@ -284,6 +400,10 @@ def _value(kind: object, node: Node) -> object:
     if kind is bool:
         return node.boolean()
     if kind is int:
+        return node.integer(low=0, high=1_000_000)
+    if get_origin(kind) is Literal:
+        return node.text(valid=get_args(kind))
+    if get_origin(kind) is Annotated and get_args(kind)[0] is int:
         return node.integer(low=0, high=1_000_000)
     if get_origin(kind) is tuple:
         return tuple(entry.text() for entry in node)
