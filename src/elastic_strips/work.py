@@ -21,6 +21,7 @@ SECONDS_PER: dict[str, float] = {
     "checks": 40e-6,
     "looks": 0.25e-6,
     "rays": 26e-6,
+    "pixels": 0.6e-6,
 }
 """Time of each [s] with the native kernel, including all work around it: fitted to 5,000 planning ticks, plans
 and scans of seven drives (corridors, with and without movers, evasion, lasers and several strips; Silvermate, TIAGo).
@@ -46,6 +47,7 @@ class Work:
         checks: configurations that were checked for a sampling planner.
         looks: configurations that a tree search looked at.
         rays: rays of sensors' readings that were taken in.
+        pixels: pixels of depth and range images that were taken in.
     """
 
     batches: int = 0
@@ -58,6 +60,7 @@ class Work:
     checks: int = 0
     looks: int = 0
     rays: int = 0
+    pixels: int = 0
 
     def __sub__(self, before: Work) -> Work:
         return Work(*(now - then for now, then in zip(astuple(self), astuple(before), strict=True)))
@@ -90,6 +93,7 @@ def count_work(
     checks: int = 0,
     looks: int = 0,
     rays: int = 0,
+    pixels: int = 0,
 ) -> None:
     """Add to the work of the calling thread; see :class:`Work`."""
     amounts = _COUNTS.amounts
@@ -103,6 +107,7 @@ def count_work(
     amounts[7] += checks
     amounts[8] += looks
     amounts[9] += rays
+    amounts[10] += pixels
 
 
 def seconds_counted() -> float:

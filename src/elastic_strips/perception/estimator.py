@@ -9,15 +9,18 @@ import numpy as np
 
 from elastic_strips.arrays import ArrayLike
 from elastic_strips.errors import ParameterError
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Obstacle, Scene
 from elastic_strips.validation import check_type
 from elastic_strips.work import count_work
 
+from .body_mask import BodyMask
 from .clusters import cluster_obstacles, clusters_of
 from .occupancy_grid import OccupancyGrid
 from .params import SceneEstimatorParams
-from .readings import LaserScan, RangeRing, Reading, pose_matrix, rays_of
+from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, pose_matrix, rays_of
 from .tracking import TrackedObstacle, Tracker
+from .volume_map import VolumeMap, VolumeMapParams
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +52,17 @@ class SceneEstimator:
     Rings of sonars and infrared sensors look at other heights than the laser, and see things that it does not (glass):
     they have a layer of their own, ``near-3-5``, which the laser does not clear. Nothing is tracked by them.
 
+    Depth cameras and 3-D lidars see all heights: what they see is a third layer of voxels, ``volume-3-5-1``, which they
+    alone clear. The robot itself is taken out of their images.
+
     Args:
         params: parameters of the scenes.
+        robot: the robot that carries the sensors; needed for images of depths and ranges alone.
+        volume: parameters of their layer.
 
     Attributes:
         map, near: the layers of lasers and of rings.
+        volume: the layer of images; None before the first.
         tracker: tracks things that may move.
         movers: moving things, at the time of the newest scan.
         possibly_moving: things that have moved and may set off again, or begin to move; in the map too, and in scenes
@@ -61,8 +70,19 @@ class SceneEstimator:
         report: effect of the last reading.
     """
 
-    def __init__(self, params: SceneEstimatorParams | None = None) -> None:
+    def __init__(
+        self,
+        params: SceneEstimatorParams | None = None,
+        *,
+        robot: RobotModel | None = None,
+        volume: VolumeMapParams | None = None,
+    ) -> None:
         check_type("params", params, SceneEstimatorParams, none=True)
+        check_type("robot", robot, RobotModel, none=True)
+        check_type("volume", volume, VolumeMapParams, none=True)
+        self._mask = None if robot is None else BodyMask(robot)
+        self._volume_params = volume
+        self.volume: VolumeMap | None = None
         self.params: SceneEstimatorParams = params or SceneEstimatorParams()
         self.map: OccupancyGrid = OccupancyGrid(self.params)
         self.near: OccupancyGrid = OccupancyGrid(replace(self.params, unseen="free"), "near")
@@ -83,12 +103,12 @@ class SceneEstimator:
         """Take a reading in.
 
         Args:
-            reading: a laser scan or a round of a ring of sensors.
+            reading: a laser scan, a round of a ring of sensors, or an image of depths or ranges.
             base_pose: estimated (x [m], y [m], yaw [rad]) of the base when it was measured.
 
         Raises:
             ParameterError: a reading that is older than the last one of its sensor, a tilted laser, a pose that is not
-                finite.
+                finite, an image without the robot or its configuration.
         """
         if not math.isfinite(reading.time):
             raise ParameterError(f"the reading of {reading.sensor!r} has the time {reading.time!r}; it must be finite")
@@ -100,9 +120,12 @@ class SceneEstimator:
         if isinstance(reading, LaserScan):
             self._scan(reading, base_pose)
             self._scan_time = max(self._scan_time, reading.time)
-        else:
+        elif isinstance(reading, RangeRing):
             self._ring(reading, base_pose)
-        count_work(rays=len(reading.ranges), obstacles=len(self.tracker))
+        else:
+            self._image(reading, base_pose)
+        if reading.ranges.ndim == 1:
+            count_work(rays=len(reading.ranges), obstacles=len(self.tracker))
         T = pose_matrix(base_pose)
         self.map.clear_footprint(float(T[0, 3]), float(T[1, 3]))
         self._newest[reading.sensor] = reading.time
@@ -143,7 +166,8 @@ class SceneEstimator:
             raise ParameterError(f"a scene at t={t!r} s is asked for, but scans up to {self._time:g} s are in it")
         if self._scene is None:
             tracked = (t.obstacle for t in (*self.movers, *self.possibly_moving))
-            self._scene = Scene([*self.map.obstacles(), *self.near.obstacles(), *tracked], time=self._time)
+            voxels = [] if self.volume is None else self.volume.obstacles()
+            self._scene = Scene([*self.map.obstacles(), *self.near.obstacles(), *voxels, *tracked], time=self._time)
             count_work(obstacles=len(self._scene))
         return self._scene
 
@@ -159,6 +183,25 @@ class SceneEstimator:
         T = pose_matrix(base_pose) @ ring.T_base_sensor
         ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
         self.near.add_ring(ring, base_pose, self.tracker.of_movers(ends))
+
+    def _image(self, image: DepthImage | RangeImage, base_pose: ArrayLike) -> None:
+        if self._mask is None:
+            raise ParameterError(
+                f"the image of {image.sensor!r} may show the robot itself: SceneEstimator needs robot= to tell"
+            )
+        count_work(pixels=image.ranges.size)
+        T = pose_matrix(base_pose)
+        kept = self._mask.without(image)
+        if self.volume is None:
+            self.volume = VolumeMap(self._volume_params)
+        self.volume.center(float(T[0, 3]), float(T[1, 3]))
+        ignored = np.zeros(image.ranges.shape, dtype=bool)
+        if len(self.tracker):
+            at = kept.hits
+            points = (kept.directions()[at] * kept.ranges[at, None]) @ kept.T_base_sensor[:3, :3].T
+            points = (points + kept.T_base_sensor[:3, 3]) @ T[:3, :3].T + T[:3, 3]
+            ignored[at] = self.tracker.of_movers(np.ascontiguousarray(points[:, :2]))
+        self.volume.add(kept, T, ignored)
 
 
 def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:

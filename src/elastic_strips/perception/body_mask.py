@@ -1,0 +1,76 @@
+"""The robot in its own images: pixels that its posed bodies may cover say nothing of the world."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastic_strips.arrays import ArrayLike, Mask
+from elastic_strips.errors import ParameterError
+from elastic_strips.robot import RobotModel
+from elastic_strips.validation import check_number
+
+from .own_body import Posture
+from .rays import Nearest, RayBodies, Rays
+from .readings import NO_ANSWER, DepthImage, RangeImage
+
+
+class BodyMask:
+    """Workspace: tells which pixels of an image may be of the robot itself.
+
+    Args:
+        robot: the robot that carries the sensors.
+        margin: by how much its bodies are thought thicker [m]: what the joints' positions, the sensor's place on the
+            robot and their times may be wrong by at a body's surface.
+
+    Raises:
+        ParameterError: a margin below 0.
+    """
+
+    def __init__(self, robot: RobotModel, margin: float = 0.03) -> None:
+        self.robot: RobotModel = robot
+        self.margin: float = check_number("margin", margin, low=0.0, unit="m")
+        pieces = robot.geometries
+        self._posture = Posture(robot)
+        self._bodies = RayBodies([piece.geometry for piece in pieces], self.margin)
+        self._joint = np.array([piece.joint for piece in pieces], dtype=np.intp)
+        self._local = np.array([piece.placement for piece in pieces]).reshape(-1, 4, 4)
+
+    def covered(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> Mask:
+        """(H, W) pixels along which the robot may be met before, or where, the image says that something is.
+
+        Something nearer than the robot by more than the margin is not of the robot. A body that the sensor is in, or
+        within the margin of, is its housing: it covers nothing.
+
+        Args:
+            image: an image.
+            q: (nq,) configuration of the robot when it was taken, where the image does not have it.
+
+        Raises:
+            ParameterError: neither says how the robot stood.
+            ConfigurationError: a configuration that is none of this robot.
+        """
+        if q is None:
+            q = image.q
+        if q is None:
+            raise ParameterError(f"the image of {image.sensor!r} does not say how the robot stood: hand over its q")
+        self._posture.place(self.robot.space.to_coordinates(self.robot.check_q(q)))
+        T = self._posture.T_base_world @ self._posture.T_world_joint[self._joint] @ self._local
+        self._bodies.place(np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3])
+        directions = image.directions()
+        stretch = np.linalg.norm(directions, axis=-1)
+        local = Rays(np.zeros((1, 3)), (directions / stretch[..., None]).reshape(-1, 3))
+        longest = image.depth_max if isinstance(image, DepthImage) else image.range_max
+        nearest = Nearest(stretch.size)
+        self._bodies.cast(
+            local.moved(image.T_base_sensor), nearest, reach=longest * float(stretch.max()), inside=np.inf
+        )
+        own = nearest.distance.reshape(stretch.shape)
+        measured = image.ranges * stretch
+        return np.isfinite(own) & ~(measured < own)
+
+    def without(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> DepthImage | RangeImage:
+        """The image with ``NO_ANSWER`` where the robot may be; arguments and errors are those of :meth:`covered`."""
+        kept = np.where(self.covered(image, q), np.float32(NO_ANSWER), image.ranges)
+        return replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)
