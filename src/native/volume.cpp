@@ -222,11 +222,12 @@ void VolumeMap::put(std::size_t at, int voxel, int known) {
   note(obstacles_, at);
 }
 
-void VolumeMap::pass(std::size_t at, int voxel) {
+void VolumeMap::pass(std::size_t at, int voxel, bool sure) {
   if (hit_[at][static_cast<std::size_t>(voxel / 64)] >> (voxel % 64) & 1) return;
   const int now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
-  if (now == evidence_.floor) return;
-  put(at, voxel, std::max((now == UNSEEN ? 0 : now) - evidence_.miss, evidence_.floor));
+  if (now == evidence_.floor || (now == UNSEEN && !sure)) return;
+  const int next = std::max((now == UNSEEN ? 0 : now) - evidence_.miss, evidence_.floor);
+  put(at, voxel, !sure && now >= evidence_.emptied && next < evidence_.emptied ? UNSEEN : next);
 }
 
 void VolumeMap::roll(const std::int64_t* corner) {
@@ -310,11 +311,11 @@ void VolumeMap::carve(const Sight& sight) {
         if (all.known) {
           const Seen pixels = seen(pyramid, optics, all);
           if (pixels.most < all.near) continue;
-          every = all.near >= sight.nearest && pixels.least > all.far;
+          every = all.near >= sight.nearest && pixels.least > all.far && all.far <= sight.sure;
         }
         const std::size_t at = slot(block);
         if (every) {
-          for (int voxel = 0; voxel < VOLUME; ++voxel) pass(at, voxel);
+          for (int voxel = 0; voxel < VOLUME; ++voxel) pass(at, voxel, true);
           continue;
         }
         for (int voxel = 0; voxel < VOLUME; ++voxel) {
@@ -326,7 +327,7 @@ void VolumeMap::carve(const Sight& sight) {
           seen_from(point, c);
           const Cover one = cover(optics, c, small);
           if (!one.known || one.near < sight.nearest || one.far >= farthest) continue;
-          if (seen(pyramid, optics, one).least > one.far) pass(at, voxel);
+          if (seen(pyramid, optics, one).least > one.far) pass(at, voxel, one.far <= sight.sure);
         }
       }
     }

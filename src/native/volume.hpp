@@ -23,6 +23,7 @@ struct Sight {
   const float* clear;               // (rows, columns) depth or range to which a pixel surely sees [m]; 0: unknown
   const double *rotation, *origin;  // of the sensor in the world (3, 3), (3)
   double nearest;                   // depth or range before which nothing is seen [m]
+  double sure;                      // and from which on pixels are too far apart to see all that there is
 };
 
 // Log-odds that a sight adds, their bounds, and between which a voxel stays what it was, an obstacle or none.
@@ -47,7 +48,8 @@ class VolumeMap {
   // map. A voxel takes the most that it is hit with. `before` (n) is what was known of its voxel.
   void hit(const double* points, const std::int8_t* weight, std::size_t count, std::int8_t* before);
 
-  // Free what is surely seen through, but not what the last `hit` hit.
+  // Free what is surely seen through, but not what the last `hit` hit. Where pixels are too far apart, obstacles only
+  // become what was never seen.
   void carve(const Sight& sight);
 
   // What is known of the voxels that points (n, 3) [m] lie in; UNSEEN outside of the window.
@@ -76,7 +78,7 @@ class VolumeMap {
   Block block_of(std::size_t at) const;
   bool locate(const double* point, std::size_t& at, int& voxel) const;
   void put(std::size_t at, int voxel, int known);
-  void pass(std::size_t at, int voxel);
+  void pass(std::size_t at, int voxel, bool sure);
   void note(Changes& changes, std::size_t at);
 
   Block blocks_, corner_;

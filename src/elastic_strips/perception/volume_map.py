@@ -1,8 +1,8 @@
 """Volume map: space about the robot in voxels, from images of depths and ranges; obstacles block by block.
 
-A voxel is free only where *every* pixel over the ball about it ends behind it, by three standard deviations. It is an
-obstacle where rays have ended, one hit where ranges are exact to less than a voxel, several where they are not. What
-is neither was not seen.
+A voxel is free only where *every* pixel over the ball about it ends behind it, by three standard deviations, and where
+pixels are no further apart than the thinnest thing that there may be. It is an obstacle where rays have ended: one hit
+where ranges are exact to less than a voxel, several where they are not. What is neither was not seen.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ class VolumeMapParams:
         range_max: nothing further away is noted.
         hit_range: nothing further away becomes an obstacle: there it is not known to a voxel where it is.
         exact_range: up to here one hit is an obstacle, from here on two are.
+        thinnest: nothing is thinner than this, or it may be overlooked: what is so far away that pixels lie further
+            apart is not called free.
         ground: what is no higher than this, and three standard deviations, is the floor and no obstacle.
         fill: lost pixels with at most this many lost ones among their eight neighbours are as near as the nearest of
             them; −1 leaves them lost.
@@ -63,8 +65,9 @@ class VolumeMapParams:
     range_max: Positive = 5.0
     hit_range: Positive = 4.0
     exact_range: Positive = 1.5
+    thinnest: Positive = 0.03
     ground: NonNegative = 0.04
-    fill: Annotated[int, Bound(low=-1, high=7)] = 2
+    fill: Annotated[int, Bound(low=0, high=7)] = 2
     hit: Positive = 0.85
     miss: Positive = 0.4
     floor: Positive = 0.8
@@ -76,7 +79,8 @@ class VolumeMapParams:
         blocks = self.blocks
         if int(np.prod(blocks)) > _MOST_BLOCKS:
             raise ParameterError(
-                f"VolumeMapParams.size={self.size!r} are more than {_MOST_BLOCKS} blocks of eight voxels"
+                f"VolumeMapParams.length={self.length!r} and height={self.height!r} are more than {_MOST_BLOCKS} "
+                f"blocks of 8³ voxels of cell={self.cell!r} m"
             )
         if not self.occupied < min(self.hit, self.top):
             raise ParameterError(
@@ -162,11 +166,10 @@ class VolumeMap:
             weight[ignored[at]] = 0.0
         before = np.empty(len(points), dtype=np.int8)
         self._map.hit(np.ascontiguousarray(points), np.rint(weight).astype(np.int8), before)
-        camera, around, scale, middle = _optics(reading)
-        rotation, origin = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
-        self._map.carve(
-            np.ascontiguousarray(clear, dtype=np.float32), camera, around, scale, middle, rotation, origin, near
-        )
+        view = _optics(reading)
+        pose = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
+        sure = p.thinnest * float(np.abs(view[2]).min())
+        self._map.carve(np.ascontiguousarray(clear, dtype=np.float32), *view, *pose, near, sure)
         moved = np.zeros(ranges.shape, dtype=bool)
         moved[at] = (before != UNSEEN) & (before <= -round(p.floor / _UNIT)) & (weight > 0.0)
         return moved

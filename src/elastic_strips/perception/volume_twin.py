@@ -83,8 +83,12 @@ class VolumeTwin:
         rotation: Array,
         origin: Array,
         nearest: float,
+        sure: float,
     ) -> None:
-        """Free the voxels of which every pixel over the ball about them sees further; but not what was hit last."""
+        """Free the voxels of which every pixel over the ball about them sees further; but not what was hit last.
+
+        From ``sure`` [m] on pixels are too far apart to see all: obstacles there only become what was never seen.
+        """
         sight = _Sight(clear, camera, closed, scale, middle)
         if not sight.farthest > nearest:
             return
@@ -100,15 +104,16 @@ class VolumeTwin:
         least, most = sight.seen(cover)
         near, far, known = cover[2], cover[3], cover[4]
         out = (near > sight.farthest) | (far < nearest) | (known & (most < near))
-        every = ~out & known & (near >= nearest) & (least > far)
+        every = ~out & known & (near >= nearest) & (least > far) & (far <= sure)
         within = np.stack(np.meshgrid(*[np.arange(BLOCK)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        self._pass((blocks[every][:, None] * BLOCK + within).reshape(-1, 3))
+        self._pass((blocks[every][:, None] * BLOCK + within).reshape(-1, 3), True)
         some = blocks[~out & ~every]
         for first in range(0, len(some), _PER_CHUNK // BLOCK**3):
             voxels = (some[first : first + _PER_CHUNK // BLOCK**3, None] * BLOCK + within).reshape(-1, 3)
             cover = sight.cover((voxels + 0.5) * self._cell @ rotation - origin @ rotation, _HALF_DIAGONAL * self._cell)
             least, _ = sight.seen(cover)
-            self._pass(voxels[cover[4] & (cover[2] >= nearest) & (cover[3] < sight.farthest) & (least > cover[3])])
+            passed = cover[4] & (cover[2] >= nearest) & (cover[3] < sight.farthest) & (least > cover[3])
+            self._pass(voxels[passed], cover[3][passed] <= sure)
 
     def look(self, points: Array, known: npt.NDArray[np.int8]) -> None:
         """What is known of the voxels of points (n, 3)."""
@@ -159,11 +164,13 @@ class VolumeTwin:
         at = np.floor(points / self._cell).astype(np.intp) - self._corner
         return at, ((at >= 0) & (at < self._shape)).all(axis=1)
 
-    def _pass(self, voxels: Indices) -> None:
-        at = voxels - self._corner
-        at = at[~self._hit[tuple(at.T)]]
+    def _pass(self, voxels: Indices, sure: Mask | bool) -> None:
+        at, surely = voxels - self._corner, np.broadcast_to(sure, len(voxels))
         now = self._known[tuple(at.T)].astype(int)
-        self._put(at, np.maximum(np.where(now == UNSEEN, 0, now) - self._miss, self._floor))
+        changes = ~self._hit[tuple(at.T)] & (surely | (now != UNSEEN))
+        at, now, surely = at[changes], now[changes], surely[changes]
+        then = np.maximum(np.where(now == UNSEEN, 0, now) - self._miss, self._floor)
+        self._put(at, np.where(~surely & (now >= self._emptied) & (then < self._emptied), UNSEEN, then))
 
     def _put(self, at: Indices, known: npt.NDArray[np.int_]) -> None:
         """Have it known of voxels (n, 3) of the window, none of them twice."""

@@ -1,0 +1,215 @@
+"""Volume map: what is called free is free, the kernel is as its twin, windows roll, boxes fill the obstacles."""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from cases import each, refused
+from free_way import outside_scene
+
+from elastic_strips.errors import ParameterError
+from elastic_strips.native import kernel, twin
+from elastic_strips.perception import DepthImage, RangeImage
+from elastic_strips.perception.readings import camera_directions, turning_directions
+from elastic_strips.perception.volume_map import VolumeMap, VolumeMapParams, filled
+from elastic_strips.scene import Box, Capsule, Cylinder, Scene, Sphere
+
+SMALL = VolumeMapParams(length=8.0, height=2.0, range_max=5.0)
+LOOKS = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # of a camera that looks along x
+ROOM = Scene(
+    [
+        Box((0.1, 6.0, 1.6), at=(2.6, 0.0, 0.8)),
+        Box((0.8, 1.2, 0.04), at=(1.7, 0.4, 0.75)),
+        Cylinder(0.03, 0.7, at=(1.4, -0.1, 0.35)),
+        Sphere(0.2, at=(1.6, -0.8, 1.1)),
+        Capsule(0.05, 0.6, at=(1.3, 0.9, 1.3), quat=(0.5, 0.5, 0.5, 0.5)),
+    ]
+)
+
+
+def pose(x=0.0, y=0.0, z=1.0, yaw=0.0, tilt=0.0) -> np.ndarray:
+    c, s, ct, st = math.cos(yaw), math.sin(yaw), math.cos(tilt), math.sin(tilt)
+    T = np.eye(4)
+    T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ [[ct, 0, st], [0, 1, 0], [-st, 0, ct]]
+    T[:3, 3] = x, y, z
+    return T
+
+
+def marched(scene: Scene, origin: np.ndarray, directions: np.ndarray, reach: float) -> np.ndarray:
+    """Where unit rays meet a scene or the floor, by walking along them: nothing is shared with the package's rays."""
+    at = np.zeros(len(directions))
+    for _ in range(150):
+        points = origin + at[:, None] * directions
+        step = np.minimum(outside_scene(points, scene), points[:, 2])
+        at = np.where(at < reach, at + np.maximum(0.9 * step, 0.0), at)
+    return np.where(at >= reach, np.inf, at)
+
+
+def depth_image(scene: Scene, T: np.ndarray, rows=48, columns=64, focal=45.0, noise=None) -> DepthImage:
+    center = 0.5 * (columns - 1), 0.5 * (rows - 1)
+    d = camera_directions(rows, columns, (focal, focal), center).reshape(-1, 3)
+    T = T @ np.block([[LOOKS, np.zeros((3, 1))], [np.zeros((1, 3)), 1.0]])
+    stretch = np.linalg.norm(d, axis=1)
+    depth = marched(scene, T[:3, 3], (d / stretch[:, None]) @ T[:3, :3].T, 12.0) / stretch
+    if noise is not None:
+        there = np.where(np.isfinite(depth), depth, 0.0)
+        depth = depth + np.clip(noise.standard_normal(depth.shape), -3, 3) * SMALL.sigma(there)
+        depth[noise.random(depth.shape) < 0.02] = np.nan
+    depth[depth > 8.0] = np.inf
+    return DepthImage("camera", 0.0, T, depth.reshape(rows, columns), (focal, focal), center, 0.2, 8.0)
+
+
+def range_image(scene: Scene, T: np.ndarray, rows=64, columns=200) -> RangeImage:
+    azimuth, elevation = (-math.pi, math.pi - 2.0 * math.pi / columns), (-0.6, 0.5)
+    d = turning_directions(rows, columns, azimuth, elevation).reshape(-1, 3)
+    ranges = marched(scene, T[:3, 3], d @ T[:3, :3].T, 12.0).reshape(rows, columns)
+    return RangeImage("lidar", 0.0, T, ranges, azimuth, elevation, 0.1, 12.0)
+
+
+VIEWS = [pose(), pose(0.2, 0.5, 1.3, -0.3, 0.5), pose(-0.4, -0.6, 0.8, 0.25, 0.1), pose(0.1, 0.0, 1.2, 0.0, 0.9)]
+PLACES = (
+    np.stack(np.meshgrid(np.arange(-20, 80), np.arange(-60, 60), np.arange(40), indexing="ij"), axis=-1).reshape(-1, 3)
+    + 0.5
+)
+
+
+def touched_by(scene: Scene, cells: np.ndarray, cell: float) -> np.ndarray:
+    """Cells that surely hold some of a scene: a point of a fine grid in them is inside."""
+    cells = cells[outside_scene(cells * cell, scene) < 0.9 * cell]  # half a voxel's diagonal: no others can
+    steps = (np.arange(4) + 0.5) / 4 - 0.5
+    inner = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = (cells[:, None] + inner).reshape(-1, 3) * cell
+    return (outside_scene(points, scene) < 0.0).reshape(-1, len(inner)).any(axis=1)
+
+
+@each("make", [depth_image, range_image])
+@each("fill", [0, 2])
+def test_nothing_of_the_world_is_called_free(make, fill):
+    params = VolumeMapParams(length=8.0, height=2.0, fill=fill)
+    volume, rng = VolumeMap(params), np.random.default_rng(1)
+    for T in VIEWS:
+        image = make(ROOM, T, noise=rng) if make is depth_image else make(ROOM, T)
+        volume.add(image, np.eye(4))
+    known = volume.known(PLACES * params.cell)
+    free = PLACES[known == 0]
+    assert len(free) > 2000
+    assert not touched_by(ROOM, free, params.cell).any()
+
+
+def test_what_is_seen_is_an_obstacle_and_goes_when_it_has_gone():
+    volume = VolumeMap(SMALL)
+    for _ in range(3):
+        volume.add(depth_image(ROOM, VIEWS[0]), np.eye(4))
+    first = volume.obstacles()
+    scene = Scene(first)
+    on_wall, on_sphere = np.array([[2.56, -0.3, 1.0]]), np.array([[1.42, -0.8, 1.1]])
+    for point in (on_wall, on_sphere):
+        assert outside_scene(point, scene)[0] < SMALL.cell
+    empty = Scene([o for o in ROOM if o.shape != "sphere"])
+    for _ in range(10):
+        volume.add(depth_image(empty, VIEWS[0]), np.eye(4))
+    after = volume.obstacles()
+    assert outside_scene(on_sphere, Scene(after))[0] > 0.15
+    kept = {id(o) for o in first} & {id(o) for o in after}
+    assert len(kept) > 0.5 * len(after)  # blocks in which nothing changed
+
+
+def test_what_comes_where_it_was_free_has_moved():
+    volume = VolumeMap(SMALL)
+    for _ in range(3):
+        moved = volume.add(depth_image(ROOM, VIEWS[0]), np.eye(4))
+        assert not moved.any()
+    visitor = Cylinder(0.2, 1.4, at=(1.0, 0.2, 0.7))
+    image = depth_image(Scene([*ROOM, visitor]), VIEWS[0])
+    moved = volume.add(image, np.eye(4))
+    new = image.depth < depth_image(ROOM, VIEWS[0]).depth - 0.1
+    assert moved[new].mean() > 0.5
+    assert not moved[~new].any()
+
+
+def test_ignored_pixels_free_and_hit_nothing():
+    volume = VolumeMap(SMALL)
+    image = depth_image(ROOM, VIEWS[0])
+    volume.add(image, np.eye(4), ignored=np.ones(image.depth.shape, dtype=bool))
+    occupied, unseen = volume.counts
+    assert occupied == 0
+    assert unseen < VolumeMap(SMALL).counts[1] - 1000
+
+
+@pytest.mark.skipif(kernel() is None, reason="there is no native kernel to compare")
+@each("make", [depth_image, range_image])
+def test_the_kernel_and_its_twin_know_the_same(make):
+    rng = np.random.default_rng(3)
+    maps = []
+    for other in (False, True):
+        with twin() if other else nullcontext():
+            maps.append(VolumeMap(SMALL))
+    for k, T in enumerate([*VIEWS, *VIEWS[:2]]):
+        image = make(ROOM, T)
+        base = pose(z=0.0, yaw=float(rng.uniform(-0.5, 0.5)))
+        base[:2, 3] = (0.45 * k, -0.3 * k) if k > 2 else (0.0, 0.0)
+        answers = []
+        for volume in maps:
+            volume.center(*base[:2, 3])
+            moved = volume.add(image, base)
+            solids = sorted(
+                (o.name, [(tuple(b.halfSide), tuple(at)) for p in o.parts for b, at in p.boxes])
+                for o in volume.obstacles()
+            )
+            answers.append((moved, volume.known(PLACES * SMALL.cell + base[:3, 3]), volume.counts, solids))
+        one, two = answers
+        np.testing.assert_array_equal(one[0], two[0])
+        np.testing.assert_array_equal(one[1], two[1])
+        assert one[2:] == two[2:]
+
+
+def test_the_window_forgets_what_leaves_it():
+    volume = VolumeMap(SMALL)
+    volume.add(depth_image(ROOM, VIEWS[0]), np.eye(4))
+    assert volume.obstacles()
+    volume.center(30.0, 0.0)
+    assert volume.obstacles() == []
+    assert volume.counts[0] == 0
+    assert (volume.known(PLACES * SMALL.cell) == -1).all()
+
+
+def test_boxes_fill_the_voxels_and_do_not_overlap():
+    volume = VolumeMap(SMALL)
+    for T in VIEWS:
+        volume.add(depth_image(ROOM, T), np.eye(4))
+    low, high = (
+        np.concatenate([[at + s * b.halfSide for b, at in p.boxes] for o in volume.obstacles() for p in o.parts])
+        for s in (-1.0, 1.0)
+    )
+    volume_of_boxes = (high - low).prod(axis=1).sum() / SMALL.cell**3
+    assert volume_of_boxes == pytest.approx(volume.counts[0])
+    full = PLACES[volume.known(PLACES * SMALL.cell) == 1] * SMALL.cell
+    inside = ((full[:, None] > low) & (full[:, None] < high)).all(axis=2).sum(axis=1)
+    assert inside.max() <= 1
+    assert inside.sum() == len(full)
+
+
+def test_a_single_lost_pixel_is_filled_and_a_hole_is_not():
+    depth = np.full((7, 9), 2.0, dtype=np.float32)
+    depth[3, 4], depth[2, 4] = np.nan, 1.5
+    assert filled(depth, 2)[3, 4] == 1.5
+    depth[2:5, 3:6] = np.nan
+    assert np.isnan(filled(depth, 2)[3, 4])
+    assert np.isnan(filled(depth, 2)[2, 3]) == (np.isnan(depth[1:4, 2:5]).sum() - 1 > 2)
+
+
+@each(
+    "wrong, named",
+    [
+        ({"length": 500.0}, "length"),
+        ({"cell": 0.0}, "cell"),
+        ({"occupied": 2.0}, "occupied"),
+        ({"fill": 8}, "fill"),
+    ],
+)
+def test_wrong_parameters_are_refused(wrong, named):
+    with refused(ParameterError, named):
+        VolumeMapParams(**wrong)
