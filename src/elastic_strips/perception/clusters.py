@@ -24,11 +24,13 @@ class Cluster:
         origin: (2,) of the sensor [m].
         hidden: whether the thing may continue, unseen, beyond its first or last point: something nearer covers it, a
             reading is missing, or the field of view ends there.
+        displaced: whether it is known to lie where it was free before; None where scans have to be compared.
     """
 
     points: Array
     origin: Array
     hidden: bool
+    displaced: bool | None = None
 
     @property
     def extent(self) -> float:

@@ -16,6 +16,7 @@ from elastic_strips.work import count_work
 
 from .body_mask import BodyMask
 from .clusters import cluster_obstacles, clusters_of
+from .image_movers import ImageView, moving_clusters
 from .occupancy_grid import OccupancyGrid
 from .params import SceneEstimatorParams
 from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, pose_matrix, rays_of
@@ -195,12 +196,14 @@ class SceneEstimator:
         if self.volume is None:
             self.volume = VolumeMap(self._volume_params)
         self.volume.center(float(T[0, 3]), float(T[1, 3]))
+        T_world_sensor = T @ kept.T_base_sensor
+        seen = self.volume.seen_by(kept, T)
+        origin = T_world_sensor[:2, 3].copy()
+        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, origin, self.params)
+        if len(self.tracker) or clusters:
+            self.map.forget(self.tracker.update(ImageView(kept, T_world_sensor), clusters, kept.sensor))
         ignored = np.zeros(image.ranges.shape, dtype=bool)
-        if len(self.tracker):
-            at = kept.hits
-            points = (kept.directions()[at] * kept.ranges[at, None]) @ kept.T_base_sensor[:3, :3].T
-            points = (points + kept.T_base_sensor[:3, 3]) @ T[:3, :3].T + T[:3, 3]
-            ignored[at] = self.tracker.of_movers(np.ascontiguousarray(points[:, :2]))
+        ignored[seen.pixels] = self.tracker.of_movers(seen.points[:, :2])
         self.volume.add(kept, T, ignored)
 
 

@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from elastic_strips.scene import Cylinder, Motion, Obstacle, Twist, UnknownMotio
 
 from .clusters import OTHER, ROUND, Cluster, ClusterShape, fit_shape
 from .params import SceneEstimatorParams
-from .readings import ScanRays
 
 _KEPT_POINTS = 64  # of a thing
 _SOLID_SLACK = 0.01
@@ -63,8 +63,17 @@ class Track:
     displaced_at: float
     rested: float
 
-    def __init__(self, number: int, time: float, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams):
+    def __init__(
+        self,
+        number: int,
+        time: float,
+        cluster: Cluster,
+        shape: ClusterShape,
+        params: SceneEstimatorParams,
+        sensor: str = "laser",
+    ) -> None:
         self.number: int = number
+        self.sensors: set[str] = {sensor}  # that have seen it
         self.time: float = time
         self.seen: float = time
         self.p: Array = np.array(shape.center)
@@ -207,6 +216,19 @@ def _noise(cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams, 
     return variance
 
 
+class View(Protocol):
+    """A reading in the world, as tracks are judged by it."""
+
+    @property
+    def time(self) -> float:
+        """When it was measured [s]."""
+        ...
+
+    def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
+        """Which places (n, 2) it sees through by more than ``margin`` [m], and which it could not see."""
+        ...
+
+
 _FORBIDDEN_COST = 1e6
 _VIEW_STEP = 0.04
 _MAX_VIEWS = 64
@@ -227,7 +249,7 @@ class Tracker:
     def __init__(self, params: SceneEstimatorParams) -> None:
         self.params = params
         self._tracks: list[Track] = []
-        self._views: dict[str, deque[ScanRays]] = {}
+        self._views: dict[str, deque[View]] = {}
         self._born = 0
 
     def __len__(self) -> int:
@@ -245,15 +267,15 @@ class Tracker:
         p = self.params
         return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
 
-    def update(self, rays: ScanRays, clusters: Sequence[Cluster], sensor: str = "laser") -> Array:
-        """Take a ``sensor``'s scan in: assign its clusters, judge tracks that were not seen, begin new tracks.
+    def update(self, now: View, clusters: Sequence[Cluster], sensor: str = "laser") -> Array:
+        """Take a ``sensor``'s reading in: assign its clusters, judge tracks that were not seen, begin new tracks.
 
         Returns:
             (n, 2) points in the world that turned out to belong to a mover and not to the static world.
         """
         params = self.params
         for track in self._tracks:
-            track.predict(rays.time, params)
+            track.predict(now.time, params)
         small = [c for c in clusters if len(c.points) >= params.min_points and c.extent <= params.max_mover_size]
         shapes = [fit_shape(c, params) for c in small]
         pairs = self._assign(small, shapes)
@@ -262,15 +284,16 @@ class Tracker:
         for k, j in pairs:
             track = self._tracks[k]
             track.correct(small[j], shapes[j], params)
+            track.sensors.add(sensor)
             seen.add(k)
             used.add(j)
-            self._judge(track, small[j], rays, sensor, moved)
-        self._missed([track for k, track in enumerate(self._tracks) if k not in seen], rays)
+            self._judge(track, small[j], now, sensor, moved)
+        self._missed([track for k, track in enumerate(self._tracks) if k not in seen], now, sensor)
         self._tracks = [t for t in self._tracks if not t.lost]
-        self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], rays.time)
+        self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], now.time, sensor)
         views = self._views.setdefault(sensor, deque(maxlen=_MAX_VIEWS))
-        if not views or rays.time - views[-1].time >= _VIEW_STEP:
-            views.append(rays)
+        if not views or now.time - views[-1].time >= _VIEW_STEP:
+            views.append(now)
         return np.concatenate([np.zeros((0, 2)), *moved])
 
     def of_movers(self, points: Array) -> Mask:
@@ -299,7 +322,7 @@ class Tracker:
         rows, columns = linear_sum_assignment(cost)
         return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN_COST]
 
-    def _judge(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str, moved: list[Array]) -> None:
+    def _judge(self, track: Track, cluster: Cluster, now: View, sensor: str, moved: list[Array]) -> None:
         """Whether a track that was just seen is a mover from now on, or no longer one."""
         params = self.params
         significant = track.confirmed and track.significant(params)
@@ -309,7 +332,9 @@ class Tracker:
             elif track.time - track.moved > params.rest_time:
                 track.moving, track.votes, track.rested = False, 0, track.time
             return
-        displaced = self._displaced(track, cluster, rays, sensor)
+        displaced = cluster.displaced
+        if displaced is None:
+            displaced = self._displaced(track, cluster, now, sensor)
         if displaced:
             track.displaced_at = track.time
         # what has moved before needs no proof that it can
@@ -318,46 +343,49 @@ class Tracker:
             track.moving, track.moved = True, track.time
             moved.extend(points for _, points in track.points)
 
-    def _displaced(self, track: Track, cluster: Cluster, rays: ScanRays, sensor: str) -> bool:
+    def _displaced(self, track: Track, cluster: Cluster, now: View, sensor: str) -> bool:
         """Whether scans some time apart show that a track does not stand."""
-        then = rays.time - min(self.params.history, _LOOK_BACK_DISTANCE / max(track.speed, 1e-9))
+        then = now.time - min(self.params.history, _LOOK_BACK_DISTANCE / max(track.speed, 1e-9))
         view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
         if view is None:
             return False
         margin = self.params.carve_margin
         was = track.past_points(view.time + 1e-6)
-        for scan, points in ((view, cluster.points), (rays, was)):
+        for scan, points in ((view, cluster.points), (now, was)):
             if len(points):
                 through, _ = scan.beyond(points, margin)
                 if through.sum() >= max(2.0, _LEAST_EVIDENCE * len(points)):
                     return True
         return False
 
-    def _missed(self, tracks: list[Track], rays: ScanRays) -> None:
-        """Tracks without a cluster: seen through, it is not there; hidden or next to something else, it may be."""
+    def _missed(self, tracks: list[Track], now: View, sensor: str) -> None:
+        """Tracks without a cluster: seen through, it is not there; hidden or next to something else, it may be.
+
+        Only a sensor that has seen a thing can miss it: what hangs above a laser's plane is never in its scans.
+        """
         if not tracks:
             return
         params = self.params
         places = np.concatenate([track.p + track.radius * _STAR for track in tracks])
-        through = rays.beyond(places, 0.5 * params.carve_margin)[0].reshape(len(tracks), len(_STAR)).sum(axis=1)
+        through = now.beyond(places, 0.5 * params.carve_margin)[0].reshape(len(tracks), len(_STAR)).sum(axis=1)
         for track, count in zip(tracks, through.tolist(), strict=True):
+            if now.time - track.seen > params.coast_time:
+                track.lost = True
+            if sensor not in track.sensors:
+                continue
             track.votes = 0
             if count > 0.5 * len(_STAR):
                 track.misses += 1
-            track.lost = (
-                track.misses >= params.lost_misses
-                or (count > 0 and not track.confirmed)
-                or rays.time - track.seen > params.coast_time
-            )
+            track.lost = track.lost or track.misses >= params.lost_misses or (count > 0 and not track.confirmed)
 
-    def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float) -> None:
+    def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float, sensor: str) -> None:
         """New tracks, except for parts of movers."""
         if not fresh:
             return
         inside = self.of_movers(np.array([shape.center for _, shape in fresh]))
         for (cluster, shape), part in zip(fresh, inside.tolist(), strict=True):
             if not part:
-                self._tracks.append(Track(self._born, time, cluster, shape, self.params))
+                self._tracks.append(Track(self._born, time, cluster, shape, self.params, sensor))
                 self._born += 1
 
 

@@ -26,6 +26,7 @@ from .volume_twin import BLOCK, UNSEEN, VolumeTwin
 _SIGMAS = 3.0  # standard deviations that count as the largest error
 _UNIT = 0.05  # of log-odds, in which the map counts
 _MOST_BLOCKS = 1 << 20
+_STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
 Known = npt.NDArray[np.int8]
 
@@ -107,6 +108,23 @@ class VolumeMapParams:
         return _SIGMAS * self.sigma(ranges) + self.bias
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPoints:
+    """Where the pixels of an image end over the floor.
+
+    Attributes:
+        pixels: (H, W) which pixels do, n of them.
+        points: (n, 3) where, in the world [m].
+        fresh: (n,) which of them end where it was surely free before: something has come.
+        standing: (n,) which of them end where something has been seen several times.
+    """
+
+    pixels: Mask
+    points: Array
+    fresh: Mask
+    standing: Mask
+
+
 class VolumeMap:
     """Workspace: voxels about a robot. One per thread.
 
@@ -136,50 +154,60 @@ class VolumeMap:
             self._corner = np.array([*middle, self._corner[2]], dtype=np.intp)
             self._map.roll(self._corner)
 
-    def add(self, reading: DepthImage | RangeImage, T_world_base: Array, ignored: Mask | None = None) -> Mask:
+    def seen_by(self, reading: DepthImage | RangeImage, T_world_base: Array) -> SeenPoints:
+        """Where an image's pixels end over the floor, and what is known of it so far.
+
+        Args:
+            reading: the image.
+            T_world_base: (4, 4) pose of the base when it was measured.
+        """
+        p, ranges = self.params, reading.ranges
+        pixels = reading.hits & (ranges <= min(p.hit_range, _longest(reading)))
+        T = T_world_base @ reading.T_base_sensor
+        there = ranges[pixels].astype(float)
+        points = (reading.directions()[pixels] * there[:, None]) @ T[:3, :3].T + T[:3, 3]
+        over = points[:, 2] > p.ground + p.error(there)
+        pixels[pixels] = over
+        points = np.ascontiguousarray(points[over])
+        before = np.empty(len(points), dtype=np.int8)
+        self._map.look(points, before)
+        free = (before != UNSEEN) & (before <= -round(p.floor / _UNIT))
+        return SeenPoints(pixels, points, free, before >= round(_STANDING_HITS * p.hit / _UNIT))
+
+    def add(self, reading: DepthImage | RangeImage, T_world_base: Array, ignored: Mask | None = None) -> None:
         """Take an image in.
 
         Args:
             reading: the image; pixels without an answer change nothing.
             T_world_base: (4, 4) pose of the base when it was measured.
             ignored: (H, W) pixels whose ends are not of the world at rest; they free what they pass.
-
-        Returns:
-            (H, W) which pixels ended where it was surely free before: something has moved there.
         """
         p = self.params
+        seen = self.seen_by(reading, T_world_base)
         T = T_world_base @ reading.T_base_sensor
-        ranges = filled(reading.ranges, p.fill)
-        there = np.isfinite(ranges)
-        far = reading.depth_max if isinstance(reading, DepthImage) else reading.range_max
-        near = reading.depth_min if isinstance(reading, DepthImage) else reading.range_min
-        most = min(far, p.range_max)
-        known = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, most)).astype(float)
-        error = p.error(known)
-        clear = np.maximum(known - error, 0.0)
-        # what was filled in only frees: where a lost pixel ends, nothing was seen
-        at = there & reading.hits & (ranges <= min(p.hit_range, far))
-        points = (reading.directions()[at] * ranges[at, None]) @ T[:3, :3].T + T[:3, 3]
-        weight = np.where(ranges[at] <= p.exact_range, p.hit, 0.5 * (p.occupied + 0.5 * p.hit)) / _UNIT
-        weight[points[:, 2] <= p.ground + error[at]] = 0.0
+        at = reading.ranges[seen.pixels]
+        weight = np.where(at <= p.exact_range, p.hit, 0.5 * (p.occupied + 0.5 * p.hit)) / _UNIT
         if ignored is not None:
-            weight[ignored[at]] = 0.0
-        before = np.empty(len(points), dtype=np.int8)
-        self._map.hit(np.ascontiguousarray(points), np.rint(weight).astype(np.int8), before)
+            weight[ignored[seen.pixels]] = 0.0
+        self._map.hit(seen.points, np.rint(weight).astype(np.int8), np.empty(len(at), dtype=np.int8))
+        # what is filled in only frees: where a lost pixel ends, nothing was seen
+        ranges = filled(reading.ranges, p.fill)
+        most = min(_longest(reading), p.range_max)
+        known = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, most)).astype(float)
+        clear = np.maximum(known - p.error(known), 0.0)
         view = _optics(reading)
         pose = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
         sure = p.thinnest * float(np.abs(view[2]).min())
+        near = reading.depth_min if isinstance(reading, DepthImage) else reading.range_min
         self._map.carve(np.ascontiguousarray(clear, dtype=np.float32), *view, *pose, near, sure)
-        moved = np.zeros(ranges.shape, dtype=bool)
-        moved[at] = (before != UNSEEN) & (before <= -round(p.floor / _UNIT)) & (weight > 0.0)
-        return moved
 
     def known(self, points: Array) -> Known:
-        """(n,) what is known of the voxels that points (n, 3) [m] lie in: 1 an obstacle, 0 free, −1 not seen."""
+        """(n,) what is known of the voxels that points (n, 3) [m] lie in: 1 an obstacle, 0 free, −1 neither."""
         found = np.empty(len(points), dtype=np.int8)
         self._map.look(np.ascontiguousarray(points, dtype=float), found)
-        free = round(0.5 * self.params.floor / _UNIT)
-        return np.where(found == UNSEEN, -1, np.where(found > -free, 1, 0)).astype(np.int8)
+        p = self.params
+        free, full = found <= -round(0.5 * p.floor / _UNIT), found > round(p.occupied / _UNIT)
+        return np.where(found == UNSEEN, -1, np.where(free, 0, np.where(full, 1, -1))).astype(np.int8)
 
     def see(self, points: Array) -> None:
         """Voxels of points (n, 3) [m] are free, whatever was seen there: the robot is there."""
@@ -222,6 +250,10 @@ def filled(ranges: Image, most: int) -> Image:
     gone = np.sum([np.isnan(each) for each in beside], axis=0)
     nearest = np.fmin.reduce(beside)
     return np.where(lost & (gone <= most), nearest, ranges)
+
+
+def _longest(reading: DepthImage | RangeImage) -> float:
+    return reading.depth_max if isinstance(reading, DepthImage) else reading.range_max
 
 
 def _optics(reading: DepthImage | RangeImage) -> tuple[bool, bool, Array, Array]:

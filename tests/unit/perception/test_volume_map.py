@@ -120,11 +120,14 @@ def test_what_is_seen_is_an_obstacle_and_goes_when_it_has_gone():
 def test_what_comes_where_it_was_free_has_moved():
     volume = VolumeMap(SMALL)
     for _ in range(3):
-        moved = volume.add(depth_image(ROOM, VIEWS[0]), np.eye(4))
-        assert not moved.any()
+        image = depth_image(ROOM, VIEWS[0])
+        assert not volume.seen_by(image, np.eye(4)).fresh.any()
+        volume.add(image, np.eye(4))
     visitor = Cylinder(0.2, 1.4, at=(1.0, 0.2, 0.7))
     image = depth_image(Scene([*ROOM, visitor]), VIEWS[0])
-    moved = volume.add(image, np.eye(4))
+    seen = volume.seen_by(image, np.eye(4))
+    moved = np.zeros(image.depth.shape, dtype=bool)
+    moved[seen.pixels] = seen.fresh
     new = image.depth < depth_image(ROOM, VIEWS[0]).depth - 0.1
     assert moved[new].mean() > 0.5
     assert not moved[~new].any()
@@ -154,7 +157,8 @@ def test_the_kernel_and_its_twin_know_the_same(make):
         answers = []
         for volume in maps:
             volume.center(*base[:2, 3])
-            moved = volume.add(image, base)
+            moved = volume.seen_by(image, base).fresh
+            volume.add(image, base)
             solids = sorted(
                 (o.name, [(tuple(b.halfSide), tuple(at)) for p in o.parts for b, at in p.boxes])
                 for o in volume.obstacles()

@@ -1,0 +1,131 @@
+"""What moves in images of depths and ranges: points that lie where it was surely free, grouped from above.
+
+Because what the volume map calls free is free, a point there is evidence that something has come. Points beside it that
+the map does not know as standing belong to the same thing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Mask
+
+from .clusters import Cluster
+from .params import SceneEstimatorParams
+from .readings import DepthImage, RangeImage
+
+_GROUP_CELL = 0.1  # [m] points in cells of this size that touch belong together, seen from above
+_LEAST_EVIDENCE = 6  # points of a thing where it was free before
+_HEIGHTS = (0.35, 0.7, 1.05)  # [m] over the floor at which it is asked whether something is still there
+_KEPT_POINTS = 40  # of a thing, as seen from above
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageView:
+    """An image in the world, as tracks are judged by it.
+
+    Attributes:
+        image: the image, without the robot.
+        T_world_sensor: (4, 4) pose of its sensor.
+    """
+
+    image: DepthImage | RangeImage
+    T_world_sensor: Array
+
+    @property
+    def time(self) -> float:
+        """When it was taken [s]."""
+        return self.image.time
+
+    def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
+        """Which places (n, 2) of the floor the image sees through at all heights, and which it does not see.
+
+        It must look past a place by more than ``margin`` [m] at two heights at least, and at none end before or there.
+        """
+        through = np.zeros((len(_HEIGHTS), len(points)), dtype=np.intp)
+        ends = np.zeros((len(_HEIGHTS), len(points)), dtype=bool)
+        for k, height in enumerate(_HEIGHTS):
+            local = np.column_stack((points, np.full(len(points), height))) - self.T_world_sensor[:3, 3]
+            distance, range_ = measured(self.image, local @ self.T_world_sensor[:3, :3])
+            through[k] = range_ > distance + margin  # NaN is no answer, and neither
+            ends[k] = range_ <= distance + margin
+        seen = through.sum(axis=0)
+        return (seen >= 2) & ~ends.any(axis=0), ~ends.any(axis=0) & (seen == 0)
+
+
+def measured(image: DepthImage | RangeImage, points: Array) -> tuple[Array, Array]:
+    """How far points (n, 3) in the sensor's frame are by the image's measure, and what it says along them [m].
+
+    It says NaN where it says nothing, and beside its borders.
+    """
+    rows, columns = image.ranges.shape
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if isinstance(image, DepthImage):
+            distance = points[:, 2]
+            u = image.center[0] + image.focal[0] * points[:, 0] / distance
+            v = image.center[1] + image.focal[1] * points[:, 1] / distance
+            there = distance > 0.0
+        else:
+            flat = np.hypot(points[:, 0], points[:, 1])
+            distance = np.hypot(flat, points[:, 2])
+            u = (np.arctan2(points[:, 1], points[:, 0]) - image.azimuth[0]) / image.steps[0]
+            v = (np.arctan2(points[:, 2], flat) - image.elevation[0]) / image.steps[1]
+            if image.closed:
+                u = np.mod(u, columns)
+            there = np.ones(len(points), dtype=bool)
+    there &= np.isfinite(u) & np.isfinite(v)
+    at, row = np.rint(np.where(there, u, -1.0)).astype(np.intp), np.rint(np.where(there, v, -1.0)).astype(np.intp)
+    if isinstance(image, RangeImage) and image.closed:
+        at = np.where(at == columns, 0, at)
+    there &= (at >= 0) & (at < columns) & (row >= 0) & (row < rows)
+    out = np.full(len(points), np.nan)
+    out[there] = image.ranges[row[there], at[there]]
+    return distance, out
+
+
+def moving_clusters(
+    points: Array, evidence: Mask, standing: Mask, origin: Array, params: SceneEstimatorParams
+) -> list[Cluster]:
+    """Things of which some lies where it was free before, as they are seen from above.
+
+    Args:
+        points: (n, 3) points of an image over the floor, in the world [m].
+        evidence: (n,) which of them lie where it was surely free.
+        standing: (n,) which of them lie on what has stood there for long.
+        origin: (2,) place of the sensor [m].
+        params: sizes of what may move.
+    """
+    if int(evidence.sum()) < _LEAST_EVIDENCE:
+        return []
+    from scipy.ndimage import label  # late: slow to import
+
+    loose = np.flatnonzero(~standing)
+    flat = points[loose, :2]
+    cells = np.floor(flat / _GROUP_CELL).astype(np.intp)
+    cells -= cells.min(axis=0) - 1
+    grid = np.zeros(cells.max(axis=0) + 2, dtype=bool)
+    grid[cells[:, 0], cells[:, 1]] = True
+    groups, _ = label(grid, structure=np.ones((3, 3)))
+    group = groups[cells[:, 0], cells[:, 1]]
+    count = np.bincount(group, weights=evidence[loose])
+    found = []
+    for k in np.flatnonzero(count >= _LEAST_EVIDENCE):
+        mine = flat[group == k]
+        bearing = np.unwrap(np.arctan2(*(mine - origin).T[::-1]))
+        order = np.argsort(bearing, kind="stable")
+        cluster = Cluster(_outline(mine[order], bearing[order], origin), origin, False, True)
+        if cluster.extent <= params.max_mover_size:
+            found.append(cluster)
+    return found
+
+
+def _outline(points: Array, bearing: Array, origin: Array) -> Array:
+    """Of points (n, 2) ordered by bearing, the nearest in each of some equal parts of what they span."""
+    wide = max(float(bearing[-1] - bearing[0]), 1e-9)
+    part = np.minimum((bearing - bearing[0]) / wide * _KEPT_POINTS, _KEPT_POINTS - 1).astype(np.intp)
+    away = np.hypot(*(points - origin).T)
+    order = np.lexsort((away, part))
+    first = np.concatenate(([True], np.diff(part[order]) > 0))
+    return points[order[first]]
