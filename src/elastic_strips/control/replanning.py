@@ -247,7 +247,6 @@ class Replanner:
         self.due: float = 0.0
         self.count: int = 0
         self._since: float | None = None
-        self._in_vain = 0  # plans since a motion was certified along a strip that nothing standing broke
         self.no_way: str = ""
         self._why = ""
         self._unused = False
@@ -287,8 +286,7 @@ class Replanner:
         """Check the strip of a tick.
 
         A strip that static obstacles keep broken is given up after a while, and the robot stops for it; so is one
-        without a certified motion while the robot stands. Moving obstacles are waited for. The while is longer by each
-        plan that led to no motion: one that is given up for what only came in view on the way is not in vain.
+        without a certified motion while the robot stands. Moving obstacles are waited for.
 
         Args:
             t: time [s].
@@ -303,12 +301,10 @@ class Replanner:
         by_standing = broken is not None and not _moves(scene, broken.obstacle)
         if not by_standing and (result.accepted or not at_rest):
             self._since, self.halted, self.no_way = None, False, ""
-            if result.accepted:
-                self._in_vain = 0
             return ""
         if self._since is None:
             self._since = t
-        if t - self._since <= self.params.replan_after * (1 + self._in_vain):
+        if t - self._since <= self.params.replan_after * (1 + self.count):
             return ""
         self.halted = by_standing
         if not at_rest and not by_standing:
@@ -326,7 +322,6 @@ class Replanner:
         """
         asked = PlanRequest(scene, start, goal, self.deform, attempt=self.count, why=self._why, unused=self._unused)
         self.count += 1
-        self._in_vain += 1
         self._unused = False
         return partial(self.planner.another, asked)
 

@@ -81,23 +81,6 @@ def test_a_strip_that_recovers_is_kept(replanner):
     assert replanner.watch(0.8, proposal("crate", accepted=True), SCENE, at_rest=True) == ""
 
 
-def test_only_plans_that_led_to_no_motion_make_the_next_one_wait_longer(replanner, silvermate):
-    """By sensors, one strip after the other is broken by what comes in view on the way."""
-
-    def given_up_after(begin, *, accepted):
-        assert replanner.watch(begin, proposal("crate", accepted=accepted), SCENE, at_rest=False) == ""
-        times = begin + np.arange(0.1, 5.0, 0.1)
-        taken = next(t for t in times if replanner.watch(t, proposal("crate", accepted=accepted), SCENE, at_rest=False))
-        plan_anew(replanner, SCENE, silvermate.home(), silvermate.home(x=5.0))
-        return taken - begin
-
-    first = given_up_after(0.0, accepted=True)
-    for begin in (10.0, 20.0):
-        replanner.watch(begin - 1.0, proposal(None, accepted=True), SCENE, at_rest=False)
-        assert given_up_after(begin, accepted=True) == pytest.approx(first)
-    assert given_up_after(30.0, accepted=False) > first + 0.3, "nothing was driven since the last plan"
-
-
 def test_what_cannot_be_satisfied_does_not_stop_the_robot(silvermate):
     start, goal = silvermate.home(), silvermate.home(x=5.0)
     level = OrientationConstraint.from_configuration(silvermate, start, "hand_frame")
