@@ -110,10 +110,8 @@ def test_the_reference_of_wheels_moves_sideways_only_while_the_robot_stands(silv
 def test_without_odometry_it_stays_on_its_way(silvermate):
     """It brakes by what it was told, not by an estimate that stands still: the wheels' slip alone takes it off."""
     for seed, start in ((1, 1.5), (2, 2.3), (3, 3.0)):
-        runner = simulation(
-            silvermate, World(Scene(CLUTTER)), *ends(silvermate), seed=seed, faults=[Fault("lost_odometry", start, 0.5)],
-            params=COARSE,
-        )  # fmt: skip
+        faults, world = [Fault("lost_odometry", start, 0.5)], World(Scene(CLUTTER))
+        runner = simulation(silvermate, world, *ends(silvermate), seed=seed, faults=faults, params=COARSE)
         result = runner.run(time_limit=40.0)
         rows = result.record.control
         moving = np.abs(rows.v[np.searchsorted(rows.time, start), 0])
@@ -190,9 +188,7 @@ def test_who_might_walk_on_and_does_not_is_planned_around_again_and_again(silver
 
 def test_a_delayed_scene_is_driven_on_more_carefully(silvermate):
     """The walker of above, seen later."""
-    _, result, evaluation = drive(
-        silvermate, [*CLUTTER, WALKER], perception=PerceptionParams(delay=0.2), params=COARSE
-    )
+    _, result, evaluation = drive(silvermate, [*CLUTTER, WALKER], perception=PerceptionParams(delay=0.2), params=COARSE)
     assert result.state is RunState.REACHED
     assert not evaluation.collisions
 
