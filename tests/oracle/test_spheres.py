@@ -13,7 +13,7 @@ from elastic_strips.collision.native_side import native_solid
 from elastic_strips.native import kernel
 from elastic_strips.robot import load_robot
 
-POINTS = 1200  # of each surface
+POINTS = 3000  # of each surface
 MOST_LEAVES = 64
 ROUNDING = 1e-9  # [m] of these very computations
 
