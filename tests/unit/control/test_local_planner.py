@@ -97,7 +97,7 @@ def test_a_motion_that_leads_nowhere_is_none(silvermate):
 
 @each("beside", [False, True])
 def test_only_what_was_taken_at_speed_is_turned_to_at_speed(silvermate, beside, monkeypatch):
-    """On its own strip, where no motion is found along it, a robot keeps to the one that it has, comes to rest and turns
+    """On its own strip, where no motion is found along it, a robot keeps to the one it has, comes to rest and turns
     there: among what comes in view it would leave a way that is free for one that is not."""
     ride = Ride(silvermate, Scene([PILLAR.observed(PILLAR.pose, None)]))
     for _ in range(24):
