@@ -161,7 +161,7 @@ bool Bisection::settle(Pairs& pairs, std::vector<Interval>& todo, Search& search
 
 std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, Search& search,
                                      const Approach* approach) {
-  const double c = search.clearance;
+  const double c = search.clearance, most = static_cast<double>(todo.size()) + MOST_OPEN_INTERVALS;
   for (int level = 0; level < depth_; ++level) {
     const bool settled =
         std::all_of(todo.begin(), todo.end(), [](const Interval& x) { return x.exact_low && x.exact_high; });
@@ -216,6 +216,7 @@ std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, S
       }
     }
     std::swap(todo, next);
+    if (approach != nullptr && static_cast<double>(todo.size()) > most) break;
   }
   return todo;
 }

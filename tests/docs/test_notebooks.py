@@ -8,6 +8,8 @@ import re
 import sys
 from importlib.metadata import packages_distributions
 from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import pytest
 from cases import each, refused
@@ -17,15 +19,12 @@ if sys.version_info >= (3, 11):
 else:
     tomllib = pytest.importorskip("tomli")
 
-nbformat = pytest.importorskip("nbformat")
-pytest.importorskip("nbclient")
-pytest.importorskip("ipykernel")
-pytest.importorskip("ipywidgets")
-pytest.importorskip("matplotlib")
-pytest.importorskip("mkdocs")
-from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
-from mkdocs.exceptions import PluginError  # noqa: E402
-from mkdocs.structure.files import Files  # noqa: E402
+for _needed in ("nbformat", "nbclient", "ipykernel", "ipywidgets", "matplotlib", "mkdocs"):
+    if importlib.util.find_spec(_needed) is None:
+        pytest.skip(f"{_needed} is not installed", allow_module_level=True)
+
+if TYPE_CHECKING:
+    from nbformat import NotebookNode
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -33,19 +32,28 @@ PAGE = 500_000  # bytes of the largest page: a notebook has several
 TEXT = 60_000  # characters of a page of the site, without what stands in files beside it
 LINES = 1400  # characters of a Markdown cell: two or three sentences, and what they are about
 
-_spec = importlib.util.spec_from_file_location("site_notebooks", ROOT / "scripts" / "site_notebooks.py")
-assert _spec is not None
-assert _spec.loader is not None
-site_notebooks = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(site_notebooks)
+
+@pytest.fixture(scope="module")
+def site_notebooks() -> ModuleType:
+    """The hook of the site. What it imports takes seconds, and is not waited for where tests are only collected."""
+    spec = importlib.util.spec_from_file_location("site_notebooks", ROOT / "scripts" / "site_notebooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _code(path: Path) -> str:
+    import nbformat
+
     notebook = nbformat.read(path, as_version=4)
     return "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "code")
 
 
 def test_they_are_a_numbered_series() -> None:
+    import nbformat
+
     assert [path.name[:2] for path in NOTEBOOKS] == [f"{k:02d}" for k in range(1, len(NOTEBOOKS) + 1)]
     assert len(NOTEBOOKS) >= 10
     for path in NOTEBOOKS:
@@ -55,6 +63,8 @@ def test_they_are_a_numbered_series() -> None:
 
 @each("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_outputs_are_stripped(path: Path) -> None:
+    import nbformat
+
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
     assert notebook.metadata.kernelspec.name == "python3"
@@ -84,7 +94,7 @@ def test_their_extra_brings_what_they_import() -> None:
 
 @pytest.mark.notebook
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
-def test_notebook_runs_and_makes_a_page(path: Path) -> None:
+def test_notebook_runs_and_makes_a_page(path: Path, site_notebooks: ModuleType) -> None:
     notebook = site_notebooks.executed(path)  # where the site has not done it, and changes of nothing that it rests on
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     for output in outputs:
@@ -103,16 +113,20 @@ def test_notebook_runs_and_makes_a_page(path: Path) -> None:
     assert not re.search(r"<(script|link)\b|127\.0\.0\.1:\d", shown)  # what loads something, or a server that is gone
 
 
-def notebook_of(*outputs: nbformat.NotebookNode) -> nbformat.NotebookNode:
+def notebook_of(*outputs: NotebookNode) -> NotebookNode:
+    import nbformat
+
     title, code = nbformat.v4.new_markdown_cell("# 1 · Title"), nbformat.v4.new_code_cell("do()", outputs=list(outputs))
     return nbformat.v4.new_notebook(cells=[title, code])
 
 
-def test_a_page_has_all_that_a_notebook_shows() -> None:
-    def shown(data: dict[str, str]) -> nbformat.NotebookNode:
+def test_a_page_has_all_that_a_notebook_shows(site_notebooks: ModuleType) -> None:
+    import nbformat
+
+    def shown(data: dict[str, str]) -> NotebookNode:
         return nbformat.v4.new_output("display_data", data)
 
-    def said(text: str) -> nbformat.NotebookNode:
+    def said(text: str) -> NotebookNode:
         return nbformat.v4.new_output("stream", text=text)
 
     text, files = site_notebooks.page(
@@ -137,12 +151,18 @@ def test_a_page_has_all_that_a_notebook_shows() -> None:
     assert text.count("run the notebook") == 2
 
 
-def test_an_output_that_no_page_shows_is_said() -> None:
+def test_an_output_that_no_page_shows_is_said(site_notebooks: ModuleType) -> None:
+    import nbformat
+
     with refused(ValueError, "page", "'error'"):
         site_notebooks.page(notebook_of(nbformat.v4.new_output("error", ename="E", evalue="", traceback=[])), "page")
 
 
-def test_outputs_are_kept_until_something_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outputs_are_kept_until_something_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, site_notebooks: ModuleType
+) -> None:
+    import nbformat
+
     monkeypatch.setattr(site_notebooks, "KEPT", tmp_path / "kept")
     path = tmp_path / "one.ipynb"
     nbformat.write(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("import uuid\nuuid.uuid4().hex")]), path)
@@ -158,7 +178,11 @@ def test_outputs_are_kept_until_something_changes(tmp_path: Path, monkeypatch: p
     assert output() not in (first, second)
 
 
-def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch, site_notebooks: ModuleType) -> None:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.exceptions import PluginError
+    from mkdocs.structure.files import Files
+
     def missing(path: Path) -> None:
         raise ModuleNotFoundError("No module named 'nbclient'")
 

@@ -6,6 +6,7 @@ import inspect
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from multiprocessing import util
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -49,11 +50,12 @@ def mark(item: pytest.Item, listed: set[str]) -> None:
             item.add_marker(name)
     definitions = item._fixtureinfo.name2fixturedefs  # pytest has no public way to a fixture's function
     functions = [item.function, *(d.func for many in definitions.values() for d in many)]
-    if _PROGRAMS & _referred(functions):
+    if _PROGRAMS & _referred(tuple(functions)):
         item.add_marker("process")
 
 
-def _referred(functions: list[object]) -> set[str]:
+@cache
+def _referred(functions: tuple[object, ...]) -> set[str]:
     """Names of modules, classes and functions that these refer to, through functions and classes of the tests."""
     found: set[str] = set()
     seen: set[int] = set()
@@ -73,12 +75,19 @@ def _referred(functions: list[object]) -> set[str]:
                 found.add(value.__name__.partition(".")[0])
             elif isinstance(value, (FunctionType, type)):
                 found.add(value.__name__)
-                file = getattr(sys.modules.get(value.__module__), "__file__", None)
-                if file is not None and TESTS in Path(file).parents:
+                if _is_ours(value.__module__):
                     todo.append(value)
     return found
 
 
+@cache
+def _is_ours(module: str) -> bool:
+    """Whether a module is one of the tests'."""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return file is not None and TESTS in Path(file).parents
+
+
+@cache
 def _names(code: CodeType) -> set[str]:
     inner = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
     return set(code.co_names).union(*map(_names, inner))

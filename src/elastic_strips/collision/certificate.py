@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.constants import CAPSULE_LOOSE, EXACT_WITHIN, GJK_EXCESS
+from elastic_strips.constants import CAPSULE_LOOSE, EXACT_WITHIN, GJK_EXCESS, MOST_OPEN_INTERVALS
 from elastic_strips.robot import Kinematics
 from elastic_strips.summary import Summary
 
@@ -281,7 +281,7 @@ class Bisection:
     def run(
         self, pairs: Pairs, todo: OpenIntervals, search: Search, depth: int, total: Array | None = None
     ) -> OpenIntervals:
-        """Halve the open intervals, level by level; returns those that are still open after ``depth`` levels.
+        """Halve the open intervals, level by level; returns those that are open after ``depth`` levels, or too many.
 
         Args:
             pairs: how the intervals' pairs are measured.
@@ -291,6 +291,7 @@ class Bisection:
             total: (N, pairs) how far the two of each pair can have come nearer to each other since the first node [m];
                 None where all intervals lie in one segment.
         """
+        most = len(todo) + MOST_OPEN_INTERVALS
         for _level in range(depth):
             single = todo.high - todo.low <= 1.0
             if not (todo.exact_low.all() and todo.exact_high.all()):
@@ -333,6 +334,8 @@ class Bisection:
                 keep_left &= alive
                 keep_right &= alive
             todo = left.take(keep_left).joined(right.take(keep_right))
+            if total is not None and len(todo) > most:
+                break
         return todo
 
     def _settle(self, pairs: Pairs, todo: OpenIntervals, search: Search, single: Mask, end: str) -> bool:

@@ -281,7 +281,8 @@ class LocalPlanner:
             self._evasion_took = self.pace.reading() - before
             watch.mark("evasion")
         refused = not result.accepted and result.outcome is not PlanOutcome.BRAKE
-        if refused and not timed and self._runs_on(start, report):  # from a velocity that points elsewhere
+        beside = self._joins or self.off_strip  # only from there: on its strip, a robot keeps to what it has
+        if refused and not timed and beside and self._runs_on(start, report):  # from a velocity that points elsewhere
             curve = None if curved else self._curved(start, active, outlook, report, watch)
             result = self.timer.joining(result, start, outlook, watch, self._keeper) if curve is None else curve
         on_strip = result.outcome in (PlanOutcome.FOLLOW, PlanOutcome.ARRIVE)

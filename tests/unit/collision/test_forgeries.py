@@ -14,13 +14,12 @@ from forgeries import FORGERIES, Claim, archives, true_claims, verdict
 
 from elastic_strips import proof_checker as checker
 
-TRUE = {**true_claims(), **{f"like a forgery: {name}": made for name, made in more_forgeries.true_claims().items()}}
 FALSE = {**FORGERIES, **{f"more: {k}": v for k, v in (more_forgeries.GEOMETRY | more_forgeries.STATEMENTS).items()}}
 
 
-@each("name", TRUE)
-def test_what_is_true_is_taken(name, tmp_path):
-    assert verdict(TRUE[name].save(tmp_path / "proof.npz"))[0] == 0
+def test_what_is_true_is_taken(tmp_path):
+    for claims in (true_claims(), more_forgeries.true_claims()):
+        assert [name for name, made in claims.items() if verdict(made.save(tmp_path / "proof.npz"))[0] != 0] == []
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -95,6 +95,27 @@ def test_a_motion_that_leads_nowhere_is_none(silvermate):
     assert result.reason == "the motion along the strip leads nowhere"
 
 
+@each("beside", [False, True])
+def test_only_what_was_taken_at_speed_is_turned_to_at_speed(silvermate, beside, monkeypatch):
+    """On its own strip, where no motion is found along it, a robot keeps to the one it has, comes to rest and turns
+    there: among what comes in view it would leave a way that is free for one that is not."""
+    ride = Ride(silvermate, Scene([PILLAR.observed(PILLAR.pose, None)]))
+    for _ in range(24):
+        ride.tick()
+    here = ride.active.at(ride.time + 0.02)
+    assert here.v[0] > 0.5
+    away = here.coordinates + np.linspace(0.0, 2.0, 11)[:, None] * np.eye(len(here.coordinates))[1]
+    away[1:, 2] = 0.5 * np.pi
+    ride.planner.take(Strip.from_coordinates(silvermate, away), beside=beside)
+    motion = ride.planner.timer.motion
+
+    def none(*args, **options):
+        return replace(motion(*args, **options), outcome=PlanOutcome.NONE, motion=None, certificate=None)
+
+    monkeypatch.setattr(ride.planner.timer, "motion", none)
+    assert (ride.tick().outcome is PlanOutcome.JOIN) is beside
+
+
 def moved(scene: Scene, name: str, by: tuple[float, float, float]) -> Scene:
     pose = scene.obstacle(name).pose.copy()
     pose[:3, 3] += by

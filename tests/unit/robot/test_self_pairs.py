@@ -380,7 +380,7 @@ def test_what_touches_in_a_free_posture_is_a_listed_pair(name, held, rng):
     known = find_robot(name)
     robot = load_robot(name, base="fixed", locked=held)
     listed = {frozenset(pair.links) for pair in robot.unchecked_pairs}
-    free = mesh_touches(robot, str(known.urdf), [str(d) for d in known.package_dirs], rng, 150)
+    free = mesh_touches(robot, str(known.urdf), [str(d) for d in known.package_dirs], rng, 60)
     assert free <= listed, [sorted(pair) for pair in free - listed]
 
 
