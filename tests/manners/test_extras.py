@@ -36,14 +36,6 @@ def _mujoco(robot: es.RobotModel) -> object:
     return make_simulation(es.get_scenario("case-1"), robot=robot, plant="mujoco")
 
 
-def _embree(robot: es.RobotModel) -> object:
-    from elastic_strips.scene import World
-    from elastic_strips.sim.sensors.obstacle_rays import ObstacleRays
-
-    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    return ObstacleRays(World(es.Scene([es.scene.ConvexHull(corners)])))
-
-
 def _tree(robot: es.RobotModel) -> object:
     from elastic_strips.control.tasks import SequencingLayer
 
@@ -107,7 +99,6 @@ def _png(robot: es.RobotModel) -> object:
     ("package", "extra", "use"),
     [
         ("mujoco", "sim", _mujoco),
-        ("embreex", "sensing", _embree),
         ("py_trees", "control", _tree),
         ("matplotlib", "study", _study),
         ("imageio", "film", _film),
@@ -141,7 +132,7 @@ def test_a_drive_without_mujoco_ends_with_the_command_and_no_traceback(monkeypat
 def test_what_the_notebooks_need_is_in_their_extra():
     extras = tomllib.loads(PROJECT.read_text())["project"]["optional-dependencies"]
     names = {line.split(">")[0] for line in extras["notebooks"]}
-    assert {"ipywidgets", "matplotlib", "py_trees", "embreex"} <= names  # imported, and what rays against meshes need
+    assert {"ipywidgets", "matplotlib", "py_trees"} <= names
 
 
 @each("error", [RetimingError, PerceptionError, MissingExtraError])
