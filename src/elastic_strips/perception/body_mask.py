@@ -33,15 +33,16 @@ class BodyMask:
         self.margin: float = check_number("margin", margin, low=0.0, unit="m")
         pieces = robot.geometries
         self._posture = Posture(robot)
-        self._bodies = RayBodies([piece.geometry for piece in pieces], self.margin)
+        # as they are, too: of a body within whose margin the sensor is, its own surface is what covers
+        self._layers = [RayBodies([piece.geometry for piece in pieces], grown) for grown in {self.margin, 0.0}]
         self._joint = np.array([piece.joint for piece in pieces], dtype=np.intp)
         self._local = np.array([piece.placement for piece in pieces]).reshape(-1, 4, 4)
 
     def covered(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> Mask:
         """(H, W) pixels along which the robot may be met before, or where, the image says that something is.
 
-        Something nearer than the robot by more than the margin is not of the robot. A body that the sensor is in, or
-        within the margin of, is its housing: it covers nothing.
+        Something nearer than the robot by more than the margin is not of the robot. A body that the sensor is in is its
+        housing: it covers nothing.
 
         Args:
             image: an image.
@@ -57,15 +58,15 @@ class BodyMask:
             raise ParameterError(f"the image of {image.sensor!r} does not say how the robot stood: hand over its q")
         self._posture.place(self.robot.space.to_coordinates(self.robot.check_q(q)))
         T = self._posture.T_base_world @ self._posture.T_world_joint[self._joint] @ self._local
-        self._bodies.place(np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3])
         directions = image.directions()
         stretch = np.linalg.norm(directions, axis=-1)
         local = Rays(np.zeros((1, 3)), (directions / stretch[..., None]).reshape(-1, 3))
         longest = image.depth_max if isinstance(image, DepthImage) else image.range_max
         nearest = Nearest(stretch.size)
-        self._bodies.cast(
-            local.moved(image.T_base_sensor), nearest, reach=longest * float(stretch.max()), inside=np.inf
-        )
+        rays, reach = local.moved(image.T_base_sensor), longest * float(stretch.max())
+        for bodies in self._layers:
+            bodies.place(np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3])
+            bodies.cast(rays, nearest, reach=reach, inside=np.inf)
         own = nearest.distance.reshape(stretch.shape)
         measured = image.ranges * stretch
         return np.isfinite(own) & ~(measured < own)
