@@ -18,7 +18,7 @@ from elastic_strips.control.params import DriveParams, ObstacleAssumptions, Tole
 from elastic_strips.control.record import TickStatistics
 from elastic_strips.control.supervisor import RunLog
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, nearest_name
-from elastic_strips.perception import Reading
+from elastic_strips.perception import LaserScan, RangeRing, Reading
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene, World
 from elastic_strips.sim.closed_loop import Simulation, prepare
@@ -232,6 +232,8 @@ class BaseController:
                 self.steering.see(seen)
         elif not isinstance(seen, Scene):
             for reading in seen or ():
+                if not isinstance(reading, (LaserScan, RangeRing)):
+                    continue  # methods of the plane understand no images
                 self.steering.update(reading, self._past.at(reading.time))
         if self._steps % self.params.plan_every == 0:
             self._steer(t)

@@ -13,9 +13,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import Reading
 from elastic_strips.trajectory.limits import MotionLimits
 from elastic_strips.validation import Checked, NonNegative, Positive
+
+from .certainty_grid import PlanarReading
 
 Status = Literal["moving", "arrived", "blocked"]
 
@@ -96,7 +97,7 @@ class BaseMethod(Protocol):
 
     name: str
 
-    def update(self, reading: Reading, pose: Array) -> None:
+    def update(self, reading: PlanarReading, pose: Array) -> None:
         """Take in a reading.
 
         Args:

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.perception import LaserScan, RangeRing, Reading
+from elastic_strips.perception import LaserScan, RangeRing
 from elastic_strips.validation import Bound, Checked, Positive
 
 Flags = npt.NDArray[np.bool_]
@@ -48,7 +48,11 @@ class PlanarRays:
         return self.start + self.length[:, None] * np.stack((np.cos(self.bearing), np.sin(self.bearing)), axis=1)
 
 
-def planar_rays(reading: Reading, pose: Array) -> PlanarRays:
+PlanarReading = LaserScan | RangeRing
+"""What methods of the plane understand: no images."""
+
+
+def planar_rays(reading: PlanarReading, pose: Array) -> PlanarRays:
     """The rays of a reading, taken at a pose (x, y, yaw) of the base; heights are left out."""
     if isinstance(reading, LaserScan):
         a, T = reading.angles, reading.T_base_sensor
@@ -82,7 +86,7 @@ class SensedPoints:
         self._rings: dict[str, tuple[PlanarRays, float]] = {}
         self._points: Array | None = np.zeros((0, 2))
 
-    def update(self, reading: Reading, pose: Array) -> None:
+    def update(self, reading: PlanarReading, pose: Array) -> None:
         """Replace the points of a reading's sensor; ``pose`` is the base's (x, y, yaw) at its time."""
         rays = planar_rays(reading, pose)
         if not len(rays.hit):
@@ -175,7 +179,7 @@ class CertaintyGrid:
             self.values = moved
         self.first, self._placed = first, True
 
-    def update(self, reading: Reading, pose: Array) -> None:
+    def update(self, reading: PlanarReading, pose: Array) -> None:
         """Add a reading that was taken at a pose (x, y, yaw) of the base; the window follows the base."""
         self.follow(pose)
         rays = planar_rays(reading, pose)

@@ -15,12 +15,11 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import Reading
 from elastic_strips.planning.grid_path import cheapest_path
 from elastic_strips.validation import Bound, Count, Positive, check_fields
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
-from .certainty_grid import SensedPoints
+from .certainty_grid import PlanarReading, SensedPoints
 
 
 class FreeDistance:
@@ -254,7 +253,7 @@ class ElasticBand:
         self._goal: Array | None = None
         self._planned_at = -math.inf
 
-    def update(self, reading: Reading, pose: Array) -> None:
+    def update(self, reading: PlanarReading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
         self._sensed.update(reading, pose)
 

@@ -17,11 +17,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import Reading
 from elastic_strips.validation import Checked, Count, Fraction, NonNegative, Positive, check_fields
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
-from .certainty_grid import CertaintyGrid, GridParams, SensedPoints, make_grid
+from .certainty_grid import CertaintyGrid, GridParams, PlanarReading, SensedPoints, make_grid
 
 _SECTOR_COUNT = 72  # sectors of 5 degrees in which only the nearest point counts
 _SECTORS_OF_NEAREST = 9  # sectors (45 degrees) within which a point must be the nearest one
@@ -114,7 +113,7 @@ class PotentialField:
         self._sensed = SensedPoints()
         self._damping = self.params.attraction * self.params.conic / limits.max_speed
 
-    def update(self, reading: Reading, pose: Array) -> None:
+    def update(self, reading: PlanarReading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
         self._sensed.update(reading, pose)
 
@@ -235,7 +234,7 @@ class VirtualForceField:
         self._limiter = CommandLimiter(limits, goal)
         self._turn = 0.0
 
-    def update(self, reading: Reading, pose: Array) -> None:
+    def update(self, reading: PlanarReading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
         self.grid.update(reading, pose)
 

@@ -18,11 +18,10 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import Reading
 from elastic_strips.validation import Bound, Count, NonNegative, Positive, check_fields
 
 from .base_method import BaseCommand, BaseLimits, CommandLimiter, GoalParams, angle_between
-from .certainty_grid import CertaintyGrid, Flags, GridParams, make_grid
+from .certainty_grid import CertaintyGrid, Flags, GridParams, PlanarReading, make_grid
 
 
 def primary_histogram(
@@ -256,7 +255,7 @@ class VectorFieldHistogram:
         self.blocked: Mask = np.zeros(self.params.sectors, dtype=bool)
         self.direction: float | None = None
 
-    def update(self, reading: Reading, pose: Array) -> None:
+    def update(self, reading: PlanarReading, pose: Array) -> None:
         """Take in a reading, taken at ``pose`` (x, y, yaw)."""
         self.grid.update(reading, pose)
 

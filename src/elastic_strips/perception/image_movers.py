@@ -107,13 +107,15 @@ def moving_clusters(
     cells -= cells.min(axis=0) - 1
     grid = np.zeros(cells.max(axis=0) + 2, dtype=bool)
     grid[cells[:, 0], cells[:, 1]] = True
-    groups, _ = label(grid, structure=np.ones((3, 3)))
+    groups = np.empty(grid.shape, dtype=np.int32)
+    label(grid, structure=np.ones((3, 3)), output=groups)
     group = groups[cells[:, 0], cells[:, 1]]
     count = np.bincount(group, weights=evidence[loose])
     found = []
     for k in np.flatnonzero(count >= _LEAST_EVIDENCE):
         mine = flat[group == k]
-        bearing = np.unwrap(np.arctan2(*(mine - origin).T[::-1]))
+        away = mine - origin
+        bearing = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
         order = np.argsort(bearing, kind="stable")
         cluster = Cluster(_outline(mine[order], bearing[order], origin), origin, False, True)
         if cluster.extent <= params.max_mover_size:

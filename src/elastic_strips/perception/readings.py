@@ -214,8 +214,7 @@ def camera_directions(rows: int, columns: int, focal: tuple[float, float], cente
     """(H, W, 3) where the middles of a camera's pixels look, in its frame: a depth of one along z."""
     u = (np.arange(columns) - center[0]) / focal[0]
     v = (np.arange(rows) - center[1]) / focal[1]
-    x, y = np.meshgrid(u, v)
-    return np.stack((x, y, np.ones_like(x)), axis=-1)
+    return np.stack(np.broadcast_arrays(u, v[:, None], 1.0), axis=-1)
 
 
 def turning_directions(rows: int, columns: int, azimuth: tuple[float, float], elevation: tuple[float, float]) -> Array:

@@ -162,7 +162,8 @@ class VolumeTwin:
 
     def _cells(self, points: Array) -> tuple[Indices, Mask]:
         at = np.floor(points / self._cell).astype(np.intp) - self._corner
-        return at, ((at >= 0) & (at < self._shape)).all(axis=1)
+        inside: Mask = np.all((at >= 0) & (at < self._shape), axis=1)
+        return at, inside
 
     def _pass(self, voxels: Indices, sure: Mask | bool) -> None:
         at, surely = voxels - self._corner, np.broadcast_to(sure, len(voxels))

@@ -427,7 +427,7 @@ class Voxels(Obstacle):
         edges, centers = np.full(3, cell), (np.concatenate(cells) + 0.5) * cell
         centers.flags.writeable = edges.flags.writeable = False
         made = cls.__new__(cls)
-        solid = boxes_solid(low * cell, high * cell)
+        solid = boxes_solid(cell * low.astype(float), cell * high.astype(float))
         made._fill(
             "voxels", {"centers": centers, "size": edges}, solid, np.zeros(3), np.array([0.0, 0, 0, 1]), name, None
         )
