@@ -142,7 +142,7 @@ def parameter_classes() -> list[type]:
         if re.search("Checked|check_fields|Positive", text) and path.name != "validation.py":
             module = importlib.import_module(".".join(path.relative_to(package.parent).with_suffix("").parts))
             found += [c for c in vars(module).values() if isinstance(c, type) and c.__module__ == module.__name__]
-    bases = ("StripParams", "RangeParams", "RingParams")
+    bases = ("StripParams", "RangeParams", "RingParams", "ImageParams")
     return [c for c in found if hasattr(c, "__post_init__") and c.__name__ not in bases]
 
 

@@ -38,10 +38,21 @@ def pose(x=0.0, y=0.0, z=1.0, yaw=0.0, tilt=0.0) -> np.ndarray:
     return T
 
 
+_MET: dict[tuple[int, bytes, bytes], np.ndarray] = {}
+
+
+def met(scene: Scene, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """What is asked again and again is marched once."""
+    key = (id(scene), origin.tobytes(), directions.tobytes())
+    if key not in _MET:
+        _MET[key] = marched(scene, origin, directions, 9.0)
+    return _MET[key].copy()
+
+
 def marched(scene: Scene, origin: np.ndarray, directions: np.ndarray, reach: float) -> np.ndarray:
     """Where unit rays meet a scene or the floor, by walking along them: nothing is shared with the package's rays."""
     at = np.zeros(len(directions))
-    for _ in range(150):
+    for _ in range(100):
         points = origin + at[:, None] * directions
         step = np.minimum(outside_scene(points, scene), points[:, 2])
         at = np.where(at < reach, at + np.maximum(0.9 * step, 0.0), at)
@@ -53,7 +64,7 @@ def depth_image(scene: Scene, T: np.ndarray, rows=48, columns=64, focal=45.0, no
     d = camera_directions(rows, columns, (focal, focal), center).reshape(-1, 3)
     T = T @ np.block([[LOOKS, np.zeros((3, 1))], [np.zeros((1, 3)), 1.0]])
     stretch = np.linalg.norm(d, axis=1)
-    depth = marched(scene, T[:3, 3], (d / stretch[:, None]) @ T[:3, :3].T, 12.0) / stretch
+    depth = met(scene, T[:3, 3], (d / stretch[:, None]) @ T[:3, :3].T) / stretch
     if noise is not None:
         there = np.where(np.isfinite(depth), depth, 0.0)
         depth = depth + np.clip(noise.standard_normal(depth.shape), -3, 3) * SMALL.sigma(there)
@@ -62,10 +73,10 @@ def depth_image(scene: Scene, T: np.ndarray, rows=48, columns=64, focal=45.0, no
     return DepthImage("camera", 0.0, T, depth.reshape(rows, columns), (focal, focal), center, 0.2, 8.0)
 
 
-def range_image(scene: Scene, T: np.ndarray, rows=64, columns=200) -> RangeImage:
+def range_image(scene: Scene, T: np.ndarray, rows=48, columns=150) -> RangeImage:
     azimuth, elevation = (-math.pi, math.pi - 2.0 * math.pi / columns), (-0.6, 0.5)
     d = turning_directions(rows, columns, azimuth, elevation).reshape(-1, 3)
-    ranges = marched(scene, T[:3, 3], d @ T[:3, :3].T, 12.0).reshape(rows, columns)
+    ranges = met(scene, T[:3, 3], d @ T[:3, :3].T).reshape(rows, columns)
     return RangeImage("lidar", 0.0, T, ranges, azimuth, elevation, 0.1, 12.0)
 
 
@@ -150,7 +161,7 @@ def test_the_kernel_and_its_twin_know_the_same(make):
     for other in (False, True):
         with twin() if other else nullcontext():
             maps.append(VolumeMap(SMALL))
-    for k, T in enumerate([*VIEWS, *VIEWS[:2]]):
+    for k, T in enumerate([*VIEWS, VIEWS[1]]):
         image = make(ROOM, T)
         base = pose(z=0.0, yaw=float(rng.uniform(-0.5, 0.5)))
         base[:2, 3] = (0.45 * k, -0.3 * k) if k > 2 else (0.0, 0.0)

@@ -75,7 +75,7 @@ def test_what_a_file_leaves_out_is_the_default(tmp_path):
         ("sensors:\n  a:\n    kind: laser\n    dropout: high\n", r":4: sensors\.a\.dropout: must be a number"),
         ("sensors:\n  a:\n    kind: laser\n    rays: 3.5\n", r":4: sensors\.a\.rays: must be an integer"),
         ("sensors:\n  a: {kind: lasr}\n", r":2: sensors\.a\.kind: .*did you mean 'laser'"),
-        ("sensors:\n  a: {rate: 3}\n", r"the key 'kind' is missing.*infrared, laser, sonar"),
+        ("sensors:\n  a: {rate: 3}\n", r"the key 'kind' is missing.*depth, infrared, laser, lidar, sonar"),
         ("sensors: [laser]\n", "must be a mapping of names to sensors"),
         ("sensors:\n  a: 3\n", "must be a mapping"),
         ("sensor: {}\n", "did you mean 'sensors'"),
