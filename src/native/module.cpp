@@ -836,18 +836,13 @@ void bind_volume(nb::module_& m) {
     Sizes()("n3 n", points, known);
     self.look(points.data(), known.size(), known.data());
   });
-  unlocked(map, "set", [](VolumeMap& self, Reals points, int known) {
-    Sizes()("n3", points);
-    require(known >= -128 && known < 128, "evidence out of its bounds");
-    self.set(points.data(), points.shape(0), static_cast<std::int8_t>(known));
-  });
-  map.def("changed", [](VolumeMap& self, bool unseen) {
-    std::vector<std::int64_t> blocks = self.changed(unseen);
+  map.def("changed", [](VolumeMap& self) {
+    std::vector<std::int64_t> blocks = self.changed();
     return given_away(blocks);
   });
-  map.def("boxes", [](const VolumeMap& self, Numbers block, bool unseen) {
+  map.def("boxes", [](const VolumeMap& self, Numbers block) {
     Sizes()("3", block);
-    std::vector<std::int64_t> boxes = self.boxes(block.data(), unseen);
+    std::vector<std::int64_t> boxes = self.boxes(block.data());
     return given_away(boxes);
   });
   map.def("count", &VolumeMap::count);

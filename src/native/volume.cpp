@@ -159,8 +159,7 @@ VolumeMap::VolumeMap(const std::int64_t* blocks, const std::int64_t* corner, dou
   known_.assign(count * VOLUME, UNSEEN);
   filled_.assign(count, Bits{});
   hit_.assign(count, Bits{});
-  obstacles_.noted.assign(count, 0);
-  unseen_.noted.assign(count, 0);
+  noted_.assign(count, 0);
 }
 
 bool VolumeMap::inside(const Block& block) const {
@@ -203,15 +202,14 @@ bool VolumeMap::locate(const double* point, std::size_t& at, int& voxel) const {
   return true;
 }
 
-void VolumeMap::note(Changes& changes, std::size_t at) {
-  if (changes.noted[at]) return;
-  changes.noted[at] = 1;
-  changes.blocks.push_back(block_of(at));
+void VolumeMap::note(std::size_t at) {
+  if (noted_[at]) return;
+  noted_[at] = 1;
+  changed_.push_back(block_of(at));
 }
 
 void VolumeMap::put(std::size_t at, int voxel, int known) {
   std::int8_t& now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
-  if ((now == UNSEEN) != (known == UNSEEN)) note(unseen_, at);
   now = static_cast<std::int8_t>(known);
   std::uint64_t& word = filled_[at][static_cast<std::size_t>(voxel / 64)];
   const std::uint64_t bit = std::uint64_t{1} << (voxel % 64);
@@ -219,7 +217,7 @@ void VolumeMap::put(std::size_t at, int voxel, int known) {
   const bool is = known != UNSEEN && (was ? known >= evidence_.emptied : known > evidence_.filled);
   if (was == is) return;
   word ^= bit;
-  note(obstacles_, at);
+  note(at);
 }
 
 void VolumeMap::pass(std::size_t at, int voxel, bool sure) {
@@ -240,11 +238,10 @@ void VolumeMap::roll(const std::int64_t* corner) {
     for (int k = 0; k < 3; ++k) stays = stays && block[k] >= next[k] && block[k] < next[k] + blocks_[k];
     if (stays) continue;
     const bool full = std::any_of(filled_[at].begin(), filled_[at].end(), [](std::uint64_t word) { return word != 0; });
-    if (full) note(obstacles_, at);
-    note(unseen_, at);
+    if (full) note(at);
     std::fill_n(known_.begin() + static_cast<std::ptrdiff_t>(at * VOLUME), VOLUME, UNSEEN);
     filled_[at] = hit_[at] = Bits{};
-    obstacles_.noted[at] = unseen_.noted[at] = 0;  // what comes into this place is another block
+    noted_[at] = 0;  // what comes into this place is another block
   }
   corner_ = next;
 }
@@ -342,38 +339,21 @@ void VolumeMap::look(const double* points, std::size_t count, std::int8_t* known
   }
 }
 
-void VolumeMap::set(const double* points, std::size_t count, std::int8_t known) {
-  for (std::size_t i = 0; i < count; ++i) {
-    std::size_t at;
-    int voxel;
-    if (locate(points + 3 * i, at, voxel)) put(at, voxel, known);
-  }
-}
-
-std::vector<std::int64_t> VolumeMap::changed(bool unseen) {
-  Changes& changes = unseen ? unseen_ : obstacles_;
+std::vector<std::int64_t> VolumeMap::changed() {
   std::vector<std::int64_t> all;
-  for (const Block& block : changes.blocks) {
+  for (const Block& block : changed_) {
     all.insert(all.end(), block.begin(), block.end());
-    if (inside(block)) changes.noted[slot(block)] = 0;
+    if (inside(block)) noted_[slot(block)] = 0;
   }
-  changes.blocks.clear();
+  changed_.clear();
   return all;
 }
 
 // Runs along z, equal runs beside each other along y, and equal rectangles along x.
-std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at, bool unseen) const {
+std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at) const {
   const Block block{at[0], at[1], at[2]};
-  Bits left{};
-  const bool here = inside(block);
-  if (here && !unseen) left = filled_[slot(block)];
-  if (unseen) {
-    const std::int8_t* known = here ? &known_[slot(block) * VOLUME] : nullptr;
-    for (int voxel = 0; voxel < VOLUME; ++voxel) {
-      const bool hidden = known == nullptr || known[voxel] == UNSEEN;
-      if (hidden) left[static_cast<std::size_t>(voxel / 64)] |= std::uint64_t{1} << (voxel % 64);
-    }
-  }
+  if (!inside(block)) return {};
+  Bits left = filled_[slot(block)];
   std::vector<std::int64_t> found;
   for (int x = 0; x < kEdge; ++x) {
     while (left[static_cast<std::size_t>(x)] != 0) {

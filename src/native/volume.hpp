@@ -55,31 +55,24 @@ class VolumeMap {
   // What is known of the voxels that points (n, 3) [m] lie in; UNSEEN outside of the window.
   void look(const double* points, std::size_t count, std::int8_t* known) const;
 
-  // Have it known of those voxels.
-  void set(const double* points, std::size_t count, std::int8_t known);
+  // Blocks (n, 3) whose obstacles are not what they were when this was last asked.
+  std::vector<std::int64_t> changed();
 
-  // Blocks (n, 3) whose obstacles, or whose unseen voxels, are not what they were when this was last asked.
-  std::vector<std::int64_t> changed(bool unseen);
+  // Boxes (n, 6), low and high in voxels of space, that the obstacles in a block (3) consist of.
+  std::vector<std::int64_t> boxes(const std::int64_t* block) const;
 
-  // Boxes (n, 6), low and high in voxels of space, that the obstacles in a block (3) consist of, or what is unseen.
-  std::vector<std::int64_t> boxes(const std::int64_t* block, bool unseen) const;
-
+  // How many voxels are obstacles, or were never seen.
   std::size_t count(bool unseen) const;
 
  private:
   using Bits = std::array<std::uint64_t, EDGE>;  // bit 8 y + z of word x
-  struct Changes {
-    std::vector<Block> blocks;
-    std::vector<std::uint8_t> noted;
-  };
-
   bool inside(const Block& block) const;
   std::size_t slot(const Block& block) const;
   Block block_of(std::size_t at) const;
   bool locate(const double* point, std::size_t& at, int& voxel) const;
   void put(std::size_t at, int voxel, int known);
   void pass(std::size_t at, int voxel, bool sure);
-  void note(Changes& changes, std::size_t at);
+  void note(std::size_t at);
 
   Block blocks_, corner_;
   double cell_;
@@ -87,7 +80,8 @@ class VolumeMap {
   std::vector<std::int8_t> known_;  // of each block's voxels: 64 x + 8 y + z
   std::vector<Bits> filled_, hit_;
   std::vector<std::size_t> touched_;  // blocks with bits in hit_
-  Changes obstacles_, unseen_;
+  std::vector<Block> changed_;
+  std::vector<std::uint8_t> noted_;  // blocks that are among them
 };
 
 }  // namespace strips

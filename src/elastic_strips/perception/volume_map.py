@@ -209,27 +209,23 @@ class VolumeMap:
         free, full = found <= -round(0.5 * p.floor / _UNIT), found > round(p.occupied / _UNIT)
         return np.where(found == UNSEEN, -1, np.where(free, 0, np.where(full, 1, -1))).astype(np.int8)
 
-    def see(self, points: Array) -> None:
-        """Voxels of points (n, 3) [m] are free, whatever was seen there: the robot is there."""
-        self._map.set(np.ascontiguousarray(points, dtype=float), -round(self.params.floor / _UNIT))
-
     def obstacles(self) -> list[Obstacle]:
         """What stands, one obstacle a block; blocks in which nothing changed are the same objects as before."""
-        for block in self._map.changed(False).reshape(-1, 3):
+        for block in self._map.changed().reshape(-1, 3):
             key = (int(block[0]), int(block[1]), int(block[2]))
-            made = self._box_obstacle(np.ascontiguousarray(block), self.name, unseen=False)
+            made = self._obstacle(np.ascontiguousarray(block))
             if made is None:
                 self._made.pop(key, None)
             else:
                 self._made[key] = made
         return list(self._made.values())
 
-    def _box_obstacle(self, block: Indices, name: str, *, unseen: bool) -> Obstacle | None:
-        boxes = self._map.boxes(block, unseen).reshape(-1, 6)
+    def _obstacle(self, block: Indices) -> Obstacle | None:
+        boxes = self._map.boxes(block).reshape(-1, 6)
         if not len(boxes):
             return None
         i, j, k = block.tolist()
-        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], self.params.cell, f"{name}-{i}-{j}-{k}")
+        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], self.params.cell, f"{self.name}-{i}-{j}-{k}")
 
     @property
     def counts(self) -> tuple[int, int]:

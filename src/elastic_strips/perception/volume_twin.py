@@ -38,7 +38,7 @@ class VolumeTwin:
         self._known = np.full(self._shape, UNSEEN, dtype=np.int8)
         self._full = np.zeros(self._shape, dtype=bool)
         self._hit = np.zeros(self._shape, dtype=bool)
-        self._changed: tuple[set[tuple[int, ...]], set[tuple[int, ...]]] = set(), set()  # obstacles, unseen
+        self._changed: set[tuple[int, ...]] = set()  # blocks
 
     def roll(self, corner: Indices) -> None:
         """Begin at another block of space: what leaves the window is forgotten."""
@@ -50,8 +50,7 @@ class VolumeTwin:
         goes = tuple(slice(max(-b, 0), max(n - max(b, 0), 0)) for b, n in moved)
         leaves = np.ones(self._shape, dtype=bool)
         leaves[kept] = False
-        self._note(1, np.argwhere(leaves & (self._known != UNSEEN)) + self._corner)
-        self._note(0, np.argwhere(leaves & self._full) + self._corner)
+        self._note(np.argwhere(leaves & self._full) + self._corner)
         for name, empty in (("_known", UNSEEN), ("_full", False), ("_hit", False)):
             before = getattr(self, name)
             after = np.full(self._shape, empty, dtype=before.dtype)
@@ -121,27 +120,18 @@ class VolumeTwin:
         known[:] = UNSEEN
         known[inside] = self._known[tuple(at[inside].T)]
 
-    def set(self, points: Array, known: int) -> None:
-        """Have it known of the voxels of points (n, 3)."""
-        at, inside = self._cells(points)
-        cells = np.unique(at[inside], axis=0)
-        self._put(cells, np.full(len(cells), known))
-
-    def changed(self, unseen: bool) -> Indices:
-        """Blocks (n, 3), one after the other, whose obstacles, or what is unseen, changed since last asked."""
-        found = sorted(self._changed[unseen])
-        self._changed[unseen].clear()
+    def changed(self) -> Indices:
+        """Blocks (n, 3), one after the other, whose obstacles have changed since last asked."""
+        found = sorted(self._changed)
+        self._changed.clear()
         return np.array(found, dtype=np.intp).reshape(-1)
 
-    def boxes(self, block: Indices, unseen: bool) -> Indices:
-        """Boxes (n, 6), low and high in voxels of space, that a block's obstacles, or what is unseen, consist of."""
+    def boxes(self, block: Indices) -> Indices:
+        """Boxes (n, 6), low and high in voxels of space, that a block's obstacles consist of."""
         first = block * BLOCK - self._corner
-        here = ((first >= 0) & (first < self._shape)).all()
-        part = tuple(slice(a, a + BLOCK) for a in first.tolist())
-        if unseen:
-            left = self._known[part] == UNSEEN if here else np.ones((BLOCK,) * 3, dtype=bool)
-        else:
-            left = self._full[part].copy() if here else np.zeros((BLOCK,) * 3, dtype=bool)
+        if not ((first >= 0) & (first < self._shape)).all():
+            return np.zeros(0, dtype=np.intp)
+        left = self._full[tuple(slice(a, a + BLOCK) for a in first.tolist())].copy()
         found: list[Indices] = []
         while left.any():
             x, y, z = np.argwhere(left)[0].tolist()
@@ -176,14 +166,13 @@ class VolumeTwin:
     def _put(self, at: Indices, known: npt.NDArray[np.int_]) -> None:
         """Have it known of voxels (n, 3) of the window, none of them twice."""
         index = tuple(at.T)
-        was, full = self._known[index], self._full[index]
-        self._note(1, at[(was == UNSEEN) != (known == UNSEEN)] + self._corner)
+        full = self._full[index]
         now = (known != UNSEEN) & np.where(full, known >= self._emptied, known > self._filled)
-        self._note(0, at[full != now] + self._corner)
+        self._note(at[full != now] + self._corner)
         self._known[index], self._full[index] = known, now
 
-    def _note(self, what: int, voxels: Indices) -> None:
-        self._changed[what].update(map(tuple, np.unique(voxels // BLOCK, axis=0).tolist()))
+    def _note(self, voxels: Indices) -> None:
+        self._changed.update(map(tuple, np.unique(voxels // BLOCK, axis=0).tolist()))
 
 
 class _Sight:
