@@ -191,10 +191,10 @@ def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFi
     ("case", "options", "ways"),
     [
         ("every", ("--seconds", "5", "--rate", "50"), ["flow", "stop"]),
-        ("patrol", ("--seconds", "12"), ["flow", "stop"]),
-        ("path", (), ["flow"]),
-        ("look", (), ["flow"]),
-        ("hands", (), ["flow"]),
+        ("patrol", ("--seconds", "12", "--rate", "50"), ["flow", "stop"]),
+        ("path", ("--rate", "50"), ["flow"]),
+        ("look", ("--rate", "50"), ["flow"]),
+        ("hands", ("--rate", "50"), ["flow"]),
     ],
 )
 def test_bench_goals(
