@@ -11,8 +11,8 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.validation import check_number
 
-from .own_body import Posture
-from .rays import Nearest, RayBodies, Rays
+from .own_body import OwnBodies, Posture
+from .rays import Nearest, Rays
 from .readings import NO_ANSWER, DepthImage, RangeImage
 
 
@@ -31,12 +31,9 @@ class BodyMask:
     def __init__(self, robot: RobotModel, margin: float = 0.03) -> None:
         self.robot: RobotModel = robot
         self.margin: float = check_number("margin", margin, low=0.0, unit="m")
-        pieces = robot.geometries
         self._posture = Posture(robot)
         # as they are, too: of a body within whose margin the sensor is, its own surface is what covers
-        self._layers = [RayBodies([piece.geometry for piece in pieces], grown) for grown in {self.margin, 0.0}]
-        self._joint = np.array([piece.joint for piece in pieces], dtype=np.intp)
-        self._local = np.array([piece.placement for piece in pieces]).reshape(-1, 4, 4)
+        self._layers = [OwnBodies(robot.geometries, grown) for grown in {self.margin, 0.0}]
 
     def covered(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> Mask:
         """(H, W) pixels along which the robot may be met before, or where, the image says that something is.
@@ -57,7 +54,7 @@ class BodyMask:
         if q is None:
             raise ParameterError(f"the image of {image.sensor!r} does not say how the robot stood: hand over its q")
         self._posture.place(self.robot.space.to_coordinates(self.robot.check_q(q)))
-        T = self._posture.T_base_world @ self._posture.T_world_joint[self._joint] @ self._local
+        T_base_joint = self._posture.T_base_world @ self._posture.T_world_joint
         directions = image.directions()
         stretch = np.linalg.norm(directions, axis=-1)
         local = Rays(np.zeros((1, 3)), (directions / stretch[..., None]).reshape(-1, 3))
@@ -65,8 +62,7 @@ class BodyMask:
         nearest = Nearest(stretch.size)
         rays, reach = local.moved(image.T_base_sensor), longest * float(stretch.max())
         for bodies in self._layers:
-            bodies.place(np.ascontiguousarray(T[:, :3, :3]), T[:, :3, 3])
-            bodies.cast(rays, nearest, reach=reach, inside=np.inf)
+            bodies.cast(T_base_joint, rays, nearest, reach)
         own = nearest.distance.reshape(stretch.shape)
         measured = image.ranges * stretch
         return np.isfinite(own) & ~(measured < own)

@@ -202,9 +202,7 @@ class SceneEstimator:
         clusters = moving_clusters(seen.points, seen.fresh, seen.standing, origin, self.params)
         if len(self.tracker) or clusters:
             self.map.forget(self.tracker.update(ImageView(kept, T_world_sensor), clusters, kept.sensor))
-        ignored = np.zeros(image.ranges.shape, dtype=bool)
-        ignored[seen.pixels] = self.tracker.of_movers(seen.points[:, :2])
-        self.volume.add(kept, T, ignored)
+        self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))
 
 
 def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:

@@ -144,15 +144,15 @@ class SelfFilter:
         pieces = posture.robot.geometries
         at_rest = np.tile(np.eye(4), (len(posture.T_world_joint), 1, 1))
         self._fixed = np.full(len(local), np.inf)
-        self._groups: list[tuple[npt.NDArray[np.intp], list[_Bodies]]] = []
+        self._groups: list[tuple[npt.NDArray[np.intp], list[OwnBodies]]] = []
         for j in np.unique(joint):
             rays = np.flatnonzero(joint == j)
             nearest = Nearest(len(rays))
-            _Bodies([p for p in pieces if p.joint == j], 0.0).cast(at_rest, local.some(rays), nearest, _BEYOND_ROBOT)
+            OwnBodies([p for p in pieces if p.joint == j], 0.0).cast(at_rest, local.some(rays), nearest, _BEYOND_ROBOT)
             self._fixed[rays] = nearest.distance
             others = [p for p in pieces if p.joint != j]
             paddings = (padding, 0.0) if padding > 0.0 else (0.0,)
-            self._groups.append((rays, [_Bodies(others, thick) for thick in paddings]))
+            self._groups.append((rays, [OwnBodies(others, thick) for thick in paddings]))
 
     def distances(self, rays: Rays, reach: float) -> Array:
         """Distances (R,) [m] at which the rays, now in the world frame, hit the robot; infinite beyond reach."""
@@ -167,7 +167,7 @@ class SelfFilter:
         return out
 
 
-class _Bodies:
+class OwnBodies:
     """Some of a robot's collision bodies, thicker by a padding [m], to cast rays against."""
 
     def __init__(self, pieces: Sequence[LinkGeometry], padding: float) -> None:

@@ -50,7 +50,7 @@ class VolumeMapParams:
             apart is not called free.
         ground: what is no higher than this, and three standard deviations, is the floor and no obstacle.
         fill: lost pixels with at most this many lost ones among their eight neighbours are as near as the nearest of
-            them; −1 leaves them lost.
+            them.
         hit, miss: log-odds that a hit adds, and that a look through takes away.
         floor, top: bounds of the log-odds; the floor is −floor.
         occupied: voxels above it become obstacles, until they are below −floor / 2.
@@ -174,21 +174,28 @@ class VolumeMap:
         free = (before != UNSEEN) & (before <= -round(p.floor / _UNIT))
         return SeenPoints(pixels, points, free, before >= round(_STANDING_HITS * p.hit / _UNIT))
 
-    def add(self, reading: DepthImage | RangeImage, T_world_base: Array, ignored: Mask | None = None) -> None:
+    def add(
+        self,
+        reading: DepthImage | RangeImage,
+        T_world_base: Array,
+        seen: SeenPoints | None = None,
+        ignored: Mask | None = None,
+    ) -> None:
         """Take an image in.
 
         Args:
             reading: the image; pixels without an answer change nothing.
             T_world_base: (4, 4) pose of the base when it was measured.
-            ignored: (H, W) pixels whose ends are not of the world at rest; they free what they pass.
+            seen: what :meth:`seen_by` said of it, where that was asked.
+            ignored: (n,) which of its points are not of the world at rest; their pixels free what they pass.
         """
         p = self.params
-        seen = self.seen_by(reading, T_world_base)
+        seen = seen or self.seen_by(reading, T_world_base)
         T = T_world_base @ reading.T_base_sensor
         at = reading.ranges[seen.pixels]
         weight = np.where(at <= p.exact_range, p.hit, 0.5 * (p.occupied + 0.5 * p.hit)) / _UNIT
         if ignored is not None:
-            weight[ignored[seen.pixels]] = 0.0
+            weight[ignored] = 0.0
         self._map.hit(seen.points, np.rint(weight).astype(np.int8), np.empty(len(at), dtype=np.int8))
         # what is filled in only frees: where a lost pixel ends, nothing was seen
         ranges = filled(reading.ranges, p.fill)
@@ -235,8 +242,6 @@ class VolumeMap:
 
 def filled(ranges: Image, most: int) -> Image:
     """Ranges (H, W) with lost ones replaced by the shortest beside them, where at most ``most`` of these are lost."""
-    if most < 0:
-        return ranges
     lost = np.isnan(ranges)
     if not lost.any():
         return ranges
