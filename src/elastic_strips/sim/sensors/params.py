@@ -339,7 +339,7 @@ _HEAD_CAMERAS = {
     "tiago": DepthParams(name="head-camera", frame="xtion_depth_optical_frame"),
     "fetch": DepthParams(name="head-camera", frame="head_camera_depth_optical_frame"),
 }
-"""Depth cameras on robots' heads. They are no part of the robots' files: who drives by ``"all"`` need not pay for one."""
+"""Depth cameras on robots' heads. They are not in the robots' files: who drives by ``"all"`` need not pay for one."""
 
 
 def sensor_file(robot: str = "silvermate") -> Path:
