@@ -22,6 +22,7 @@ from elastic_strips.validation import MAX_LENGTH, named_arguments
 from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
 from .holes import bare_links, drawn_alone, say_what_grew, thicken
+from .looking import swept
 from .model import RobotModel
 from .planned_joints import (
     compare_states,
@@ -59,6 +60,7 @@ class LoadOptions(TypedDict, total=False):
     srdf: str | Path
     package_dirs: tuple[str | Path, ...]
     visual_as_collision: Collection[str] | str
+    looking: Iterable[str]
 
 
 @named_arguments
@@ -74,6 +76,7 @@ def load_robot(
     package_dirs: tuple[str | Path, ...] = (),
     mappings: Mapping[str, str] | None = None,
     visual_as_collision: Collection[str] | str = (),
+    looking: Iterable[str] = (),
 ) -> RobotModel:
     """Load a robot by name (``"silvermate"``, ``"tiago"``, ``"panda"``, …: ``robot_names()``) or from a URDF file.
 
@@ -101,9 +104,13 @@ def load_robot(
         visual_as_collision: links whose visual shapes are taken as their collision shapes, meshes as convex hulls; or
             ``"missing"``: all links that are drawn and have no collision shape. Otherwise nothing is proven about
             these.
+        looking: joints with limits, as of a head's pan and tilt, that turn at will and are not planned. What hangs on
+            them is as large as the space that it passes through, so that proofs hold wherever it looks; where it does,
+            ``RobotModel.seeing`` is the robot for its sensors.
 
     Raises:
-        RobotError: an unknown name, or a name that several robots share; an unknown joint or group; a joint that is
+        RobotError: an unknown name, or a name that several robots share; an unknown joint or group; a joint that looks
+            and is planned, or carries another one that does not look; a joint that is
             planned and locked, or locked though it follows a planned one; a fault in a file. The message names
             file, element and alternatives; of a xacro file it names the expanded file.
         MissingExtraError: the file is a xacro file, and xacro is not installed.
@@ -122,8 +129,9 @@ def load_robot(
     if joints is None and group is None and known.planned is not None:
         joints = [joint for joint in known.planned if joint not in locked]
     planned = planned_joints(source, semantics, joints, group, locked)
+    eyes = tuple(dict.fromkeys((looking,) if isinstance(looking, str) else looking))
     try:
-        made = _made(known, kind, source, semantics, planned, locked, control_points)
+        made = _made(known, kind, source, semantics, planned, locked, control_points, eyes)
     except (ValueError, RuntimeError, IndexError) as error:  # a RobotError, or what Pinocchio and Coal throw
         said = " ".join(str(error).split())
         raise RobotError(said if str(source.path) in said else f"{source.path}: {said}") from None
@@ -205,31 +213,35 @@ def _made(
     told: frozenset[str] | None,
     locked: Mapping[str, float],
     control_points: Mapping[str, str | tuple[str, ArrayLike]] | None,
+    looking: tuple[str, ...] = (),
 ) -> _Made:
     """The robot of a description; ``told`` are the joints to plan, None all that do not rest."""
     model = described = pinocchio_model(source, planar=kind.planar)
     check_joint_names(model, locked, "locked")
     wheels, resting = wheel_joints(model, source), resting_joints(model, source)
     names, held = frozenset(model.names[1:]) - {"root_joint"}, with_leaders(source, locked)
-    planned = names - resting - set(held) if told is None else told
+    check_joint_names(model, dict.fromkeys(looking, 0.0), "looking")
+    planned = (names - resting - set(held) if told is None else told) - set(looking)
     following = following_planned(source, planned, locked)
     unplanned = names - planned - set(following)
     model, source = with_their_limits(model, source, following)
     collision, turned = _collision(source, model)
+    whole, collision = collision, swept(model, collision, looking) if looking else collision
     drawn = drawn_alone(source, model)
     rolling = round_wheels(model, collision, resting & source.continuous)
     still = partial(held_still, source, unplanned, held)
 
-    def build(home: Mapping[str, float]) -> RobotModel:
+    def build(home: Mapping[str, float], looks: bool = False) -> RobotModel:
         values = still(home)
+        home = {**home, **{j: values.pop(j) for j in looking if looks}}
         return RobotModel.from_pinocchio(
             model,
-            collision,
+            whole if looks else collision,
             partial(_visual, source, model),
             base=kind,
             name=known.name,
             locked=values,
-            home={j: v for j, v in home.items() if j in planned},
+            home={j: v for j, v in home.items() if j in planned or j not in values},
             disabled_pairs=semantics.disabled if semantics is not None and semantics.disabled else None,
             enabled_pairs=() if semantics is None else semantics.enabled,
             followers=source.following(),
@@ -246,6 +258,13 @@ def _made(
         )
 
     robot = _at_home(build, still, known.home, semantics, source, resting)
+    if looking:
+        home = dict(
+            zip(
+                robot.joint_names, robot.space.to_coordinates(robot.home_q)[robot.space.base_nv :].tolist(), strict=True
+            )
+        )
+        robot = replace(robot, looking=looking, eyes=build(home, looks=True))
     return _Made(replace(robot, bare_links=bare_links(source, robot, drawn)), turned, described)
 
 

@@ -6,9 +6,10 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 
+import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import ArrayLike, Indices
+from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.errors import RobotError
 
 from .card import RobotCard, robot_card
@@ -41,6 +42,20 @@ class RobotModel(RobotValue):
 
     It can be pickled, to be sent to another process; the copy draws its collision geometry.
     """
+
+    @property
+    def seeing(self) -> RobotModel:
+        """The robot as its sensors see it: with the joints that look as joints like the others, after those that are
+        planned or before them; this one where none looks."""
+        return self.eyes if isinstance(self.eyes, RobotModel) else self
+
+    def seeing_row(self, row: Array, values: Array) -> Array:
+        """Coordinate row of :attr:`seeing`, from one of this robot (nv,) and the values (L,) of the joints that look
+        [rad or m], in the order of ``looking``."""
+        base = self.space.base_nv
+        named = dict(zip(self.looking, values.tolist(), strict=True))
+        named |= dict(zip(self.joint_names, row[base:].tolist(), strict=True))
+        return np.array([*row[:base], *(named[name] for name in self.seeing.joint_names)])
 
     def inverse_kinematics(
         self,
