@@ -99,7 +99,9 @@ class SensorPerception:
         self.suite: SensorSuite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
         if params is None:
             params = SceneEstimatorParams(body_radius=body_radius(robot))
-        self.estimator: SceneEstimator = SceneEstimator(params, robot=robot)
+        self.estimator: SceneEstimator = SceneEstimator(
+            params, robot=robot, required=self.suite.config.required or None
+        )
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params: PerceptionParams = PerceptionParams(delay=latency)
         coordinates = robot.space.to_coordinates(robot.check_q(start, what="start"))
