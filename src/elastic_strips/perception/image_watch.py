@@ -1,7 +1,7 @@
 """Image watch: whether the images of a camera or a 3-D lidar can be as they say, and what is wrong where they cannot.
 
-An image is held against the floor, against what the same sensor saw a moment ago, and against the robot's own body. What
-no image of this kind can show (glass; an error that was there from the start and shifts nothing) is not found.
+An image is held against the floor, against what the same sensor saw a moment ago, and against the robot's own body.
+What no image of this kind can show (glass; an error that was there from the start and shifts nothing) is not found.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Image, Mask
+from elastic_strips.arrays import Array, Mask
 
 from .image_movers import measured
 from .readings import NO_ANSWER, DepthImage, RangeImage
@@ -31,8 +31,8 @@ _MOST_THROUGH = 0.3  # of the pixels in which the robot's body has to be that se
 _LEAST_BODY = 40  # pixels
 _BODY_DEPTH = 0.1  # [m] by which a pixel has to see further than the body's surface
 
-_MOST_TILTED = 0.015  # [rad] against the floor
-_MOST_TURNED = 0.03  # [rad] against what was seen before
+_MOST_TILTED = 0.007  # [rad] against the floor
+_MOST_TURNED = 0.05  # [rad] against what was seen before
 _MOST_SHIFTED = 0.1  # [m]
 _SURE = 3.0  # standard deviations
 _LEAST_COMPARED = 60  # points
@@ -137,7 +137,7 @@ class ImageWatch:
         image: DepthImage | RangeImage,
         kept: DepthImage | RangeImage,
         T_world_sensor: Array,
-        own: Image,
+        own: Array,
         moving: Mask,
         places: MayMove,
     ) -> ImageReport:
@@ -243,7 +243,7 @@ class ImageWatch:
 
     # the robot's own body
 
-    def _through(self, image: DepthImage | RangeImage, own: Image) -> float:
+    def _through(self, image: DepthImage | RangeImage, own: Array) -> float:
         """Part of the pixels within the robot's outline that see through it."""
         there = np.isfinite(own)
         if int(there.sum()) < _LEAST_BODY:
@@ -373,7 +373,7 @@ def _fitted(arms: Array, normals: Array, off: Array, sigma: Array, before: tuple
     )
 
 
-def _unanswered(image: DepthImage | RangeImage, own: Image) -> float:
+def _unanswered(image: DepthImage | RangeImage, own: Array) -> float:
     """Part of the pixels beside the robot's body that say nothing."""
     beside = ~np.isfinite(own)
     return float(np.isnan(image.ranges[beside]).mean()) if beside.any() else 0.0
@@ -394,5 +394,3 @@ def _alone(image: DepthImage | RangeImage) -> float:
         return 0.0
     with np.errstate(invalid="ignore"):
         return float((here + _ALONE[0] + _ALONE[1] * here < about)[hits].mean())
-
-

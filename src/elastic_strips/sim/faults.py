@@ -10,7 +10,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Annotated, cast
+from typing import Annotated
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from elastic_strips.validation import Bound, check_choice, check_fields, check_t
 
 from .perception import Perception, PerceptionError
 from .plant import KinematicPlant, Plant
-from .sensed_perception import SensorPerception
 from .sensors import SensorSuite
 
 _SLOW_TICK_LATENCIES = 10.0
@@ -46,7 +45,8 @@ _SIZES = {
     "camera_late": 0.3,
     "fog": 3.0,
 }
-_IMAGES = ("camera_dead", "camera_frozen", "camera_tilted", "camera_late", "fog")  # need a simulated camera or lidar
+IMAGE_FAULTS = ("camera_dead", "camera_frozen", "camera_tilted", "camera_late", "fog")
+"""Those that need a simulated camera or 3-D lidar."""
 _SCATTERED = 0.5  # of the light that fog stops comes back
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
 _COARSE_LOCALIZATION = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
@@ -140,11 +140,14 @@ class FaultyPerception:
 
     def __init__(self, inner: Perception, faults: FaultPlan, seed: int = 0) -> None:
         self._inner, self._faults = inner, faults
-        wanted = [f.kind for f in faults.faults if f.kind in _IMAGES]
+        wanted = [f.kind for f in faults.faults if f.kind in IMAGE_FAULTS]
         if wanted:
-            if not (isinstance(inner, SensorPerception) and inner.suite.imagers):
-                raise ParameterError(f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar that could have it")
-            inner.suite = cast("SensorSuite", FaultySensors(inner.suite, faults, seed))
+            suite = getattr(inner, "suite", None)
+            if not isinstance(suite, SensorSuite) or not suite.imagers:
+                raise ParameterError(
+                    f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar that could have it"
+                )
+            setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # a protocol's, which has no suite
         self._last: Scene | None = None
 
     def __getattr__(self, name: str) -> object:
