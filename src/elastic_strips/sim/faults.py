@@ -145,9 +145,9 @@ class FaultyPerception:
             suite = getattr(inner, "suite", None)
             if not isinstance(suite, SensorSuite) or not suite.imagers:
                 raise ParameterError(
-                    f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar that could have it"
+                    f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar to have it"
                 )
-            setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # a protocol's, which has no suite
+            setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # of a protocol
         self._last: Scene | None = None
 
     def __getattr__(self, name: str) -> object:

@@ -74,7 +74,7 @@ def test_a_camera_that_fails_is_named_within_a_second_and_trusted_again(silverma
 
 
 def test_a_camera_that_is_well_never_holds_a_scene_up(silvermate):
-    walker = Cylinder(0.25, 1.7, at=(2.4, -1.5, 0.85), name="walker", motion=Twist((0.0, 0.8, 0.0)))
+    walker = Cylinder(0.25, 1.7, at=(2.4, -1.5, 0.85), name="walker", motion=Twist(np.array([0.0, 0.8, 0.0])))
     for scene in (ROOM, ROOM.with_obstacle(walker)):
         estimator, found = watched(silvermate, scene=scene)
         assert not named(found, low=0.0, high=9.0)
