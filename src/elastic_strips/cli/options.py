@@ -324,8 +324,9 @@ goals_option = click.option(
 sensors_option = click.option(
     "--sensors",
     metavar="NAMES|FILE.yaml",
-    help="Drive by what the robot's simulated sensors see, not by the scene: all, or some by name (laser,sonar), of "
-    "the Silvermate's, or TIAGo's laser; or those of a file, as elastic_strips.sim.sensors reads it.",
+    help="Drive by what the robot's simulated sensors see, not by the scene: by names (laser,sonar; all; head-camera: "
+    "the depth camera on the head of the Silvermate, TIAGo and Fetch), or by those of a file, as "
+    "elastic_strips.sim.sensors reads it.",
 )
 
 level_option = click.option(

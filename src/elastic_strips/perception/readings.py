@@ -147,6 +147,10 @@ class DepthImage(Summary):
         rows, columns = self.depth.shape
         return camera_directions(rows, columns, self.focal, self.center)
 
+    def points(self) -> Array:
+        """(n, 3) points where pixels met something, row by row, in the base's frame [m]."""
+        return _image_points(self)
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RangeImage(Summary):
@@ -208,6 +212,15 @@ class RangeImage(Summary):
         """(H, W, 3) unit vectors along the rays, in the sensor's frame."""
         rows, columns = self.ranges.shape
         return turning_directions(rows, columns, self.azimuth, self.elevation)
+
+    def points(self) -> Array:
+        """(n, 3) points where rays met something, row by row, in the base's frame [m]."""
+        return _image_points(self)
+
+
+def _image_points(image: DepthImage | RangeImage) -> Array:
+    at, T = image.hits, image.T_base_sensor
+    return (image.directions()[at] * image.ranges[at, None]) @ T[:3, :3].T + T[:3, 3]
 
 
 def camera_directions(rows: int, columns: int, focal: tuple[float, float], center: tuple[float, float]) -> Array:

@@ -159,12 +159,8 @@ class DepthCamera(_Imager):
         focal = 0.5 * params.columns / math.tan(0.5 * params.field_of_view)
         self._focal = focal, focal
         self._center = 0.5 * (params.columns - 1), 0.5 * (params.rows - 1)
-        T = np.eye(4)
-        if params.axis == "x":
-            T[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-        T = T @ self._down(params.tilt)
         directions = camera_directions(params.rows, params.columns, self._focal, self._center)
-        super().__init__(params, posture, obstacles, rng, T, directions)
+        super().__init__(params, posture, obstacles, rng, params.T_frame_camera, directions)
 
     def _down(self, angle: float) -> Array:
         """(4, 4) the optical frame turned downwards by an angle [rad]: z towards y."""

@@ -9,6 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
+import numpy as np
+
+from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io.nodes import Node, load_yaml
 from elastic_strips.validation import Bound, Count, Fraction, check_choice, check_count, check_fields
@@ -233,6 +236,16 @@ class DepthParams(ImageParams):
     near_reads_min: bool = False
     floor: bool = True
 
+    @property
+    def T_frame_camera(self) -> Array:
+        """(4, 4) pose of the camera on its link: z looks, x to the right, y down."""
+        T = np.eye(4)
+        if self.axis == "x":
+            T[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+        c, s = math.cos(self.tilt), math.sin(self.tilt)
+        T[:3, :3] = T[:3, :3] @ [[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]  # z towards y, which is down
+        return T
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LidarParams(ImageParams):
@@ -344,6 +357,14 @@ _KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams | DepthParams 
 }
 
 
+_HEAD_CAMERAS = {
+    "silvermate": DepthParams(name="head-camera", frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5),
+    "tiago": DepthParams(name="head-camera", frame="xtion_depth_optical_frame"),
+    "fetch": DepthParams(name="head-camera", frame="head_camera_depth_optical_frame"),
+}
+"""Depth cameras on robots' heads. They are not in the robots' files: who drives by ``"all"`` need not pay for one."""
+
+
 def sensor_file(robot: str = "silvermate") -> Path:
     """The file of a robot's range sensors that comes with the library: one to copy and to change.
 
@@ -355,7 +376,10 @@ def sensor_file(robot: str = "silvermate") -> Path:
 
 
 def named_sensors(text: str, robot: str) -> SensorConfig:
-    """The sensors that a text names, for a robot by name: ``"all"``, some as ``"laser,sonar"``, or a YAML file.
+    """The sensors that a text names, for a robot by name: a YAML file, or names as ``"laser,head-camera"``.
+
+    ``"all"`` is all of the robot's file. ``"head-camera"``, which is not in the file, is a depth camera on the head of
+    the Silvermate, TIAGo and Fetch.
 
     Raises:
         ParameterError: no such sensor, or a file that does not describe sensors.
@@ -363,7 +387,15 @@ def named_sensors(text: str, robot: str) -> SensorConfig:
     if text.endswith((".yaml", ".yml")):
         return read_sensors(text)
     config = read_sensors(sensor_file(robot))
-    return config if text == "all" else config.only(*(name.strip() for name in text.split(",")))
+    camera = _HEAD_CAMERAS.get(Path(robot).stem)
+    every = config.sensors if camera is None else (*config.sensors, camera)
+    valid = [sensor.name for sensor in every]
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        check_choice(f"sensors of {robot!r}: name", name, ("all", *valid))
+    if "all" in names:
+        names += config.names
+    return replace(config, sensors=every).only(*(name for name in names if name != "all"))
 
 
 def read_sensors(path: str | os.PathLike[str] | None = None) -> SensorConfig:

@@ -19,6 +19,7 @@ from elastic_strips.sim.sensors import (
     SensorConfig,
     SensorSuite,
     SonarParams,
+    named_sensors,
     read_sensors,
     sensor_file,
 )
@@ -57,6 +58,33 @@ def test_the_file_of_a_robot_fits_it(name, ahead):
         middle = len(reading.ranges) // 2
         assert abs(np.median(reading.ranges[middle - 5 : middle + 6]) - 2.0 + ahead) < 0.1
     assert sensor_file("nobody") == sensor_file("silvermate") != sensor_file("tiago")
+
+
+@each("name", ["silvermate", "tiago"])
+def test_the_camera_on_a_head_sees_ahead(name):
+    """What stands before the robot is in the middle of the image's width, and the floor below it."""
+    robot = load_robot(name)
+    world = World(Scene([Box([0.2, 0.8, 1.6], at=[2.1, 0.0, 0.8])]))
+    suite = SensorSuite(robot, world, named_sensors("head-camera", name), seed=1)
+    coordinates = robot.space.to_coordinates(robot.home())
+    (image,) = [reading for step in range(10) for reading in suite.observe(0.01 * step, coordinates)]
+    points = image.points()
+    front = points[(abs(points[:, 0] - 2.0) < 0.05) & (points[:, 2] > 0.3) & (points[:, 2] < 1.55)]
+    assert len(front) > 300
+    assert abs(front[:, 1].min() + front[:, 1].max()) < 0.1
+    assert (abs(points[:, 2]) < 0.03).sum() > 300
+
+
+def test_sensors_by_name():
+    assert named_sensors("all", "silvermate") == SensorConfig()
+    assert named_sensors("all,head-camera", "silvermate").names == ("laser", "sonar", "infrared", "head-camera")
+    assert named_sensors("head-camera, laser", "tiago").names == ("laser", "head-camera")
+    assert named_sensors("laser", "fetch").sensors[0].frame == "laser_link"
+    assert named_sensors("head-camera", "somewhere/fetch.urdf").sensors[0].frame == "head_camera_depth_optical_frame"
+    with refused(ParameterError, "'hed-camera'", "'head-camera'", "all, head-camera, laser"):
+        named_sensors("laser,hed-camera", "tiago")
+    with refused(ParameterError, "'jackal-box'", "'head-camera'", "all, laser"):
+        named_sensors("head-camera", "jackal-box")
 
 
 def test_what_a_file_leaves_out_is_the_default(tmp_path):
