@@ -305,6 +305,17 @@ class Tracker:
                 inside |= np.hypot(d[:, 0], d[:, 1]) <= track.radius + self.params.padding
         return inside
 
+    def may_have_moved(self, points: Array, within: float) -> Mask:
+        """Which of the points (n, 2) may be of things that have moved within some time [s], movers or not yet."""
+        params = self.params
+        inside = np.zeros(len(points), dtype=bool)
+        for track in self._tracks:
+            if track.moving or track.speed > params.min_speed or track.recently_moved(params):
+                d = points - track.p
+                far = track.radius + params.padding + track.speed * within
+                inside |= np.hypot(d[:, 0], d[:, 1]) <= far
+        return inside
+
     def _assign(self, clusters: list[Cluster], shapes: list[ClusterShape]) -> list[tuple[int, int]]:
         if not clusters or not self._tracks:
             return []
