@@ -146,6 +146,17 @@ def test_what_comes_where_it_was_free_has_moved():
     assert not moved[~new].any()
 
 
+def test_what_is_forgotten_was_not_seen_and_is_no_obstacle():
+    volume = VolumeMap(SMALL)
+    image = depth_image(ROOM, VIEWS[0])
+    for _ in range(3):
+        volume.add(image, np.eye(4))
+    points = volume.seen_by(image, np.eye(4)).points
+    assert (volume.known(points) == 1).any()
+    volume.forget(points)
+    assert (volume.known(points) == -1).all()
+
+
 def test_ignored_pixels_free_and_hit_nothing():
     volume = VolumeMap(SMALL)
     image = depth_image(ROOM, VIEWS[0])
@@ -172,6 +183,7 @@ def test_the_kernel_and_its_twin_know_the_same(make):
             volume.center(*base[:2, 3])
             moved = volume.seen_by(image, base).fresh
             volume.add(image, base)
+            volume.forget(volume.seen_by(image, base).points[::5])
             solids = sorted(
                 (o.name, [(tuple(b.halfSide), tuple(at)) for p in o.parts for b, at in p.boxes])
                 for o in volume.obstacles()
