@@ -228,6 +228,8 @@ class SceneEstimator:
         ignored = np.zeros(len(rays.ranges), dtype=bool)
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
+        if self.volume is not None:
+            self.volume.forget(self.tracker.traces())
         if self.volume is not None and self._volume_params.unseen == "blocked":
             # What stands on the floor is taken to reach up to the laser's plane.
             p = self.volume.params
@@ -266,11 +268,11 @@ class SceneEstimator:
         )
         if report.reason:
             return False
-        origin = T_world_sensor[:2, 3].copy()
-        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, origin, self.params)
-        if len(self.tracker) or clusters:
-            self.map.forget(self.tracker.update(ImageView(kept, T_world_sensor), clusters, kept.sensor))
+        view = ImageView(kept, T_world_sensor)
+        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view, self.params)
+        self.map.forget(self.tracker.update(view, clusters, kept.sensor))
         self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))
+        self.volume.forget(self.tracker.traces())
         return True
 
 
