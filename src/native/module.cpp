@@ -836,13 +836,17 @@ void bind_volume(nb::module_& m) {
     Sizes()("n3 n", points, known);
     self.look(points.data(), known.size(), known.data());
   });
-  map.def("changed", [](VolumeMap& self) {
-    std::vector<std::int64_t> blocks = self.changed();
+  unlocked(map, "grant", [](VolumeMap& self, Reals points) {
+    Sizes()("n3", points);
+    self.grant(points.data(), points.shape(0));
+  });
+  map.def("changed", [](VolumeMap& self, bool doubtful) {
+    std::vector<std::int64_t> blocks = self.changed(doubtful);
     return given_away(blocks);
   });
-  map.def("boxes", [](const VolumeMap& self, Numbers block) {
+  map.def("boxes", [](const VolumeMap& self, Numbers block, bool doubtful) {
     Sizes()("3", block);
-    std::vector<std::int64_t> boxes = self.boxes(block.data());
+    std::vector<std::int64_t> boxes = self.boxes(block.data(), doubtful);
     return given_away(boxes);
   });
   map.def("count", &VolumeMap::count);

@@ -158,8 +158,10 @@ VolumeMap::VolumeMap(const std::int64_t* blocks, const std::int64_t* corner, dou
   const std::size_t count = static_cast<std::size_t>(blocks_[0] * blocks_[1] * blocks_[2]);
   known_.assign(count * VOLUME, UNSEEN);
   filled_.assign(count, Bits{});
+  sure_.assign(count, Bits{});
   hit_.assign(count, Bits{});
-  noted_.assign(count, 0);
+  changed_.among.assign(count, 0);
+  cleared_.among.assign(count, 0);
 }
 
 bool VolumeMap::inside(const Block& block) const {
@@ -202,22 +204,27 @@ bool VolumeMap::locate(const double* point, std::size_t& at, int& voxel) const {
   return true;
 }
 
-void VolumeMap::note(std::size_t at) {
-  if (noted_[at]) return;
-  noted_[at] = 1;
-  changed_.push_back(block_of(at));
+void VolumeMap::note(Noted& noted, std::size_t at) {
+  if (noted.among[at]) return;
+  noted.among[at] = 1;
+  noted.blocks.push_back(block_of(at));
 }
 
 void VolumeMap::put(std::size_t at, int voxel, int known) {
   std::int8_t& now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
   now = static_cast<std::int8_t>(known);
   std::uint64_t& word = filled_[at][static_cast<std::size_t>(voxel / 64)];
+  std::uint64_t& sure = sure_[at][static_cast<std::size_t>(voxel / 64)];
   const std::uint64_t bit = std::uint64_t{1} << (voxel % 64);
   const bool was = (word & bit) != 0;
   const bool is = known != UNSEEN && (was ? known >= evidence_.emptied : known > evidence_.filled);
+  if (((sure & bit) != 0) != (is || (known != UNSEEN && known <= 0))) {
+    sure ^= bit;
+    note(cleared_, at);
+  }
   if (was == is) return;
   word ^= bit;
-  note(at);
+  note(changed_, at);
 }
 
 void VolumeMap::pass(std::size_t at, int voxel, bool sure) {
@@ -238,10 +245,10 @@ void VolumeMap::roll(const std::int64_t* corner) {
     for (int k = 0; k < 3; ++k) stays = stays && block[k] >= next[k] && block[k] < next[k] + blocks_[k];
     if (stays) continue;
     const bool full = std::any_of(filled_[at].begin(), filled_[at].end(), [](std::uint64_t word) { return word != 0; });
-    if (full) note(at);
+    if (full) note(changed_, at);
     std::fill_n(known_.begin() + static_cast<std::ptrdiff_t>(at * VOLUME), VOLUME, UNSEEN);
-    filled_[at] = hit_[at] = Bits{};
-    noted_[at] = 0;  // what comes into this place is another block
+    filled_[at] = sure_[at] = hit_[at] = Bits{};
+    changed_.among[at] = cleared_.among[at] = 0;  // what comes into this place is another block
   }
   corner_ = next;
 }
@@ -324,10 +331,27 @@ void VolumeMap::carve(const Sight& sight) {
           seen_from(point, c);
           const Cover one = cover(optics, c, small);
           if (!one.known || one.near < sight.nearest || one.far >= farthest) continue;
-          if (seen(pyramid, optics, one).least > one.far) pass(at, voxel, one.far <= sight.sure);
+          const float least = seen(pyramid, optics, one).least;
+          if (least > one.far) {
+            pass(at, voxel, one.far <= sight.sure);
+          } else if (least > 0.5 * (one.near + one.far) && one.far <= sight.sure) {
+            grant(at, voxel);
+          }
         }
       }
     }
+  }
+}
+
+void VolumeMap::grant(std::size_t at, int voxel) {
+  if (known_[at * VOLUME + static_cast<std::size_t>(voxel)] == UNSEEN) put(at, voxel, 0);
+}
+
+void VolumeMap::grant(const double* points, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t at;
+    int voxel;
+    if (locate(points + 3 * i, at, voxel)) grant(at, voxel);
   }
 }
 
@@ -339,21 +363,26 @@ void VolumeMap::look(const double* points, std::size_t count, std::int8_t* known
   }
 }
 
-std::vector<std::int64_t> VolumeMap::changed() {
+std::vector<std::int64_t> VolumeMap::changed(bool doubtful) {
   std::vector<std::int64_t> all;
-  for (const Block& block : changed_) {
+  Noted& noted = doubtful ? cleared_ : changed_;
+  for (const Block& block : noted.blocks) {
     all.insert(all.end(), block.begin(), block.end());
-    if (inside(block)) noted_[slot(block)] = 0;
+    if (inside(block)) noted.among[slot(block)] = 0;
   }
-  changed_.clear();
+  noted.blocks.clear();
   return all;
 }
 
 // Runs along z, equal runs beside each other along y, and equal rectangles along x.
-std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at) const {
+std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at, bool doubtful) const {
   const Block block{at[0], at[1], at[2]};
   if (!inside(block)) return {};
   Bits left = filled_[slot(block)];
+  if (doubtful) {
+    left = sure_[slot(block)];
+    for (std::uint64_t& word : left) word = ~word;
+  }
   std::vector<std::int64_t> found;
   for (int x = 0; x < kEdge; ++x) {
     while (left[static_cast<std::size_t>(x)] != 0) {

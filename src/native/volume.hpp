@@ -49,17 +49,21 @@ class VolumeMap {
   void hit(const double* points, const std::int8_t* weight, std::size_t count, std::int8_t* before);
 
   // Free what is surely seen through, but not what the last `hit` hit. Where pixels are too far apart, obstacles only
-  // become what was never seen.
+  // become what was never seen. Of what was never seen, what is seen beyond the middle of is neither.
   void carve(const Sight& sight);
 
   // What is known of the voxels that points (n, 3) [m] lie in; UNSEEN outside of the window.
   void look(const double* points, std::size_t count, std::int8_t* known) const;
 
-  // Blocks (n, 3) whose obstacles are not what they were when this was last asked.
-  std::vector<std::int64_t> changed();
+  // Of the voxels of points (n, 3) [m] those that were never seen are neither from now on.
+  void grant(const double* points, std::size_t count);
 
-  // Boxes (n, 6), low and high in voxels of space, that the obstacles in a block (3) consist of.
-  std::vector<std::int64_t> boxes(const std::int64_t* block) const;
+  // Blocks (n, 3) whose obstacles, or whose voxels in doubt, are not what they were when this was last asked. In doubt
+  // is what was never seen, and what has been hit and is not an obstacle yet.
+  std::vector<std::int64_t> changed(bool doubtful);
+
+  // Boxes (n, 6), low and high in voxels of space, that the obstacles in a block (3), or its voxels in doubt, consist of.
+  std::vector<std::int64_t> boxes(const std::int64_t* block, bool doubtful) const;
 
   // How many voxels are obstacles, or were never seen.
   std::size_t count(bool unseen) const;
@@ -72,16 +76,20 @@ class VolumeMap {
   bool locate(const double* point, std::size_t& at, int& voxel) const;
   void put(std::size_t at, int voxel, int known);
   void pass(std::size_t at, int voxel, bool sure);
-  void note(std::size_t at);
+  void grant(std::size_t at, int voxel);
+  struct Noted {
+    std::vector<Block> blocks;
+    std::vector<std::uint8_t> among;  // which blocks are among them
+  };
+  void note(Noted& noted, std::size_t at);
 
   Block blocks_, corner_;
   double cell_;
   Evidence evidence_;
   std::vector<std::int8_t> known_;  // of each block's voxels: 64 x + 8 y + z
-  std::vector<Bits> filled_, hit_;
-  std::vector<std::size_t> touched_;  // blocks with bits in hit_
-  std::vector<Block> changed_;
-  std::vector<std::uint8_t> noted_;  // blocks that are among them
+  std::vector<Bits> filled_, sure_, hit_;  // sure: not in doubt
+  std::vector<std::size_t> touched_;       // blocks with bits in hit_
+  Noted changed_, cleared_;
 };
 
 }  // namespace strips

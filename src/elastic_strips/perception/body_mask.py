@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_strips.arrays import ArrayLike, Mask
+from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.validation import check_number
@@ -66,6 +66,37 @@ class BodyMask:
         own = nearest.distance.reshape(stretch.shape)
         measured = image.ranges * stretch
         return np.isfinite(own) & ~(measured < own)
+
+    def place_of(self, q: ArrayLike, base: float, margin: float, cell: float) -> Array:
+        """Points (n, 3) [m] of a grid, in the base's frame, where the robot is taken to be: in an upright cylinder of
+        radius ``base`` about the base, as high as the robot, and within ``margin`` of the capsules about its bodies.
+
+        Args:
+            q: (nq,) configuration.
+            base, margin: these distances [m].
+            cell: from point to point [m].
+        """
+        self._posture.place(self.robot.space.to_coordinates(self.robot.check_q(q)))
+        T = self._posture.T_base_world @ self._posture.T_world_joint
+        capsules = [
+            (
+                T[p.joint, :3, :3] @ p.capsule.a + T[p.joint, :3, 3],
+                T[p.joint, :3, :3] @ p.capsule.b + T[p.joint, :3, 3],
+                p.capsule.r + margin,
+            )
+            for p in self.robot.geometries
+        ]
+        low = np.min([np.minimum(a, b) - r for a, b, r in capsules], axis=0)
+        high = np.max([np.maximum(a, b) + r for a, b, r in capsules], axis=0)
+        low[:2], high[:2] = np.minimum(low[:2], -base), np.maximum(high[:2], base)
+        axes = [np.arange(min(start, 0.0), end + cell, cell) for start, end in zip(low, high, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        own = np.hypot(points[:, 0], points[:, 1]) <= base
+        for a, b, r in capsules:
+            along = b - a
+            part = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+            own |= np.linalg.norm(points - a - part[:, None] * along, axis=1) <= r
+        return points[own]
 
     def without(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> DepthImage | RangeImage:
         """The image with ``NO_ANSWER`` where the robot may be; arguments and errors are those of :meth:`covered`."""

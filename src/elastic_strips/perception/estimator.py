@@ -63,7 +63,7 @@ class SceneEstimator:
 
     Attributes:
         map, near: the layers of lasers and of rings.
-        volume: the layer of images; None before the first.
+        volume: the layer of images; None before the first, unless what was not seen is blocked.
         tracker: tracks things that may move.
         movers: moving things, at the time of the newest scan.
         possibly_moving: things that have moved and may set off again, or begin to move; in the map too, and in scenes
@@ -82,8 +82,11 @@ class SceneEstimator:
         check_type("robot", robot, RobotModel, none=True)
         check_type("volume", volume, VolumeMapParams, none=True)
         self._mask = None if robot is None else BodyMask(robot)
-        self._volume_params = volume
-        self.volume: VolumeMap | None = None
+        self._base = (0.0, 0.0)  # where it is [m]
+        self._volume_params = volume or VolumeMapParams()
+        blocked = self._volume_params.unseen == "blocked"
+        self.volume: VolumeMap | None = VolumeMap(self._volume_params) if blocked else None
+        self._stood = False  # whether the place where the robot stood at first is in it
         self.params: SceneEstimatorParams = params or SceneEstimatorParams()
         self.map: OccupancyGrid = OccupancyGrid(self.params)
         self.near: OccupancyGrid = OccupancyGrid(replace(self.params, unseen="free"), "near")
@@ -128,7 +131,8 @@ class SceneEstimator:
         if reading.ranges.ndim == 1:
             count_work(rays=len(reading.ranges), obstacles=len(self.tracker))
         T = pose_matrix(base_pose)
-        self.map.clear_footprint(float(T[0, 3]), float(T[1, 3]))
+        self._base = float(T[0, 3]), float(T[1, 3])
+        self.map.clear_footprint(*self._base)
         self._newest[reading.sensor] = reading.time
         self._time = self._scan_time if self._scan_time > -math.inf else max(self._time, reading.time)
         self.movers, self.possibly_moving = self.tracker.movers, self.tracker.possibly_moving
@@ -168,6 +172,8 @@ class SceneEstimator:
         if self._scene is None:
             tracked = (t.obstacle for t in (*self.movers, *self.possibly_moving))
             voxels = [] if self.volume is None else self.volume.obstacles()
+            if self.volume is not None and self._volume_params.unseen == "blocked":
+                voxels += self.volume.in_doubt(*self._base)
             self._scene = Scene([*self.map.obstacles(), *self.near.obstacles(), *voxels, *tracked], time=self._time)
             count_work(obstacles=len(self._scene))
         return self._scene
@@ -179,6 +185,12 @@ class SceneEstimator:
         ignored = np.zeros(len(rays.ranges), dtype=bool)
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
+        if self.volume is not None and self._volume_params.unseen == "blocked":
+            # What stands on the floor is taken to reach up to the laser's plane.
+            p = self.volume.params
+            free = self.map.free_near(*rays.origin.tolist(), p.unseen_radius)
+            levels = np.arange(0.5 * p.cell, rays.height + p.cell, p.cell)
+            self.volume.grant(np.column_stack((np.repeat(free, len(levels), axis=0), np.tile(levels, len(free)))))
 
     def _ring(self, ring: RangeRing, base_pose: ArrayLike) -> None:
         T = pose_matrix(base_pose) @ ring.T_base_sensor
@@ -196,6 +208,10 @@ class SceneEstimator:
         if self.volume is None:
             self.volume = VolumeMap(self._volume_params)
         self.volume.center(float(T[0, 3]), float(T[1, 3]))
+        if not self._stood and image.q is not None:
+            p, self._stood = self.volume.params, True
+            own = self._mask.place_of(image.q, p.start_radius, p.start_margin, 0.5 * p.cell)
+            self.volume.grant(own @ T[:3, :3].T + T[:3, 3])
         T_world_sensor = T @ kept.T_base_sensor
         seen = self.volume.seen_by(kept, T)
         origin = T_world_sensor[:2, 3].copy()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import Obstacle, Voxels
+from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Voxels
 
 from .params import SceneEstimatorParams
 from .readings import RangeRing, ScanRays, pose_matrix
@@ -53,8 +53,8 @@ class OccupancyGrid:
         self._shown = np.zeros((0, 0), dtype=bool)  # cells that the obstacles are made of
         self._blocked = np.zeros((0, 0), dtype=bool)  # unseen cells that are obstacles
         self._center: Array | None = None  # of the disc that they lie in
-        self._stale: dict[str, dict[_Tile, float]] = {name: {}, "unseen": {}}  # tile → when it is due
-        self._made: dict[str, dict[_Tile, Obstacle]] = {name: {}, "unseen": {}}
+        self._stale: dict[str, dict[_Tile, float]] = {name: {}, UNSEEN_LAYER: {}}  # tile → when it is due
+        self._made: dict[str, dict[_Tile, Obstacle]] = {name: {}, UNSEEN_LAYER: {}}
         self._time = -math.inf
 
     def add_scan(self, rays: ScanRays, ignored: Mask | None = None) -> None:
@@ -126,7 +126,7 @@ class OccupancyGrid:
             blocked = np.zeros(self.seen.shape, dtype=bool)
             blocked[i, j] = ~self.seen[i, j]
             i, j = np.nonzero(blocked != self._blocked)
-            self._mark("unseen", i, j, -math.inf)
+            self._mark(UNSEEN_LAYER, i, j, -math.inf)
             self._blocked = blocked
 
     def occupied(self, points: Array) -> Mask:
@@ -136,6 +136,12 @@ class OccupancyGrid:
     def known(self, points: Array) -> Mask:
         """Whether the points (n, 2) [m] lie in cells that have been seen."""
         return self._look(points, self.seen)
+
+    def free_near(self, x: float, y: float, radius: float) -> Array:
+        """Middles (n, 2) [m] of the cells within a distance of a point that have been seen and are no obstacles."""
+        i, j = self._disc(np.array([x, y]), radius)
+        free = self.seen[i, j] & ~self.filled[i, j]
+        return np.asarray((np.column_stack((i[free], j[free])) + self.corner + 0.5) * self.params.cell, dtype=np.float64)
 
     def obstacles(self) -> tuple[Obstacle, ...]:
         """One `Voxels` for each tile with occupied cells, ``map-3-5``, and for each with blocked ones, ``unseen-3-5``.
@@ -240,7 +246,7 @@ class OccupancyGrid:
         self.seen[i, j] = True
         was = self._blocked[i, j]
         self._blocked[i[was], j[was]] = False
-        self._mark("unseen", i[was], j[was], self._time + self.params.settle_delay)
+        self._mark(UNSEEN_LAYER, i[was], j[was], self._time + self.params.settle_delay)
 
     def _mark(self, kind: str, i: _Index, j: _Index, due: float) -> None:
         """The tiles of these cells have to be made anew, at the time ``due`` [s] or, if that is earlier, as it was."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Image, Indices, Mask
 from elastic_strips.errors import ParameterError
 from elastic_strips.native import kernel
-from elastic_strips.scene import Obstacle, Voxels
+from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Voxels
 from elastic_strips.validation import Bound, NonNegative, Positive, check_fields
 
 from .readings import DepthImage, RangeImage
@@ -29,6 +29,7 @@ _MOST_BLOCKS = 1 << 20
 _STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
 Known = npt.NDArray[np.int8]
+_Block = tuple[int, int, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +55,12 @@ class VolumeMapParams:
         hit, miss: log-odds that a hit adds, and that a look through takes away.
         floor, top: bounds of the log-odds; the floor is −floor.
         occupied: voxels above it become obstacles, until they are below −floor / 2.
+        unseen: whether voxels in doubt are ``"free"`` or ``"blocked"``: those that were never seen, and those that were
+            hit and are no obstacle yet.
+        unseen_radius: with ``"blocked"``, those in blocks this close to the robot's base are obstacles, too.
+        low: what is lower is not in doubt: a camera sees the floor too late.
+        start_radius, start_margin: where the robot stands at first nothing is in doubt: in an upright cylinder about
+            its base, and this near to its bodies.
     """
 
     cell: Positive = 0.05
@@ -74,6 +81,11 @@ class VolumeMapParams:
     floor: Positive = 0.8
     top: Positive = 3.4
     occupied: Positive = 0.5
+    unseen: Literal["free", "blocked"] = "free"
+    unseen_radius: Positive = 1.6
+    low: NonNegative = 0.1
+    start_radius: NonNegative = 0.6
+    start_margin: NonNegative = 0.15
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -82,6 +94,11 @@ class VolumeMapParams:
             raise ParameterError(
                 f"VolumeMapParams.length={self.length!r} and height={self.height!r} are more than {_MOST_BLOCKS} "
                 f"blocks of 8³ voxels of cell={self.cell!r} m"
+            )
+        if self.unseen == "blocked" and self.unseen_radius > 0.5 * self.length - 2.0 * self.block:
+            raise ParameterError(
+                f"VolumeMapParams.unseen_radius={self.unseen_radius!r} must be well within half of "
+                f"length={self.length!r}"
             )
         if not self.occupied < min(self.hit, self.top):
             raise ParameterError(
@@ -144,7 +161,8 @@ class VolumeMap:
             [*(-(n // 2) for n in p.blocks[:2]), math.floor(p.bottom / p.block + 1e-9)], dtype=np.intp
         )
         self._map = make(np.array(p.blocks, dtype=np.intp), self._corner, p.cell, *units)
-        self._made: dict[tuple[int, int, int], Obstacle] = {}
+        self._made: dict[_Block, Obstacle] = {}
+        self._doubtful: dict[_Block, Obstacle | None] = {}  # within the radius
 
     def center(self, x: float, y: float) -> None:
         """Have the window about a point of the floor [m]; what leaves it is forgotten."""
@@ -216,9 +234,41 @@ class VolumeMap:
         free, full = found <= -round(0.5 * p.floor / _UNIT), found > round(p.occupied / _UNIT)
         return np.where(found == UNSEEN, -1, np.where(free, 0, np.where(full, 1, -1))).astype(np.int8)
 
+    def doubtful(self, points: Array) -> Mask:
+        """(n,) whether the voxels that points (n, 3) [m] lie in are in doubt: never seen, or hit and no obstacle yet."""
+        found = np.empty(len(points), dtype=np.int8)
+        self._map.look(np.ascontiguousarray(points, dtype=float), found)
+        return (found == UNSEEN) | ((found > 0) & (found <= round(self.params.occupied / _UNIT)))
+
+    def grant(self, points: Array) -> None:
+        """Take it that the voxels of points (n, 3) [m] were seen, and are neither obstacles nor surely free, where they
+        were not."""
+        self._map.grant(np.ascontiguousarray(points, dtype=float))
+
+    def in_doubt(self, x: float, y: float) -> list[Obstacle]:
+        """What is in doubt near a place (x, y) [m] of the base, one obstacle a block; blocks in which nothing changed
+        are the same objects as before."""
+        p = self.params
+        for block in self._map.changed(True).reshape(-1, 3).tolist():
+            self._doubtful.pop((block[0], block[1], block[2]), None)
+        reach, (first, top) = p.unseen_radius, (self._corner[2], self._corner[2] + p.blocks[2])
+        low = np.floor((np.array([x, y]) - reach) / p.block).astype(int)
+        high = np.floor((np.array([x, y]) + reach) / p.block).astype(int)
+        before, self._doubtful = self._doubtful, {}
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                off = max(i * p.block - x, x - (i + 1) * p.block, 0.0), max(j * p.block - y, y - (j + 1) * p.block, 0.0)
+                if math.hypot(*off) > reach:
+                    continue
+                for k in range(first, top):
+                    key = (i, j, k)
+                    made = before[key] if key in before else self._obstacle(np.array(key, dtype=np.intp), doubtful=True)
+                    self._doubtful[key] = made
+        return [made for made in self._doubtful.values() if made is not None]
+
     def obstacles(self) -> list[Obstacle]:
         """What stands, one obstacle a block; blocks in which nothing changed are the same objects as before."""
-        for block in self._map.changed().reshape(-1, 3):
+        for block in self._map.changed(False).reshape(-1, 3):
             key = (int(block[0]), int(block[1]), int(block[2]))
             made = self._obstacle(np.ascontiguousarray(block))
             if made is None:
@@ -227,12 +277,17 @@ class VolumeMap:
                 self._made[key] = made
         return list(self._made.values())
 
-    def _obstacle(self, block: Indices) -> Obstacle | None:
-        boxes = self._map.boxes(block).reshape(-1, 6)
+    def _obstacle(self, block: Indices, *, doubtful: bool = False) -> Obstacle | None:
+        boxes = self._map.boxes(block, doubtful).reshape(-1, 6)
+        if doubtful:
+            lowest = math.ceil(self.params.low / self.params.cell - 1e-9)
+            boxes = boxes[boxes[:, 5] > lowest]
+            boxes[:, 2] = np.maximum(boxes[:, 2], lowest)
         if not len(boxes):
             return None
         i, j, k = block.tolist()
-        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], self.params.cell, f"{self.name}-{i}-{j}-{k}")
+        name = f"{UNSEEN_LAYER if doubtful else self.name}-{i}-{j}-{k}"
+        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], self.params.cell, name)
 
     @property
     def counts(self) -> tuple[int, int]:

@@ -37,8 +37,9 @@ class VolumeTwin:
         self._miss, self._floor, self._top, self._filled, self._emptied = miss, floor, top, filled, emptied
         self._known = np.full(self._shape, UNSEEN, dtype=np.int8)
         self._full = np.zeros(self._shape, dtype=bool)
+        self._sure = np.zeros(self._shape, dtype=bool)  # not in doubt
         self._hit = np.zeros(self._shape, dtype=bool)
-        self._changed: set[tuple[int, ...]] = set()  # blocks
+        self._changed: tuple[set[tuple[int, ...]], set[tuple[int, ...]]] = (set(), set())  # blocks: full, in doubt
 
     def roll(self, corner: Indices) -> None:
         """Begin at another block of space: what leaves the window is forgotten."""
@@ -50,8 +51,8 @@ class VolumeTwin:
         goes = tuple(slice(max(-b, 0), max(n - max(b, 0), 0)) for b, n in moved)
         leaves = np.ones(self._shape, dtype=bool)
         leaves[kept] = False
-        self._note(np.argwhere(leaves & self._full) + self._corner)
-        for name, empty in (("_known", UNSEEN), ("_full", False), ("_hit", False)):
+        self._note(False, np.argwhere(leaves & self._full) + self._corner)
+        for name, empty in (("_known", UNSEEN), ("_full", False), ("_sure", False), ("_hit", False)):
             before = getattr(self, name)
             after = np.full(self._shape, empty, dtype=before.dtype)
             after[goes] = before[kept]
@@ -86,7 +87,8 @@ class VolumeTwin:
     ) -> None:
         """Free the voxels of which every pixel over the ball about them sees further; but not what was hit last.
 
-        From ``sure`` [m] on pixels are too far apart to see all: obstacles there only become what was never seen.
+        From ``sure`` [m] on pixels are too far apart to see all: obstacles there only become what was never seen. Of
+        what was never seen, what is seen beyond the middle of is neither.
         """
         sight = _Sight(clear, camera, closed, scale, middle)
         if not sight.farthest > nearest:
@@ -113,6 +115,9 @@ class VolumeTwin:
             least, _ = sight.seen(cover)
             passed = cover[4] & (cover[2] >= nearest) & (cover[3] < sight.farthest) & (least > cover[3])
             self._pass(voxels[passed], cover[3][passed] <= sure)
+            halfway = cover[4] & (cover[2] >= nearest) & (cover[3] < sight.farthest) & (cover[3] <= sure)
+            halfway &= ~passed & (least > 0.5 * (cover[2] + cover[3]))
+            self._grant(voxels[halfway] - self._corner)
 
     def look(self, points: Array, known: npt.NDArray[np.int8]) -> None:
         """What is known of the voxels of points (n, 3)."""
@@ -120,18 +125,27 @@ class VolumeTwin:
         known[:] = UNSEEN
         known[inside] = self._known[tuple(at[inside].T)]
 
-    def changed(self) -> Indices:
-        """Blocks (n, 3), one after the other, whose obstacles have changed since last asked."""
-        found = sorted(self._changed)
-        self._changed.clear()
+    def grant(self, points: Array) -> None:
+        """Of the voxels of points (n, 3) those that were never seen are neither from now on."""
+        at, inside = self._cells(points)
+        self._grant(np.unique(at[inside], axis=0))
+
+    def changed(self, doubtful: bool) -> Indices:
+        """Blocks (n, 3), one after the other, whose obstacles have changed since last asked, or whose voxels in doubt:
+        those that were never seen, and those that have been hit and are no obstacle yet."""
+        noted = self._changed[doubtful]
+        found = sorted(noted)
+        noted.clear()
         return np.array(found, dtype=np.intp).reshape(-1)
 
-    def boxes(self, block: Indices) -> Indices:
-        """Boxes (n, 6), low and high in voxels of space, that a block's obstacles consist of."""
+    def boxes(self, block: Indices, doubtful: bool) -> Indices:
+        """Boxes (n, 6), low and high in voxels of space, that a block's obstacles, or its voxels in doubt, consist
+        of."""
         first = block * BLOCK - self._corner
         if not ((first >= 0) & (first < self._shape)).all():
             return np.zeros(0, dtype=np.intp)
-        left = self._full[tuple(slice(a, a + BLOCK) for a in first.tolist())].copy()
+        here = tuple(slice(a, a + BLOCK) for a in first.tolist())
+        left = ~self._sure[here] if doubtful else self._full[here].copy()
         found: list[Indices] = []
         while left.any():
             x, y, z = np.argwhere(left)[0].tolist()
@@ -163,16 +177,23 @@ class VolumeTwin:
         then = np.maximum(np.where(now == UNSEEN, 0, now) - self._miss, self._floor)
         self._put(at, np.where(~surely & (now >= self._emptied) & (then < self._emptied), UNSEEN, then))
 
+    def _grant(self, at: Indices) -> None:
+        """Have voxels (n, 3) of the window that were never seen be neither."""
+        new = at[self._known[tuple(at.T)] == UNSEEN]
+        self._put(new, np.zeros(len(new), dtype=int))
+
     def _put(self, at: Indices, known: npt.NDArray[np.int_]) -> None:
         """Have it known of voxels (n, 3) of the window, none of them twice."""
         index = tuple(at.T)
         full = self._full[index]
         now = (known != UNSEEN) & np.where(full, known >= self._emptied, known > self._filled)
-        self._note(at[full != now] + self._corner)
-        self._known[index], self._full[index] = known, now
+        sure = now | ((known != UNSEEN) & (known <= 0))
+        self._note(False, at[full != now] + self._corner)
+        self._note(True, at[sure != self._sure[index]] + self._corner)
+        self._known[index], self._full[index], self._sure[index] = known, now, sure
 
-    def _note(self, voxels: Indices) -> None:
-        self._changed.update(map(tuple, np.unique(voxels // BLOCK, axis=0).tolist()))
+    def _note(self, doubtful: bool, voxels: Indices) -> None:
+        self._changed[doubtful].update(map(tuple, np.unique(voxels // BLOCK, axis=0).tolist()))
 
 
 class _Sight:

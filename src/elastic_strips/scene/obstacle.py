@@ -28,6 +28,9 @@ from .quantities import (
     pose_of,
 )
 
+UNSEEN_LAYER = "unseen"
+"""Names of obstacles that stand for what no sensor has seen begin with this and a hyphen."""
+
 _Self = TypeVar("_Self", bound="Obstacle")
 
 

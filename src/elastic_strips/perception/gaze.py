@@ -1,0 +1,202 @@
+"""Gaze: where a camera on joints that look had best look: at what the robot is about to pass through and has not seen."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from elastic_strips.arrays import Array, Indices
+from elastic_strips.coal_shapes import outside, support_points
+from elastic_strips.errors import RobotError
+from elastic_strips.robot import RobotModel
+from elastic_strips.robot.geometry import LinkGeometry
+from elastic_strips.robot.kinematics import find_frame
+from elastic_strips.validation import Checked, Count, Fraction, NonNegative, Positive
+
+from .own_body import Posture
+from .volume_map import VolumeMap
+
+_LATTICE = 0.08  # [m] between the points that stand for a body
+_MOST_TARGETS = 400
+_AROUND_HEIGHTS = np.arange(0.2, 1.5, 0.2)  # [m] of what is looked at where nothing else is to be seen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GazeParams(Checked):
+    """How a camera looks about.
+
+    Attributes:
+        ahead: what is passed through later than this counts less, by 1/e [s].
+        dwell: how long it looks at one place at least [s].
+        turning: what a second of turning costs, as a part of all that there is to see.
+        margin: part of the picture at each of its borders that does not count.
+        steps: postures that are tried, along each joint.
+        forget: looks in vain count for this long [s].
+        around: what has not been seen is looked at up to this distance [m] where nothing is to be passed through.
+    """
+
+    ahead: Positive = 2.0
+    dwell: NonNegative = 0.2
+    turning: NonNegative = 0.15
+    margin: Fraction = 0.08
+    steps: Count = 13
+    forget: Positive = 4.0
+    around: Positive = 1.4
+
+
+class Gaze:
+    """Workspace: chooses the values of a robot's joints that look. One per camera.
+
+    Args:
+        robot: the robot; it has joints that look (``load_robot(…, looking=…)``).
+        frame: link of the camera.
+        T_frame_camera: (4, 4) pose of the camera on it: z looks, x to the right, y down.
+        field_of_view: of a picture's width and of its height [rad].
+        reach: from which distance to which the camera sees [m].
+        params: how it looks about.
+
+    Attributes:
+        target: what it looks at, (3,) [m] in the world; None before the first look.
+        wanted: (L,) values of the joints that look.
+
+    Raises:
+        RobotError: no joint of the robot looks, they do not carry the camera, or there is no such link.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        frame: str,
+        T_frame_camera: Array,
+        field_of_view: tuple[float, float],
+        reach: tuple[float, float],
+        params: GazeParams | None = None,
+    ) -> None:
+        if not robot.looking:
+            raise RobotError(f"no joint of {robot.name!r} looks: load_robot(…, looking=[…])")
+        self.params: GazeParams = params or GazeParams()
+        self._robot, self._reach = robot, reach
+        self._slopes = np.tan(0.5 * np.array(field_of_view)) * (1.0 - 2.0 * self.params.margin)
+        self._posture = Posture(robot)
+        seeing = robot.seeing
+        joints = [seeing.model.getJointId(name) for name in robot.looking]
+        index = find_frame(seeing.model, frame)
+        if index is None or seeing.model.frames[index].parentJoint not in joints:
+            raise RobotError(f"{frame!r} is no link of {robot.name!r} that {', '.join(robot.looking)} carry")
+        first = min(joints)
+        k = np.array([seeing.model.joints[j].idx_v for j in joints])
+        self.lower: Array = seeing.space.lower[k]
+        self.upper: Array = seeing.space.upper[k]
+        self.speed: Array = np.array([seeing.model.velocityLimit[seeing.model.joints[j].idx_v] for j in joints])
+        self._anchor = robot.model.getJointId(seeing.model.names[seeing.model.parents[first]])
+        ranges = [np.linspace(low, high, self.params.steps) for low, high in zip(self.lower, self.upper, strict=True)]
+        self._values: Array = np.array(list(itertools.product(*ranges)))
+        self._T_anchor_camera = self._cameras(seeing, k, index, seeing.model.parents[first]) @ T_frame_camera
+        self._bodies = [(p.joint, _lattice(p)) for p in robot.geometries]
+        self.wanted: Array = np.array([robot.locked[name] for name in robot.looking])
+        self.target: Array | None = None
+        self._since = -math.inf
+        self._vain: dict[tuple[int, int, int], tuple[int, float]] = {}  # looks at a voxel, and the time of the last
+
+    def _cameras(self, seeing: RobotModel, k: Indices, frame: int, anchor: int) -> Array:
+        """(G, 4, 4) poses of the camera's link, in the frame of the joint that carries the head."""
+        data, row = seeing.model.createData(), seeing.space.to_coordinates(seeing.home_q)
+        poses = []
+        for values in self._values:
+            row[k] = values
+            pin.forwardKinematics(seeing.model, data, seeing.space.from_coordinates(row))
+            placed = pin.updateFramePlacement(seeing.model, data, frame)
+            poses.append((data.oMi[anchor].inverse() * placed).homogeneous)
+        return np.array(poses)
+
+    def look(self, t: float, row: Array, ahead: Array, values: Array, volume: VolumeMap, step: float = 0.1) -> Array:
+        """Where the joints that look are to go.
+
+        Args:
+            t: time [s].
+            row: (nv,) coordinate row of the robot now.
+            ahead: (K, nv) rows that it will come through, the next one first; may be empty.
+            values: (L,) where the joints that look are now [rad or m].
+            volume: what has been seen.
+            step: time from row to row [s].
+
+        Returns:
+            Their values (L,), within their limits.
+        """
+        p = self.params
+        if t - self._since < p.dwell or (
+            np.abs(values - self.wanted).max() > 0.05 and t - self._since < 4.0 * p.dwell
+        ):
+            return self.wanted
+        self._posture.place(row)
+        T = self._posture.T_world_joint[self._anchor] @ self._T_anchor_camera
+        targets, weights = self._targets(t, row, ahead, volume, step)
+        if not len(targets):
+            self._since = t
+            return self.wanted
+        local = np.einsum("gji,gnj->gni", T[:, :3, :3], targets[None] - T[:, None, :3, 3])
+        z = local[..., 2]
+        seen = (z > self._reach[0]) & (z < self._reach[1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            seen &= (np.abs(local[..., 0]) < z * self._slopes[0]) & (np.abs(local[..., 1]) < z * self._slopes[1])
+        turn = (np.abs(self._values - values) / self.speed).max(axis=1)
+        gain = seen @ weights
+        best = int(np.argmax(gain - p.turning * weights.sum() * turn))
+        self.wanted, self._since = self._values[best], t
+        inside = seen[best]
+        if inside.any():
+            self.target = np.average(targets[inside], axis=0, weights=weights[inside] + 1e-12)
+            for voxel in np.floor(targets[inside] / volume.params.cell).astype(int).tolist():
+                key = (voxel[0], voxel[1], voxel[2])
+                self._vain[key] = (self._vain.get(key, (0, t))[0] + 1, t)
+        return self.wanted
+
+    def _targets(
+        self, t: float, row: Array, ahead: Array, volume: VolumeMap, step: float
+    ) -> tuple[Array, Array]:
+        """Points (n, 3) that are to be seen and how much that is worth (n,): first of all what is passed through."""
+        p, cell = self.params, volume.params.cell
+        self._vain = {voxel: look for voxel, look in self._vain.items() if t - look[1] < p.forget}
+        clouds, when = [], []
+        for k in range(len(ahead)):
+            self._posture.place(ahead[k])
+            T = self._posture.T_world_joint
+            cloud = np.concatenate([points @ T[j, :3, :3].T + T[j, :3, 3] for j, points in self._bodies])
+            clouds.append(cloud)
+            when.append(np.full(len(cloud), k * step))
+        some = np.concatenate(clouds) if clouds else np.zeros((0, 3))
+        worth = np.exp(-np.concatenate(when) / p.ahead) if when else np.zeros(0)
+        new = volume.doubtful(some) & (some[:, 2] > volume.params.low)
+        some, worth = some[new], worth[new]
+        x, y = (float(row[0]), float(row[1])) if self._robot.space.planar else (0.0, 0.0)
+        flat = np.arange(-p.around, p.around + 1e-9, 0.2)
+        grid = np.stack(np.meshgrid(x + flat, y + flat, _AROUND_HEIGHTS, indexing="ij"), axis=-1).reshape(-1, 3)
+        grid = grid[volume.doubtful(grid) & (np.hypot(grid[:, 0] - x, grid[:, 1] - y) <= p.around)]
+        some = np.concatenate((some, grid))
+        worth = np.concatenate((worth, np.full(len(grid), 0.02)))
+        if len(ahead):  # what is passed through later is looked at again, for something may have come
+            later = np.array([ahead[k, :2] for k in range(len(ahead))]) if self._robot.space.planar else None
+            if later is not None:
+                fresh = np.column_stack((later, np.full(len(later), 0.6)))
+                some = np.concatenate((some, fresh))
+                worth = np.concatenate((worth, np.full(len(fresh), 0.01)))
+        voxels, first = np.unique(np.floor(some / cell).astype(int), axis=0, return_index=True)
+        some, worth = some[first], worth[first]
+        looks = np.array([self._vain.get((v[0], v[1], v[2]), (0, 0.0))[0] for v in voxels.tolist()])
+        worth = worth / (1.0 + looks) ** 2
+        order = np.argsort(-worth, kind="stable")[:_MOST_TARGETS]
+        return some[order], worth[order]
+
+
+def _lattice(piece: LinkGeometry) -> Array:
+    """Points (n, 3) of a grid in a piece and next to it, in its joint's frame; at least its middle."""
+    corners, radius = support_points(piece.geometry)
+    low, high = corners.min(axis=0) - radius, corners.max(axis=0) + radius
+    axes = [np.linspace(a, b, max(2, math.ceil((b - a) / _LATTICE) + 1)) for a, b in zip(low, high, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = np.vstack((points[outside(piece.geometry, points) < 0.5 * _LATTICE], 0.5 * (low + high)))
+    return points @ piece.placement[:3, :3].T + piece.placement[:3, 3]
