@@ -128,9 +128,7 @@ class Gaze:
             Their values (L,), within their limits.
         """
         p = self.params
-        if t - self._since < p.dwell or (
-            np.abs(values - self.wanted).max() > 0.05 and t - self._since < 4.0 * p.dwell
-        ):
+        if t - self._since < p.dwell or (np.abs(values - self.wanted).max() > 0.05 and t - self._since < 4.0 * p.dwell):
             return self.wanted
         self._posture.place(row)
         T = self._posture.T_world_joint[self._anchor] @ self._T_anchor_camera
@@ -155,9 +153,7 @@ class Gaze:
                 self._vain[key] = (self._vain.get(key, (0, t))[0] + 1, t)
         return self.wanted
 
-    def _targets(
-        self, t: float, row: Array, ahead: Array, volume: VolumeMap, step: float
-    ) -> tuple[Array, Array]:
+    def _targets(self, t: float, row: Array, ahead: Array, volume: VolumeMap, step: float) -> tuple[Array, Array]:
         """Points (n, 3) that are to be seen and how much that is worth (n,): first of all what is passed through."""
         p, cell = self.params, volume.params.cell
         self._vain = {voxel: look for voxel, look in self._vain.items() if t - look[1] < p.forget}
