@@ -20,12 +20,13 @@ _KINDS = {  # of obstacles: what they are called, and their colour
     "points": ("points that were sensed", "#a3adb8"),
     "voxels": ("map of voxels", "#8f9db0"),
     "unseen": ("not seen yet", "#8a5fb0"),
+    "estimated": ("what moves, as it is estimated", "#1f9c8c"),
 }
 MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
-_UNSEEN, _UNSEEN_OPACITY, _ESTIMATED_OPACITY = "unseen", 0.18, 0.6
+_UNSEEN, _UNSEEN_OPACITY, _ESTIMATED_OPACITY = "unseen", 0.18, 0.4
 NONE = np.zeros((0, 16), dtype=np.float32)
 
 
@@ -89,7 +90,7 @@ class ObstacleDrawing:
             parts, pose = self._own.get(path, (None, None))
             still = obstacle.motion is None and (obstacle.name in self.singles or obstacle.name not in alone)
             kind = "moving" if not still else obstacle.shape if obstacle.shape in _CLOUDS else "standing"
-            kind = _UNSEEN if unseen else kind
+            kind = _UNSEEN if unseen else "estimated" if self._estimated and kind == "moving" else kind
             self._seen.add(kind)
             if parts is not obstacle.parts:
                 mesh = geometry.obstacle_mesh(obstacle)
@@ -137,7 +138,7 @@ class ObstacleDrawing:
 
     def _look(self, kind: str) -> Document:
         opacity = _UNSEEN_OPACITY if kind == _UNSEEN else _ESTIMATED_OPACITY if self._estimated else 1.0
-        return commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=kind != _UNSEEN)
+        return commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0)
 
     def moving(self, scene: Scene) -> list[Obstacle]:
         """Obstacles that have an object of their own because they move."""

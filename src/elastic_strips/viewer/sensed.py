@@ -22,6 +22,7 @@ _MOST_POINTS = 5000  # of all sensors
 _MOST_PIXELS = 20_000  # of a picture
 _PERIOD = 0.2  # [s] from one picture of a sensor to the next, and from one map to the next
 _POINTS, _VIEWS, _GAZE = "#1672b8", "#5b7fa6", "#c2257a"
+_VIEW_LENGTH = 1.5  # [m] along its axis, of a view that is drawn: whole ones go through everything
 _SAME_TIME = 1e-6  # [s]
 
 
@@ -135,7 +136,7 @@ def _views(seen: Seen) -> list[Command]:
         T = pose_matrix(pose) @ reading.T_base_sensor
         rows, columns = np.array(reading.depth.shape) - 0.5
         pixels = np.array([[-0.5, -0.5], [columns, -0.5], [columns, rows], [-0.5, rows]])
-        corners = np.column_stack(((pixels - reading.center) / reading.focal, np.ones(4))) * reading.depth_max
+        corners = np.column_stack(((pixels - reading.center) / reading.focal, np.ones(4))) * min(reading.depth_max, _VIEW_LENGTH)
         corners = corners @ T[:3, :3].T + T[:3, 3]
         for k in range(4):
             edges += [(T[:3, 3], corners[k]), (corners[k], corners[(k + 1) % 4])]
