@@ -288,7 +288,7 @@ def _seen(perception: object) -> Seen | None:
     newest = getattr(perception, "newest", None)  # of what faults are wrapped about, too
     if newest is None:
         return None
-    target = getattr(perception, "target", None)
+    target = getattr(getattr(perception, "gaze", None), "target", None)
     return Seen(readings=tuple(newest.values()), scene=getattr(perception, "sensed", None), target=target)
 
 

@@ -302,6 +302,26 @@ class Controller:
         """The strip that is followed."""
         return self.planner.strip
 
+    def ahead(self, seconds: float, step: float = 0.2) -> Array:
+        """Where the strip leads: coordinate rows (K, nv), as fast as the limits allow; for sensors that look ahead.
+
+        Args:
+            seconds: how far ahead [s].
+            step: from row to row [s].
+        """
+        rows = self.strip.coordinates
+        times = self.planner.arrival(rows)
+        at = np.arange(0.0, min(seconds, float(times[-1])) + step, step)
+        after = np.clip(np.searchsorted(times, at, side="right"), 1, len(rows) - 1)
+        part = np.clip((at - times[after - 1]) / np.maximum(times[after] - times[after - 1], 1e-9), 0.0, 1.0)
+        space = self.robot.space
+        return np.array(
+            [
+                space.integrate(rows[i - 1], s * space.difference(rows[i - 1], rows[i]))
+                for i, s in zip(after.tolist(), part.tolist(), strict=True)
+            ]
+        )
+
     @property
     def reached(self) -> int:
         """How many of the goals have been reached."""

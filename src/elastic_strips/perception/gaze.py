@@ -113,7 +113,7 @@ class Gaze:
             poses.append((data.oMi[anchor].inverse() * placed).homogeneous)
         return np.array(poses)
 
-    def look(self, t: float, row: Array, ahead: Array, values: Array, volume: VolumeMap, step: float = 0.1) -> Array:
+    def look(self, t: float, row: Array, ahead: Array, values: Array, volume: VolumeMap, step: float = 0.2) -> Array:
         """Where the joints that look are to go.
 
         Args:

@@ -26,7 +26,7 @@ from elastic_strips.validation import check_able, check_count, check_number, che
 from .computing import ChargedExecutor, Computing
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
-from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
+from .perception import LOOK_AHEAD, Looking, NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
 from .plant import STANDING_SPEED, KinematicPlant, Plant, PlantParams
 from .sensed_perception import SensorPerception
 
@@ -192,6 +192,8 @@ class Simulation(Generic[_Driver]):
 
     def _after_tick(self, tick: Tick) -> None:
         result = tick.result
+        if isinstance(self.perception, Looking):
+            self.perception.attend(self.controller.ahead(LOOK_AHEAD))
         self.recorder.planning(
             tick.time,
             tick_ms=1e3 * tick.seconds,

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control import ObstacleAssumptions
 from elastic_strips.control.estimation import PoseBuffer
-from elastic_strips.perception import Reading, SceneEstimator, SceneEstimatorParams
+from elastic_strips.perception import Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
+from elastic_strips.perception.gaze import Gaze
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene, World
 
 from .computing import Computing
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
+from .sensors.params import DepthParams
 
 _CONTACT_REACH = 0.02  # [m] larger distances are not measured
 
@@ -49,6 +54,10 @@ tracked as moving only some tenths of a second later, and the robot has to be at
 _LASER_PLANE_HEIGHT = 0.3
 """Pieces that reach below this height [m] are in the plane of a base's laser."""
 _STANDING_UPDATE_PERIOD = 0.01  # [s] between sensor updates while the robot stands at its start
+_HEAD_SPEED = 1.5  # [rad/s] at most, of joints that look
+_GLANCE_PERIOD = 0.1  # [s] between choices of where to look
+_LOOK, _LOOK_ABOUT = 1.5, 8.0
+"""Time [s] of reading before the first step, and that of a robot that looks about."""
 _CONTACT_PERIOD = 0.05  # [s] between queries of the contact sensor
 
 
@@ -64,13 +73,17 @@ class SensorPerception:
         sensors: their parameters.
         params: parameters of the scene; defaults with the robot's `body_radius` where None.
         seed: seed of the sensors' noise.
-        look: time of reading before the first step [s].
+        look: time of reading before the first step [s]; more where None and joints look.
         bumper: whether the robot has a contact sensor; during a contact it stands, and readings are ignored: an
             obstacle that touches the robot covers its laser.
         computing: cost of processing readings.
+        volume: parameters of the layer of images; where joints look, what was not seen is blocked unless these say
+            otherwise.
 
     Attributes:
         suite: the sensors.
+        gaze: chooses where the first depth camera looks, where joints look; else None.
+        head: (L,) values of these joints [rad or m].
         estimator: estimates the scene.
         params: the sensors' delay, for figures that depend on it.
         computing: the cost; it may be replaced.
@@ -92,16 +105,35 @@ class SensorPerception:
         sensors: SensorConfig | None = None,
         params: SceneEstimatorParams | None = None,
         seed: int | np.random.Generator = 0,
-        look: float = 1.5,
+        look: float | None = None,
         bumper: bool = True,
         computing: Computing | None = None,
+        volume: VolumeMapParams | None = None,
     ) -> None:
+        if look is None:
+            look = _LOOK_ABOUT if robot.looking else _LOOK
         self._world, self._contact_sensor = world, ContactSensor(robot) if bumper else None
         self._looked, self._touched = -np.inf, ""
-        self.suite: SensorSuite = SensorSuite(robot, world, sensors, seed=seed, time=-look)
+        self._robot = robot
+        self.gaze: Gaze | None = None
+        self.suite: SensorSuite = SensorSuite(robot.seeing, world, sensors, seed=seed, time=-look)
+        camera = next((s for s in self.suite.config.sensors if isinstance(s, DepthParams)), None)
+        if robot.looking and camera is not None:
+            wide = camera.field_of_view
+            high = 2.0 * math.atan(math.tan(0.5 * wide) * camera.rows / camera.columns)
+            self.gaze = Gaze(
+                robot, camera.frame, camera.T_frame_camera, (wide, high), (camera.range_min, min(camera.range_max, 3.5))
+            )
+            volume = volume or VolumeMapParams(unseen="blocked")
+        self.head: Array = np.zeros(0) if self.gaze is None else self.gaze.wanted.copy()
+        self._ahead = np.zeros((0, robot.nv))
+        self._observed = self._glanced = -look
+        blocked = volume is not None and volume.unseen == "blocked"
         if params is None:
             params = SceneEstimatorParams(body_radius=body_radius(robot))
-        self.estimator: SceneEstimator = SceneEstimator(params, robot=robot)
+            if blocked:  # what a scan meets is no higher than what the camera then sees, or does not see
+                params = replace(params, height=_LASER_PLANE_HEIGHT + 0.1)
+        self.estimator: SceneEstimator = SceneEstimator(params, robot=robot.seeing, volume=volume)
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params: PerceptionParams = PerceptionParams(delay=latency)
         coordinates = robot.space.to_coordinates(robot.check_q(start, what="start"))
@@ -128,7 +160,18 @@ class SensorPerception:
         self._past.add(t, estimate)
         if self._contact_sensor is not None and t - self._looked >= _CONTACT_PERIOD - 1e-9:
             self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), coordinates)
-        readings = self.suite.observe(t, coordinates)
+        seen_from = coordinates
+        if self.gaze is not None:
+            most = np.minimum(self.gaze.speed, _HEAD_SPEED) * max(t - self._observed, 0.0)
+            self.head = self.head + np.clip(self.gaze.wanted - self.head, -most, most)
+            seen_from = self._robot.seeing_row(coordinates, self.head)
+            if t - self._glanced >= _GLANCE_PERIOD - 1e-9 and self.estimator.volume is not None:
+                self._glanced = t
+                began = self.computing.reading()
+                self.gaze.look(t, estimate, self._ahead, self.head, self.estimator.volume)
+                self._spent += self.computing.reading() - began
+        self._observed = t
+        readings = self.suite.observe(t, seen_from)
         if self._touched:  # an obstacle on the sensors would stay in the map
             return
         if not readings:
@@ -139,6 +182,10 @@ class SensorPerception:
             self.estimator.update(reading, pose)
             self.newest[reading.sensor] = reading, pose
         self._spent += self.computing.reading() - began
+
+    def attend(self, ahead: Array) -> None:
+        """See :meth:`Looking.attend`."""
+        self._ahead = ahead
 
     def sense(self, t: float) -> Scene:
         """The newest scene.

@@ -7,7 +7,7 @@ from collections import defaultdict
 import numpy as np
 
 from elastic_strips.arrays import Array, Document
-from elastic_strips.scene import Obstacle, Scene
+from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Scene
 from elastic_strips.scene.parts import Part
 
 from . import commands, geometry
@@ -26,7 +26,7 @@ MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
-_UNSEEN, _UNSEEN_OPACITY, _ESTIMATED_OPACITY = "unseen", 0.18, 0.4
+_UNSEEN_OPACITY, _ESTIMATED_OPACITY = 0.18, 0.4
 NONE = np.zeros((0, 16), dtype=np.float32)
 
 
@@ -90,7 +90,7 @@ class ObstacleDrawing:
             parts, pose = self._own.get(path, (None, None))
             still = obstacle.motion is None and (obstacle.name in self.singles or obstacle.name not in alone)
             kind = "moving" if not still else obstacle.shape if obstacle.shape in _CLOUDS else "standing"
-            kind = _UNSEEN if unseen else "estimated" if self._estimated and kind == "moving" else kind
+            kind = UNSEEN_LAYER if unseen else "estimated" if self._estimated and kind == "moving" else kind
             self._seen.add(kind)
             if parts is not obstacle.parts:
                 mesh = geometry.obstacle_mesh(obstacle)
@@ -132,12 +132,12 @@ class ObstacleDrawing:
     def path(self, obstacle: Obstacle) -> str:
         """Where an obstacle is in the tree; its name may contain anything."""
         branch = _CLOUDS.get(obstacle.shape, "map" if self._estimated else "obstacles")
-        branch = _UNSEEN if _is_unseen(obstacle) else branch
+        branch = UNSEEN_LAYER if _is_unseen(obstacle) else branch
         inner = "estimated " if self._estimated else ""
         return f"/{branch}/{inner}" + str(obstacle.name).replace("/", "\N{DIVISION SLASH}").replace("\0", "")
 
     def _look(self, kind: str) -> Document:
-        opacity = _UNSEEN_OPACITY if kind == _UNSEEN else _ESTIMATED_OPACITY if self._estimated else 1.0
+        opacity = _UNSEEN_OPACITY if kind == UNSEEN_LAYER else _ESTIMATED_OPACITY if self._estimated else 1.0
         return commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0)
 
     def moving(self, scene: Scene) -> list[Obstacle]:
@@ -160,4 +160,4 @@ class ObstacleDrawing:
 
 
 def _is_unseen(obstacle: Obstacle) -> bool:
-    return str(obstacle.name).startswith(_UNSEEN)
+    return str(obstacle.name).startswith(UNSEEN_LAYER)

@@ -136,7 +136,9 @@ def _views(seen: Seen) -> list[Command]:
         T = pose_matrix(pose) @ reading.T_base_sensor
         rows, columns = np.array(reading.depth.shape) - 0.5
         pixels = np.array([[-0.5, -0.5], [columns, -0.5], [columns, rows], [-0.5, rows]])
-        corners = np.column_stack(((pixels - reading.center) / reading.focal, np.ones(4))) * min(reading.depth_max, _VIEW_LENGTH)
+        corners = np.column_stack(((pixels - reading.center) / reading.focal, np.ones(4))) * min(
+            reading.depth_max, _VIEW_LENGTH
+        )
         corners = corners @ T[:3, :3].T + T[:3, 3]
         for k in range(4):
             edges += [(T[:3, 3], corners[k]), (corners[k], corners[(k + 1) % 4])]

@@ -154,13 +154,8 @@ class DepthCamera(_Imager):
         focal = 0.5 * params.columns / math.tan(0.5 * params.field_of_view)
         self._focal = focal, focal
         self._center = 0.5 * (params.columns - 1), 0.5 * (params.rows - 1)
-        T = np.eye(4)
-        if params.axis == "x":
-            T[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-        c, s = math.cos(params.tilt), math.sin(params.tilt)
-        T[:3, :3] = T[:3, :3] @ [[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]  # z towards y, which is down
         directions = camera_directions(params.rows, params.columns, self._focal, self._center)
-        super().__init__(params, posture, obstacles, rng, T, directions)
+        super().__init__(params, posture, obstacles, rng, params.T_frame_camera, directions)
 
     def measure(self, t: float) -> DepthImage:
         """The image at time ``t`` [s] from the robot's posture."""

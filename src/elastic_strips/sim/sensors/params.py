@@ -9,6 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
+import numpy as np
+
+from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError, nearest_name
 from elastic_strips.io.nodes import Node, load_yaml
 from elastic_strips.validation import Bound, Count, Fraction, check_choice, check_count, check_fields
@@ -232,6 +235,16 @@ class DepthParams(ImageParams):
     bias_ratio: Fraction = 0.003
     near_reads_min: bool = False
     floor: bool = True
+
+    @property
+    def T_frame_camera(self) -> Array:
+        """(4, 4) pose of the camera on its link: z looks, x to the right, y down."""
+        T = np.eye(4)
+        if self.axis == "x":
+            T[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+        c, s = math.cos(self.tilt), math.sin(self.tilt)
+        T[:3, :3] = T[:3, :3] @ [[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]  # z towards y, which is down
+        return T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
