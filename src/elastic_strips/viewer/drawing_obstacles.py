@@ -26,7 +26,7 @@ MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
-_UNSEEN_OPACITY, _ESTIMATED_OPACITY = 0.18, 0.4
+_UNSEEN_OPACITY, _ESTIMATED_OPACITY = 0.06, 0.4
 NONE = np.zeros((0, 16), dtype=np.float32)
 
 
@@ -138,7 +138,8 @@ class ObstacleDrawing:
 
     def _look(self, kind: str) -> Document:
         opacity = _UNSEEN_OPACITY if kind == UNSEEN_LAYER else _ESTIMATED_OPACITY if self._estimated else 1.0
-        return commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0)
+        look = commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0, lit=kind != UNSEEN_LAYER)
+        return look | {"side": 0} if kind == UNSEEN_LAYER else look  # its outside: much of it lies in a row
 
     def moving(self, scene: Scene) -> list[Obstacle]:
         """Obstacles that have an object of their own because they move."""
