@@ -203,6 +203,7 @@ class Controller:
         self.keeper: GoalKeeper = GoalKeeper(
             self.start,
             goal_q,
+            first,
             following,
             executor,
             self.planner,

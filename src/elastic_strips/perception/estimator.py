@@ -188,7 +188,7 @@ class SceneEstimator:
         if self.volume is not None and self._volume_params.unseen == "blocked":
             # What stands on the floor is taken to reach up to the laser's plane.
             p = self.volume.params
-            free = self.map.free_near(*rays.origin.tolist(), p.unseen_radius)
+            free = self.map.free_near(float(rays.origin[0]), float(rays.origin[1]), p.unseen_radius)
             levels = np.arange(0.5 * p.cell, rays.height + p.cell, p.cell)
             self.volume.grant(np.column_stack((np.repeat(free, len(levels), axis=0), np.tile(levels, len(free)))))
 
@@ -210,7 +210,7 @@ class SceneEstimator:
         self.volume.center(float(T[0, 3]), float(T[1, 3]))
         if not self._stood and image.q is not None:
             p, self._stood = self.volume.params, True
-            own = self._mask.place_of(image.q, p.start_radius, p.start_margin, 0.5 * p.cell)
+            own = self._mask.place_of(image.q, p.start_radius, p.bottom + p.height, p.start_margin, 0.5 * p.cell)
             self.volume.grant(own @ T[:3, :3].T + T[:3, 3])
         T_world_sensor = T @ kept.T_base_sensor
         seen = self.volume.seen_by(kept, T)
