@@ -45,12 +45,18 @@ _OPTIONS = (
         help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
         "again.",
     ),
+    click.option(
+        "--looking",
+        metavar="NAMES",
+        help="Joints that turn at will and are not planned, as of a head, separated by commas: what hangs on them "
+        "counts as large as what it passes through, and a depth camera of --sensors looks about with them.",
+    ),
 )
 
 
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
-    """``--joints``, ``--lock``, ``--srdf``, ``--package-dir`` and ``--visual-as-collision``, as one argument
-    ``described`` for ``load_robot``."""
+    """``--joints``, ``--lock``, ``--srdf``, ``--package-dir``, ``--visual-as-collision`` and ``--looking``, as one
+    argument ``described`` for ``load_robot``."""
 
     @wraps(command)
     def with_options(
@@ -60,6 +66,7 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
         srdf: str | None,
         package_dir: tuple[str, ...],
         visual_as_collision: tuple[str, ...],
+        looking: str | None,
         **others: object,
     ) -> int:
         described: LoadOptions = {}
@@ -76,6 +83,8 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
             if missing and len(visual_as_collision) > 1:
                 raise click.UsageError("--visual-as-collision missing means all such links; name no others besides")
             described["visual_as_collision"] = "missing" if missing else visual_as_collision
+        if looking is not None:
+            described["looking"] = [name.strip() for name in looking.split(",") if name.strip()]
         return command(described=described, **others)
 
     for option in reversed(_OPTIONS):

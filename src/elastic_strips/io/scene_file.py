@@ -52,7 +52,7 @@ _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
 _ROBOTS = (".urdf", ".xacro")
 _PRESETS = ("default", "paper")
-_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs", "visual_as_collision")
+_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs", "visual_as_collision", "looking")
 _SCENARIO_KEYS = (
     "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "via", "seed",
 )  # fmt: skip
@@ -514,6 +514,8 @@ def _described(node: Node) -> tuple[str, LoadOptions]:
             options["visual_as_collision"] = "missing"
         else:
             options["visual_as_collision"] = tuple(item.text() for item in given.items())
+    if "looking" in entries:
+        options["looking"] = tuple(item.text() for item in entries["looking"].items())
     return _robot(entries["name"]), options
 
 
