@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.scenarios import DriveOutcome, Scenario
+    from elastic_strips.viewer import Seen
     from elastic_strips.viewer.dragged_goal import DraggedGoal
 
 
@@ -261,6 +262,7 @@ def watched_drive(
                 goal=space.from_coordinates(driven.controller.goal if goal is None else goal),
                 motion=result is None,
                 notes=_notes(driven.controller, dragged),
+                seen=_seen(driven.perception),
             )
             if stays and not viewer.alive:
                 driven.stop()
@@ -277,6 +279,17 @@ def watched_drive(
         finally:
             driven.plant.close()
     return driven, result, bool(interrupted)
+
+
+def _seen(perception: object) -> Seen | None:
+    """What the sensors see, where the robot drives by them."""
+    from elastic_strips.viewer import Seen
+
+    newest = getattr(perception, "newest", None)  # of what faults are wrapped about, too
+    if newest is None:
+        return None
+    target = getattr(getattr(perception, "gaze", None), "target", None)
+    return Seen(readings=tuple(newest.values()), scene=getattr(perception, "sensed", None), target=target)
 
 
 def _notes(controller: Controller, dragged: DraggedGoal) -> list[tuple[str, str]]:

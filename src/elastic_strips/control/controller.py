@@ -204,6 +204,7 @@ class Controller:
         self.keeper: GoalKeeper = GoalKeeper(
             self.start,
             goal_q,
+            first,
             following,
             executor,
             self.planner,
@@ -316,10 +317,12 @@ class Controller:
         after = np.clip(np.searchsorted(times, at, side="right"), 1, len(rows) - 1)
         part = np.clip((at - times[after - 1]) / np.maximum(times[after] - times[after - 1], 1e-9), 0.0, 1.0)
         space = self.robot.space
-        return np.array([
-            space.integrate(rows[i - 1], s * space.difference(rows[i - 1], rows[i]))
-            for i, s in zip(after.tolist(), part.tolist(), strict=True)
-        ])
+        return np.array(
+            [
+                space.integrate(rows[i - 1], s * space.difference(rows[i - 1], rows[i]))
+                for i, s in zip(after.tolist(), part.tolist(), strict=True)
+            ]
+        )
 
     @property
     def reached(self) -> int:

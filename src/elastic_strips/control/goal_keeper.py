@@ -12,7 +12,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 from elastic_strips.collision.certificate import LEFT_PATH
 from elastic_strips.errors import ConfigurationError
-from elastic_strips.planning import Goal, PlanReport
+from elastic_strips.planning import Goal, PlanReport, check_endpoints
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
@@ -21,12 +21,12 @@ from elastic_strips.validation import check_array, check_number
 
 from .executor import ExecutorLink
 from .interfaces import GoalReached, RunState
-from .itinerary import Goals, goals_in_order, off_goal
+from .itinerary import Goals, configuration_of, goals_in_order, off_goal
 from .local_planner import LocalPlanner
 from .params import DriveParams, Tolerance
 from .path_drive import PathDrive
 from .plan_queue import PlanQueue
-from .replanning import Replanned, Replanner
+from .replanning import Replanned, Replanner, seen_alone, standing
 from .strip_timer import PlanResult
 
 _STRIP_START_OFFSET = 0.02
@@ -44,6 +44,7 @@ class GoalKeeper:
     Args:
         start: (nv,) coordinate row of the robot.
         goal_q: configuration (nq,) of the first goal, to which the planner's strip leads.
+        goal: that goal as it was asked for.
         goals: those after it.
         executor, planner, replanner: the parts of the controller.
         params: parameters of the drive.
@@ -66,6 +67,7 @@ class GoalKeeper:
         self,
         start: Array,
         goal_q: Array,
+        goal: Goal | Sequence[Goal],
         goals: Sequence[Goal | Sequence[Goal]],
         executor: ExecutorLink,
         planner: LocalPlanner,
@@ -90,6 +92,7 @@ class GoalKeeper:
         self._replan: Future[Replanned] | None = None  # plans a strip to the same goal
         self._next: Future[PlanReport] | None = None  # plans the first strip to another goal
         self._next_goal: Goal | Sequence[Goal] = self.goal_q  # that goal
+        self._asked_goal: Goal | Sequence[Goal] = goal  # the present one, as it was asked for
         self._plan_from: Array = start  # (nv,) where either begins
         self._asked = -np.inf  # [s] when another goal was asked for
         self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
@@ -188,7 +191,7 @@ class GoalKeeper:
             return
         self._reach(t, at, passed=True)
         report, self._onward, self._onward_plan, self._replan = self._onward, None, None, None
-        self.goals.pop(0)
+        self._asked_goal = self.goals.pop(0)
         self._take_goal(report)
 
     def _reach(self, t: float, at: Array, *, passed: bool) -> None:
@@ -229,6 +232,10 @@ class GoalKeeper:
         stands = not (reference.v.any() or self._apart(reference.coordinates, end))
         beside = self._joins_from_beside(end, stands)
         if self._replan is None and t >= replanner.due:
+            if self._goal_is_taken(scene):
+                replanner.pending = False
+                self._plan_to(self._asked_goal, end, scene)
+                return True
             start = self._configuration(end)
             self._plan_from = end
             self._replan = self.plans.submit(replanner.another(scene, start, self.goal_q))
@@ -275,6 +282,17 @@ class GoalKeeper:
         self._next_goal, self._plan_from = goal, at
         self._next = self.plans.submit(self._replanner.first(scene, self._configuration(at), goal))
 
+    def _goal_is_taken(self, scene: Scene) -> bool:
+        """Whether something stands where the robot would stand at the goal, and there are other ways to be at it."""
+        goal = self._asked_goal
+        if configuration_of(self._robot, goal) is not None:
+            return False
+        try:
+            check_endpoints(self._robot, standing(seen_alone(scene)), self.goal_q, self.goal_q, self._replanner.deform)
+        except ConfigurationError:
+            return True
+        return False
+
     def _configuration(self, row: Array) -> Array:
         """(nq,) configuration at which a plan begins; a joint that is estimated a little beyond its range is at its
         end."""
@@ -296,6 +314,7 @@ class GoalKeeper:
         if stands and self._apart(self._plan_from, end):  # it came to rest meanwhile
             self._plan_to(self._next_goal, end, scene)
             return
+        self._asked_goal = self._next_goal
         self._take_goal(report)
         self._planner.take(report.strip, beside=not stands)
 

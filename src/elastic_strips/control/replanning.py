@@ -27,7 +27,7 @@ from elastic_strips.planning import (
     plan_report,
 )
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Box, Obstacle, Scene
+from elastic_strips.scene import UNSEEN_LAYER, Box, Obstacle, Scene
 from elastic_strips.strip import DeformParams, Strip
 
 from .itinerary import faced
@@ -139,7 +139,28 @@ class StripPlanner:
 
     def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:
         """A plan with the clearance that was asked for; from where the robot stands nearer to something than that, as
-        one does that has braked, one with the tracking error alone."""
+        one does that has braked, one with the tracking error alone.
+
+        What was not seen counts as free, for it will be seen before the robot is there, or be in the way of its
+        motions; in every second plan it is in the way from the beginning.
+        """
+        seen = seen_alone(scene)
+        if (
+            len(seen) < len(scene) and asked.attempt % 2 == 0
+        ):  # it is looked at on the way; where not, motions end there
+            return self._planned(seen, asked, seed, timeout, line=line)
+        if len(seen) < len(scene):  # that did not help: around it
+            with suppress(ElasticStripsError):
+                report = self._planned_among(scene, asked, seed, 0.5 * timeout, line=line)
+                if report.certified:
+                    return report
+            return self._planned(seen, asked, seed, 0.5 * timeout, line=line)
+        return self._planned_among(scene, asked, seed, timeout, line=line)
+
+    def _planned_among(
+        self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True
+    ) -> PlanReport:
+        """See :meth:`_planned`."""
         try:
             return self._satisfying(scene, asked, seed, timeout, line=line)
         except ConfigurationError as error:
@@ -298,7 +319,7 @@ class Replanner:
             Why another strip is to be planned, or "".
         """
         broken = result.report.certificate.broken
-        by_standing = broken is not None and not _moves(scene, broken.obstacle)
+        by_standing = broken is not None and not (_moves(scene, broken.obstacle) or _unseen(broken.obstacle))
         if not by_standing and (result.accepted or not at_rest):
             self._since, self.halted, self.no_way = None, False, ""
             return ""
@@ -361,6 +382,16 @@ def standing(scene: Scene, below: float = _STATIC_SPEED) -> Scene:
     """The scene without its moving obstacles: those slower than ``below`` [m/s], as static ones."""
     still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < below]
     return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
+
+
+def seen_alone(scene: Scene) -> Scene:
+    """The scene without what stands for what no sensor has seen."""
+    seen = [o for o in scene if not _unseen(o.name or "")]
+    return scene if len(seen) == len(scene) else Scene(seen, time=scene.time)
+
+
+def _unseen(name: str) -> bool:
+    return name.startswith(f"{UNSEEN_LAYER}-")
 
 
 def _around(obstacle: Obstacle, width: float) -> Obstacle:

@@ -74,13 +74,13 @@ class BodyMask:
         measured = image.ranges * stretch
         return np.isfinite(own) & ~(measured < own), as_it_is
 
-    def place_of(self, q: ArrayLike, base: float, margin: float, cell: float) -> Array:
+    def place_of(self, q: ArrayLike, base: float, top: float, margin: float, cell: float) -> Array:
         """Points (n, 3) [m] of a grid, in the base's frame, where the robot is taken to be: in an upright cylinder of
-        radius ``base`` about the base, as high as the robot, and within ``margin`` of the capsules about its bodies.
+        radius ``base`` about the base, up to a height ``top``, and within ``margin`` of the capsules about its bodies.
 
         Args:
             q: (nq,) configuration.
-            base, margin: these distances [m].
+            base, top, margin: these distances [m].
             cell: from point to point [m].
         """
         self._posture.place(self.robot.space.to_coordinates(self.robot.check_q(q)))
@@ -95,10 +95,10 @@ class BodyMask:
         ]
         low = np.min([np.minimum(a, b) - r for a, b, r in capsules], axis=0)
         high = np.max([np.maximum(a, b) + r for a, b, r in capsules], axis=0)
-        low[:2], high[:2] = np.minimum(low[:2], -base), np.maximum(high[:2], base)
-        axes = [np.arange(min(start, 0.0), end + cell, cell) for start, end in zip(low, high, strict=True)]
+        low, high = np.minimum(low, (-base, -base, 0.0)), np.maximum(high, (base, base, top))
+        axes = [np.arange(start, end + cell, cell) for start, end in zip(low, high, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        own = np.hypot(points[:, 0], points[:, 1]) <= base
+        own = (np.hypot(points[:, 0], points[:, 1]) <= base) & (points[:, 2] <= top)
         for a, b, r in capsules:
             along = b - a
             part = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)

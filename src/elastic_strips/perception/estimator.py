@@ -228,10 +228,12 @@ class SceneEstimator:
         ignored = np.zeros(len(rays.ranges), dtype=bool)
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
+        if self.volume is not None:
+            self.volume.forget(self.tracker.traces())
         if self.volume is not None and self._volume_params.unseen == "blocked":
             # What stands on the floor is taken to reach up to the laser's plane.
             p = self.volume.params
-            free = self.map.free_near(*rays.origin.tolist(), p.unseen_radius)
+            free = self.map.free_near(float(rays.origin[0]), float(rays.origin[1]), p.unseen_radius)
             levels = np.arange(0.5 * p.cell, rays.height + p.cell, p.cell)
             self.volume.grant(np.column_stack((np.repeat(free, len(levels), axis=0), np.tile(levels, len(free)))))
 
@@ -254,7 +256,7 @@ class SceneEstimator:
         self.volume.center(float(T[0, 3]), float(T[1, 3]))
         if not self._stood and image.q is not None:
             p, self._stood = self.volume.params, True
-            place = self._mask.place_of(image.q, p.start_radius, p.start_margin, 0.5 * p.cell)
+            place = self._mask.place_of(image.q, p.start_radius, p.bottom + p.height, p.start_margin, 0.5 * p.cell)
             self.volume.grant(place @ T[:3, :3].T + T[:3, 3])
         T_world_sensor = T @ kept.T_base_sensor
         seen = self.volume.seen_by(kept, T)
@@ -266,11 +268,11 @@ class SceneEstimator:
         )
         if report.reason:
             return False
-        origin = T_world_sensor[:2, 3].copy()
-        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, origin, self.params)
-        if len(self.tracker) or clusters:
-            self.map.forget(self.tracker.update(ImageView(kept, T_world_sensor), clusters, kept.sensor))
+        view = ImageView(kept, T_world_sensor)
+        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view, self.params)
+        self.map.forget(self.tracker.update(view, clusters, kept.sensor))
         self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))
+        self.volume.forget(self.tracker.traces())
         return True
 
 

@@ -1,4 +1,4 @@
-"""Gaze: where a camera on joints that look had best look: at what the robot is about to pass through and has not seen."""
+"""Gaze: where a camera on joints that look had best look: at what will be passed through and has not been seen."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from .own_body import Posture
 from .volume_map import VolumeMap
 
 _LATTICE = 0.08  # [m] between the points that stand for a body
-_MOST_TARGETS = 400
+_MOST_TARGETS = 1500
+_CELL = 0.1  # [m] within which places are looked at together
 _AROUND_HEIGHTS = np.arange(0.2, 1.5, 0.2)  # [m] of what is looked at where nothing else is to be seen
 
 
@@ -32,7 +33,7 @@ class GazeParams(Checked):
     Attributes:
         ahead: what is passed through later than this counts less, by 1/e [s].
         dwell: how long it looks at one place at least [s].
-        turning: what a second of turning costs, as a part of all that there is to see.
+        turning: what a second of turning costs, as a part of what the best view shows.
         margin: part of the picture at each of its borders that does not count.
         steps: postures that are tried, along each joint.
         forget: looks in vain count for this long [s].
@@ -41,10 +42,10 @@ class GazeParams(Checked):
 
     ahead: Positive = 2.0
     dwell: NonNegative = 0.2
-    turning: NonNegative = 0.15
+    turning: NonNegative = 0.3
     margin: Fraction = 0.08
     steps: Count = 13
-    forget: Positive = 4.0
+    forget: Positive = 8.0
     around: Positive = 1.4
 
 
@@ -128,9 +129,7 @@ class Gaze:
             Their values (L,), within their limits.
         """
         p = self.params
-        if t - self._since < p.dwell or (
-            np.abs(values - self.wanted).max() > 0.05 and t - self._since < 4.0 * p.dwell
-        ):
+        if t - self._since < p.dwell or (np.abs(values - self.wanted).max() > 0.05 and t - self._since < 4.0 * p.dwell):
             return self.wanted
         self._posture.place(row)
         T = self._posture.T_world_joint[self._anchor] @ self._T_anchor_camera
@@ -145,21 +144,19 @@ class Gaze:
             seen &= (np.abs(local[..., 0]) < z * self._slopes[0]) & (np.abs(local[..., 1]) < z * self._slopes[1])
         turn = (np.abs(self._values - values) / self.speed).max(axis=1)
         gain = seen @ weights
-        best = int(np.argmax(gain - p.turning * weights.sum() * turn))
+        best = int(np.argmax(gain - p.turning * float(gain.max()) * turn))
         self.wanted, self._since = self._values[best], t
         inside = seen[best]
         if inside.any():
             self.target = np.average(targets[inside], axis=0, weights=weights[inside] + 1e-12)
-            for voxel in np.floor(targets[inside] / volume.params.cell).astype(int).tolist():
+            for voxel in np.floor(targets[inside] / _CELL).astype(int).tolist():
                 key = (voxel[0], voxel[1], voxel[2])
                 self._vain[key] = (self._vain.get(key, (0, t))[0] + 1, t)
         return self.wanted
 
-    def _targets(
-        self, t: float, row: Array, ahead: Array, volume: VolumeMap, step: float
-    ) -> tuple[Array, Array]:
+    def _targets(self, t: float, row: Array, ahead: Array, volume: VolumeMap, step: float) -> tuple[Array, Array]:
         """Points (n, 3) that are to be seen and how much that is worth (n,): first of all what is passed through."""
-        p, cell = self.params, volume.params.cell
+        p = self.params
         self._vain = {voxel: look for voxel, look in self._vain.items() if t - look[1] < p.forget}
         clouds, when = [], []
         for k in range(len(ahead)):
@@ -184,10 +181,12 @@ class Gaze:
                 fresh = np.column_stack((later, np.full(len(later), 0.6)))
                 some = np.concatenate((some, fresh))
                 worth = np.concatenate((worth, np.full(len(fresh), 0.01)))
-        voxels, first = np.unique(np.floor(some / cell).astype(int), axis=0, return_index=True)
+        order = np.argsort(-worth, kind="stable")
+        some, worth = some[order], worth[order]
+        voxels, first = np.unique(np.floor(some / _CELL).astype(int), axis=0, return_index=True)
         some, worth = some[first], worth[first]
         looks = np.array([self._vain.get((v[0], v[1], v[2]), (0, 0.0))[0] for v in voxels.tolist()])
-        worth = worth / (1.0 + looks) ** 2
+        worth = worth / (1.0 + looks) ** 3
         order = np.argsort(-worth, kind="stable")[:_MOST_TARGETS]
         return some[order], worth[order]
 

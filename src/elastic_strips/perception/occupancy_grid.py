@@ -141,7 +141,9 @@ class OccupancyGrid:
         """Middles (n, 2) [m] of the cells within a distance of a point that have been seen and are no obstacles."""
         i, j = self._disc(np.array([x, y]), radius)
         free = self.seen[i, j] & ~self.filled[i, j]
-        return np.asarray((np.column_stack((i[free], j[free])) + self.corner + 0.5) * self.params.cell, dtype=np.float64)
+        return np.asarray(
+            (np.column_stack((i[free], j[free])) + self.corner + 0.5) * self.params.cell, dtype=np.float64
+        )
 
     def obstacles(self) -> tuple[Obstacle, ...]:
         """One `Voxels` for each tile with occupied cells, ``map-3-5``, and for each with blocked ones, ``unseen-3-5``.

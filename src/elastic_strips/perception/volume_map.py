@@ -84,7 +84,7 @@ class VolumeMapParams:
     unseen: Literal["free", "blocked"] = "free"
     unseen_radius: Positive = 1.6
     low: NonNegative = 0.1
-    start_radius: NonNegative = 0.6
+    start_radius: NonNegative = 0.8
     start_margin: NonNegative = 0.15
 
     def __post_init__(self) -> None:
@@ -235,7 +235,7 @@ class VolumeMap:
         return np.where(found == UNSEEN, -1, np.where(free, 0, np.where(full, 1, -1))).astype(np.int8)
 
     def doubtful(self, points: Array) -> Mask:
-        """(n,) whether the voxels that points (n, 3) [m] lie in are in doubt: never seen, or hit and no obstacle yet."""
+        """(n,) whether voxels that points (n, 3) [m] lie in are in doubt: never seen, or hit and no obstacle yet."""
         found = np.empty(len(points), dtype=np.int8)
         self._map.look(np.ascontiguousarray(points, dtype=float), found)
         return (found == UNSEEN) | ((found > 0) & (found <= round(self.params.occupied / _UNIT)))
@@ -244,6 +244,11 @@ class VolumeMap:
         """Take it that the voxels of points (n, 3) [m] were seen, and are neither obstacles nor surely free, where they
         were not."""
         self._map.grant(np.ascontiguousarray(points, dtype=float))
+
+    def forget(self, points: Array) -> None:
+        """Forget what is known of the voxels of points (n, 3) [m]: a thing that was there has moved on. They were not
+        seen then; they are not called free."""
+        self._map.forget(np.ascontiguousarray(points, dtype=float))
 
     def in_doubt(self, x: float, y: float) -> list[Obstacle]:
         """What is in doubt near a place (x, y) [m] of the base, one obstacle a block; blocks in which nothing changed

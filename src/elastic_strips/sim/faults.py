@@ -144,9 +144,7 @@ class FaultyPerception:
         if wanted:
             suite = getattr(inner, "suite", None)
             if not isinstance(suite, SensorSuite) or not suite.imagers:
-                raise ParameterError(
-                    f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar to have it"
-                )
+                raise ParameterError(f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar to have it")
             setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # of a protocol
         self._last: Scene | None = None
 

@@ -11,7 +11,7 @@ from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control import ObstacleAssumptions
 from elastic_strips.control.estimation import PoseBuffer
-from elastic_strips.perception import SceneEstimator, SceneEstimatorParams, VolumeMapParams
+from elastic_strips.perception import Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
 from elastic_strips.perception.gaze import Gaze
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene, World
@@ -87,6 +87,8 @@ class SensorPerception:
         estimator: estimates the scene.
         params: the sensors' delay, for figures that depend on it.
         computing: the cost; it may be replaced.
+        newest: sensor → its newest reading, and the base's estimated pose then.
+        sensed: the newest scene; None before the first.
         cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before is
             included, that of simulating the sensors is not.
 
@@ -137,6 +139,8 @@ class SensorPerception:
         self.params: PerceptionParams = PerceptionParams(delay=latency)
         coordinates = robot.space.to_coordinates(robot.check_q(start, what="start"))
         self.computing: Computing = computing or Computing()
+        self.newest: dict[str, tuple[Reading, Array]] = {}
+        self.sensed: Scene | None = None
         self.cost: float = 0.0
         self._spent = 0.0  # [s] since the last scene
         self._past = PoseBuffer()
@@ -175,7 +179,9 @@ class SensorPerception:
             return
         began = self.computing.reading()
         for reading in readings:
-            self.estimator.update(reading, self._past.at(reading.time))
+            pose = self._past.at(reading.time)
+            self.estimator.update(reading, pose)
+            self.newest[reading.sensor] = reading, pose
         self._spent += self.computing.reading() - began
 
     def attend(self, ahead: Array) -> None:
@@ -191,7 +197,7 @@ class SensorPerception:
         if not self.estimator.times:
             raise PerceptionError(f"none of the sensors {', '.join(self.suite.config.names)} has read anything yet")
         began = self.computing.reading()
-        scene = self.estimator.scene()
+        self.sensed = scene = self.estimator.scene()
         self.cost, self._spent = self._spent + self.computing.reading() - began, 0.0
         return scene
 

@@ -9,15 +9,17 @@ if TYPE_CHECKING:
     from .drag import Drag
     from .dragged_goal import DraggedGoal
     from .live import LiveStrip
+    from .sensed import Seen
     from .viewer import Viewer
 
-__all__ = ["Browser", "BrowserError", "Drag", "DraggedGoal", "LiveStrip", "Viewer"]
+__all__ = ["Browser", "BrowserError", "Drag", "DraggedGoal", "LiveStrip", "Seen", "Viewer"]
 
 _MODULES = {  # pictures of what stands need no planner
     "browser": ("Browser", "BrowserError"),
     "drag": ("Drag",),
     "dragged_goal": ("DraggedGoal",),
     "live": ("LiveStrip",),
+    "sensed": ("Seen",),
     "viewer": ("Viewer",),
 }
 __getattr__ = late_names(__name__, _MODULES)

@@ -23,8 +23,6 @@ from .commands import Command, Track
 from .drawing import (
     CERTIFIED,
     HAND_THREAD,
-    MOVING,
-    MOVING_COLOR,
     REFUSED,
     THREADS,
     UNCHECKED,
@@ -33,6 +31,7 @@ from .drawing import (
     bare_legend,
     segment_colors,
 )
+from .drawing_obstacles import MOVING, MOVING_COLOR
 from .geometry import Floats, RobotPoses, linear
 
 STATE_COLORS = {

@@ -151,6 +151,31 @@ def rods(path: str, points: Array, colors: ArrayLike, radius: float) -> Command:
     return key(path, "instances"), packb({**data, "colors": _floats(colors)})
 
 
+def points(path: str, places: ArrayLike, color: ArrayLike) -> Command:
+    """Draw points (n, 3) [m] of one linear colour, in the place of those that were there."""
+    return _plain("points", path, places, color)
+
+
+def lines(path: str, ends: ArrayLike, color: ArrayLike) -> Command:
+    """Draw lines (n, 2, 3) [m] of one linear colour, in the place of those that were there."""
+    return _plain("lines", path, ends, color)
+
+
+def _plain(kind: str, path: str, places: ArrayLike, color: ArrayLike) -> Command:
+    look = [float(c) for c in np.asarray(color)]
+    return key(path, "object"), packb({"type": kind, "path": path, "places": _floats(places), "color": look})
+
+
+def depth(sensor: str, levels: NDArray[np.uint8], near: float, far: float) -> Command:
+    """Show a picture (H, W) of bytes in the page: from 1, ``near`` [m], to 254, ``far``; 0 is no answer, 255 nothing.
+
+    One of no pixels takes the sensor's picture away.
+    """
+    pixels = Ext(_UINT8, np.ascontiguousarray(levels, dtype=np.uint8).tobytes())
+    data = {"type": "depth", "sensor": sensor, "columns": levels.shape[1], "pixels": pixels, "near": near, "far": far}
+    return key("", f"depth {sensor}"), packb(data)
+
+
 def transforms(group: str, paths: Sequence[str], matrices: ArrayLike) -> Command:
     """Move many objects at once: (K, 16) column-major matrices."""
     return key(group, "transforms"), packb({"type": "transforms", "paths": list(paths), "matrices": _floats(matrices)})
@@ -330,7 +355,7 @@ def _page(title: str, scripts: str) -> str:
 <div id="es-card"></div>
 <div id="es-bar" role="toolbar" aria-label="what is shown"></div>
 <div id="es-labels"></div><div id="es-tip"></div><div id="es-toast" role="status"></div>
-<div id="es-hint"></div>
+<div id="es-hint"></div><div id="es-depth"></div>
 <div id="es-play"><button id="es-toggle" title="play or pause"></button>
 <input id="es-time" type="range" min="0" max="1" step="0.01" value="0" aria-label="time"><output id="es-now"></output>
 <select id="es-speed" title="speed" aria-label="speed"></select></div>

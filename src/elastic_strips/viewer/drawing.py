@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +10,14 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.hulls import convex_hull
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Obstacle, Scene
-from elastic_strips.scene.parts import Part
+from elastic_strips.scene import Scene
 from elastic_strips.strip.report import DeformReport, DeformStatus
 
 from . import commands, geometry
 from .commands import Command
+from .drawing_obstacles import NONE, ObstacleDrawing
 from .geometry import Body, Floats, MeshData, RobotPoses, linear
+from .sensed import Seen, SeenDrawing
 
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
@@ -27,24 +27,13 @@ _HATCHED = f"repeating-linear-gradient(135deg, {geometry.BARE} 0 3px, #a9b0b8 3p
 STATIC = ("/ghosts", "/strip", "/forces", "/trouble", "/predictions")
 """Parts of a still picture that an animation may hide."""
 _TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
-_KINDS = {  # of obstacles: what they are called, and their colour
-    "standing": ("obstacle", "#c9a27e"),
-    "moving": ("obstacle that moves", "#e07a3f"),
-    "points": ("points that were sensed", "#a3adb8"),
-    "voxels": ("map of voxels", "#8f9db0"),
-}
-MOVING_COLOR = _KINDS["moving"][1]
-_STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)
 _CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
 _MAX_HULLS = 600
 _NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
-_PREDICTED_TIMES, _MOST_MOVING = ((0.5, 0.35), (1.0, 0.2)), 40  # [s] and how opaque predictions are; of so many movers
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
 _PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = 1.9, 0.09, 0.02  # [m] of the pin where a strip is broken
 _SPOT_RADIUS, _BALL_RADIUS = 0.16, 0.07  # [m] of the ball there, and of that by which the hand is dragged
 _LONGEST_CARD_REASON, _LONGEST_PLACE_REASON = 400, 90  # characters of a reason, in the card and at the place
-_CLOUDS = {"voxels": "map", "points": "sensed"}  # shapes of what sensors saw, and where they are in the tree
-_NONE = np.zeros((0, 16), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +43,7 @@ class Snapshot:
     The robot stands at ``q`` (nq,), or at the first node where that is None, and its goal is ``goal`` (nq,), or the
     last node; the nodes are those of a certified ``motion``, or not; ``frame`` turns the camera to the strip.
     ``live`` is one of many pictures a second: slow measurements are left out. ``tick`` is the time of one tick
-    [s]; ``notes`` are further rows of the card.
+    [s]; ``notes`` are further rows of the card; ``seen`` is what sensors see.
     """
 
     robot: RobotModel
@@ -68,6 +57,7 @@ class Snapshot:
     live: bool = False
     tick: float | None = None
     notes: tuple[tuple[str, str], ...] = ()
+    seen: Seen | None = None
 
 
 class Drawing:
@@ -89,6 +79,7 @@ class Drawing:
         self.body_paths: list[str] = []  # where these are in the tree
         self.poses: RobotPoses | None = None
         self.obstacles: ObstacleDrawing = ObstacleDrawing()
+        self.seen: SeenDrawing | None = None  # none before sensors see something
         self.playing: bool = False
         self.hidden: tuple[str, ...] = ()  # what is hidden by what plays
         self._made: set[str] = set()
@@ -100,6 +91,10 @@ class Drawing:
         out += self.stop()
         out += self.obstacles.draw(snapshot.scene)
         out += self.obstacles.predictions(snapshot.scene)
+        if snapshot.seen is not None and self.seen is None:
+            self.seen = SeenDrawing()
+        if self.seen is not None:
+            out += self.seen.draw(snapshot.seen)
         coordinates = snapshot.robot.space.to_coordinates(snapshot.nodes)
         poses.update(coordinates)
         points = poses.points()
@@ -246,7 +241,7 @@ class Drawing:
         things += bare_legend(snapshot.robot)
         if snapshot.robot.space.planar and len(snapshot.nodes) > 1:
             things += [["start", BASE_THREAD], ["goal", HAND_THREAD]]
-        return things + self.obstacles.legend()
+        return things + self.obstacles.legend() + ([] if self.seen is None else self.seen.legend())
 
     def markers(self, coordinates: Array) -> list[Command]:
         """Lay rings where the first and the last of coordinate rows (N, nv) have their base."""
@@ -336,7 +331,7 @@ class Drawing:
         if matrices is None and path not in self._made:
             return []
         out = [commands.mesh(path, mesh, look, instances=room, cast=False)] if self._first(path) else []
-        return [*out, commands.instances(path, _NONE if matrices is None else matrices)]
+        return [*out, commands.instances(path, NONE if matrices is None else matrices)]
 
     def _first(self, name: str) -> bool:
         """Whether this is the first time that something is drawn."""
@@ -417,121 +412,3 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, p
     middle[:3, 3] = 0.5 * (piece.capsule.a + piece.capsule.b)
     there = poses.matrices([piece.joint])[0, 0].reshape(4, 4).T @ robot.tree.to_aligned(piece.joint, middle)
     return np.asarray(there[:3, 3], dtype=float)
-
-
-class ObstacleDrawing:
-    """The parts of a scene that the browsers already have.
-
-    Boxes, spheres, cylinders and cones that stand still are one object per shape, however many there are. Everything
-    else, and what moves, is an object of its own.
-    """
-
-    def __init__(self) -> None:
-        """Start without obstacles."""
-        self._scene: Scene | None = None
-        self._alone: frozenset[str] = frozenset()
-        self._own: dict[str, tuple[tuple[Part, ...], Array]] = {}
-        self._shared: dict[str, Floats] = {}
-        self._seen: set[str] = set()  # kinds of things
-        self._predicted: set[str] = set()  # paths of predictions
-        self.singles: set[str] = set()  # names of what is an object of its own because it is dragged
-
-    def legend(self) -> list[list[str]]:
-        """The meaning of the obstacles' colours."""
-        entries = [[name, color] for kind, (name, color) in _KINDS.items() if kind in self._seen]
-        if self._predicted:
-            entries.append(["where it will be in 0.5 and 1 s", f"color-mix(in srgb, {MOVING_COLOR} 35%, white)"])
-        return entries
-
-    def draw(self, scene: Scene, *, alone: frozenset[str] = frozenset()) -> list[Command]:
-        """Return the commands that turn the picture of the last scene into that of this one.
-
-        Obstacles named ``alone`` are objects of their own even if they stand still, so that they can be hidden.
-        """
-        alone = alone | self.singles
-        if scene is self._scene and alone == self._alone:
-            return []
-        self._scene, self._alone = scene, alone
-        self._seen.clear()
-        titles: dict[str, list[str]] = defaultdict(list)
-        out: list[Command] = []
-        instances: dict[str, list[Array]] = defaultdict(list)
-        seen: set[str] = set()
-        moved: list[tuple[str, Array]] = []
-        for obstacle in scene:
-            single = obstacle.motion is not None or obstacle.name in alone
-            unit = None if single else geometry.unit_shape(obstacle)
-            if unit is not None:
-                shape, factors = unit
-                T = np.array(obstacle.pose)
-                T[:3, :3] *= factors
-                instances[shape].append(T)
-                titles[shape].append(str(obstacle.name))
-                self._seen.add("standing")
-                continue
-            path = self.path(obstacle)
-            parts, pose = self._own.get(path, (None, None))
-            still = obstacle.motion is None and (obstacle.name in self.singles or obstacle.name not in alone)
-            kind = "moving" if not still else obstacle.shape if obstacle.shape in _CLOUDS else "standing"
-            self._seen.add(kind)
-            if parts is not obstacle.parts:
-                mesh = geometry.obstacle_mesh(obstacle)
-                if mesh is None:
-                    continue
-                out.append(commands.mesh(path, mesh, commands.material(linear(_KINDS[kind][1]))))
-                out.append(commands.names(path, [path], [str(obstacle.name)]))
-            seen.add(path)
-            if pose is None or not np.array_equal(pose, obstacle.pose):
-                moved.append((path, np.asarray(obstacle.pose)))
-            self._own[path] = (obstacle.parts, np.asarray(obstacle.pose))
-        for path in [p for p in self._own if p not in seen]:
-            del self._own[path]
-            out.append(commands.delete(path))
-        out += self._instances(instances, titles)
-        # One command per obstacle: the newest of each is remembered.
-        out += [commands.transforms(path, [path], commands.columns(T[None])) for path, T in moved]
-        return out
-
-    def predictions(self, scene: Scene) -> list[Command]:
-        """Draw where obstacles that move will be soon, if they go on as their motions say."""
-        out, seen = [], set()
-        for obstacle in self.moving(scene)[:_MOST_MOVING]:
-            for k, (ahead, opacity) in enumerate(_PREDICTED_TIMES):
-                path = f"/predictions/{k}/{self.path(obstacle).rsplit('/', 1)[1]}"
-                seen.add(path)
-                if path not in self._predicted:
-                    mesh = geometry.obstacle_mesh(obstacle)
-                    assert mesh is not None  # it is drawn itself
-                    out.append(
-                        commands.mesh(path, mesh, commands.material(MOVING, opacity=opacity, hides=False), cast=False)
-                    )
-                T = commands.columns(np.asarray(obstacle.at(scene.time + ahead).pose)[None])
-                out.append(commands.transforms(path, [path], T))
-        out += [commands.delete(path) for path in self._predicted - seen]
-        self._predicted = seen
-        return out
-
-    @staticmethod
-    def path(obstacle: Obstacle) -> str:
-        """Where an obstacle is in the tree; its name may contain anything."""
-        return f"/{_CLOUDS.get(obstacle.shape, 'obstacles')}/" + str(obstacle.name).replace(
-            "/", "\N{DIVISION SLASH}"
-        ).replace("\0", "")
-
-    def moving(self, scene: Scene) -> list[Obstacle]:
-        """Obstacles that have an object of their own because they move."""
-        return [o for o in scene if o.motion is not None and self.path(o) in self._own]
-
-    def _instances(self, wanted: dict[str, list[Array]], titles: dict[str, list[str]]) -> list[Command]:
-        out: list[Command] = []
-        for shape in {*wanted, *self._shared}:
-            matrices = commands.columns(wanted[shape]) if wanted.get(shape) else _NONE
-            path = f"/obstacles/all {shape}"
-            if shape not in self._shared:
-                mesh = geometry.UNIT_MESHES[shape]()
-                out.append(commands.mesh(path, mesh, commands.material(_STANDING), instances=len(matrices)))
-            elif np.array_equal(matrices, self._shared[shape]):
-                continue
-            self._shared[shape] = matrices
-            out.append(commands.instances(path, matrices, names=titles[shape]))
-        return out

@@ -26,6 +26,7 @@ from .animation import Animated, RunReplay, StripAnimation
 from .commands import Command, inline_frame, live_page, static_page
 from .drag import Drag, Steer, parse, parse_steer
 from .drawing import Drawing, Snapshot
+from .sensed import Seen
 from .server import CommandLog, ServerError, ServerProcess
 
 _log = logging.getLogger(__name__)
@@ -144,6 +145,7 @@ class Viewer:
         motion: bool = False,
         tick: float | None = None,
         notes: Sequence[tuple[str, str]] = (),
+        seen: Seen | None = None,
     ) -> None:
         """Show the newest report, at once; it takes microseconds, and a picture that is not drawn yet is left out.
 
@@ -155,6 +157,7 @@ class Viewer:
             motion: Whether a ``Strip`` is the motion that is driven, which was certified as a whole.
             tick: Time of a tick [s], to be shown; nothing is shown where None.
             notes: Further rows of the card: names and values.
+            seen: What sensors see.
 
         Raises:
             InputError: Something other than a report or a strip, or than a scene.
@@ -162,6 +165,7 @@ class Viewer:
         if self._failed or self._closed:
             return
         check_type("scene", scene, Scene, SceneError, none=True)
+        check_type("seen", seen, Seen, none=True)
         strip, about = animation.strip_and_report(report)
         if not isinstance(strip, Strip):
             raise InputError(f"update shows a report or a Strip, not {shown(report)}")
@@ -178,6 +182,7 @@ class Viewer:
             live=True,
             tick=tick,
             notes=tuple(notes),
+            seen=seen,
         )
         if self._lost:
             self._missed = job  # no browser gets it; save_html may

@@ -29,7 +29,7 @@ def outside(points, mesh):
     return best
 
 
-def points_of(source, count=1000):
+def points_of(source, count=400):
     """Points of the surface and of the inside of each closed body of a mesh."""
     surface, _ = trimesh.sample.sample_surface(source, count, seed=1)
     rng = np.random.default_rng(2)
@@ -38,7 +38,7 @@ def points_of(source, count=1000):
     for body in source.split(only_watertight=True):
         body.fix_normals()
         held |= body.contains(box)
-    return np.vstack((surface, source.vertices[np.unique(source.faces)][:1000], box[held]))
+    return np.vstack((surface, source.vertices[np.unique(source.faces)][:400], box[held]))
 
 
 def torus(faces=2000):

@@ -76,7 +76,7 @@ def test_a_film_that_finds_no_room_is_an_error_and_no_film(tmp_path, ending, roo
     resource = pytest.importorskip("resource")
     if ending != "gif":
         pytest.importorskip("imageio_ffmpeg")
-    noise = np.random.default_rng(0).integers(0, 255, (12, 128, 128, 3), dtype=np.uint8)
+    noise = np.random.default_rng(0).integers(0, 255, (6, 128, 128, 3), dtype=np.uint8)
     pictures = [imageio.imwrite("<bytes>", picture, extension=".png") for picture in noise]
     target = tmp_path / f"film.{ending}"
 

@@ -9,7 +9,10 @@ const LAYERS = [  // name, whether it is shown at first, what belongs to it
   ["trails", true, (p) => p[1] === "trails"],
   ["predictions", true, (p) => p[0] === "predictions"],
   ["sensed", true, (p) => p[0] === "sensed"],
+  ["views", true, (p) => p[0] === "views"],
   ["map", true, (p) => p[0] === "map"],
+  ["unseen", true, (p) => p[0] === "unseen"],
+  ["depth", true, () => false],  // pictures, which are no meshes
   ["obstacles", true, (p) => p[0] === "obstacles"],
 ];
 const store = (() => { try { return window.sessionStorage; } catch { return { }; } })();  // none in some frames
@@ -38,6 +41,7 @@ function toggle(name) {
   on[name] = !on[name];
   buttons[name].setAttribute("aria-pressed", on[name]);
   each_mesh(viewer.scene_tree, [], apply);
+  byId("es-depth").style.display = on.depth ? "block" : "none";
   viewer.set_dirty();
 }
 function button(name) {
@@ -168,6 +172,67 @@ function time_it() {  // what a picture takes is known only where its pixels are
   due_look = performance.now() + 600;
   if (performance.now() - begin > SLOW && looks > 1 && plain < 4) plainer();  // the first one compiles
 }
+
+// Points and lines of one colour, which change often: their buffers are kept while there is room.
+function plain_object(cmd, make) {
+  const branch = names(cmd.path), node = viewer.scene_tree.find(branch).children["<object>"], count = cmd.places.length / 3;
+  let object = node && node.object;
+  if (!object) {
+    object = make(new T.BufferGeometry(), new T.Color(...cmd.color));
+    object.geometry.setAttribute("position", new T.BufferAttribute(new Float32Array(0), 3));
+    object.frustumCulled = false;
+    viewer.set_object(branch, object);
+  }
+  let places = object.geometry.attributes.position;
+  if (places.count < count) {
+    object.geometry.dispose();  // the old buffers
+    places = new T.BufferAttribute(new Float32Array(3 * Math.ceil(1.5 * count)), 3);
+    object.geometry.setAttribute("position", places);
+  }
+  places.array.set(cmd.places);
+  places.needsUpdate = true;
+  object.geometry.setDrawRange(0, count);
+}
+const dot = 3 * window.devicePixelRatio;
+extra.points = (cmd) => plain_object(cmd, (shape, color) =>
+  new T.Points(shape, new T.PointsMaterial({ color, size: dot, sizeAttenuation: false })));
+extra.lines = (cmd) => plain_object(cmd, (shape, color) => new T.LineSegments(shape, new T.LineBasicMaterial({ color })));
+
+// Pictures of depths: near is yellow, far is violet; where nothing is, it is white, and where nothing is known, gray.
+const STOPS = [[253, 231, 37], [94, 201, 98], [33, 145, 140], [59, 82, 139], [68, 1, 84]], NOTHING = [255, 255, 255], LOST = [150, 150, 150];
+const shade = (x) => {
+  const k = Math.min(Math.floor(4 * x), 3), f = 4 * x - k;
+  return STOPS[k].map((c, i) => Math.round(c + f * (STOPS[k + 1][i] - c)));
+};
+const PALETTE = Array.from({ length: 256 }, (_, v) => v === 0 ? LOST : v === 255 ? NOTHING : shade((v - 1) / 253));
+const css = (rgb) => `rgb(${rgb.join()})`;
+const pictures = new Map();  // sensor -> its figure
+extra.depth = (cmd) => {
+  let figure = pictures.get(cmd.sensor);
+  if (!cmd.columns) {
+    if (figure) figure.remove();
+    pictures.delete(cmd.sensor);
+    return;
+  }
+  if (!figure) {
+    pictures.set(cmd.sensor, figure = element(byId("es-depth"), "figure"));
+    element(figure, "canvas");
+    const said = element(figure, "figcaption", cmd.sensor + " ");
+    element(said, "i", undefined, `linear-gradient(90deg, ${STOPS.map(css).join()})`).className = "wide";
+    said.append(`${cmd.near.toFixed(1)} to ${cmd.far.toFixed(0)} m `);
+    for (const [text, rgb] of [["nothing", NOTHING], ["not known", LOST]]) {
+      element(said, "i", undefined, css(rgb));
+      said.append(text + " ");
+    }
+    byId("es-depth").style.display = on.depth ? "block" : "none";
+    button("depth");
+  }
+  const canvas = figure.firstChild, rows = cmd.pixels.length / cmd.columns;
+  if (canvas.width !== cmd.columns || canvas.height !== rows) Object.assign(canvas, { width: cmd.columns, height: rows });
+  const image = new ImageData(cmd.columns, rows);
+  cmd.pixels.forEach((v, i) => { image.data.set(PALETTE[v], 4 * i); image.data[4 * i + 3] = 255; });
+  canvas.getContext("2d").putImageData(image, 0, 0);
+};
 
 // Names.
 extra.names = (cmd) => cmd.paths.forEach((path, i) => { viewer.scene_tree.find(names(path)).object.userData.name = cmd.names[i]; });
