@@ -17,7 +17,7 @@ from elastic_strips.control.joining import curves_onto, steered
 from elastic_strips.control.params import Tolerance
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, straight_line
-from elastic_strips.scene import Box, Scene, Twist
+from elastic_strips.scene import UNSEEN_LAYER, Box, Scene, Twist
 from elastic_strips.sim import KinematicPlant, simulation
 from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip.deformer import Deformer
@@ -429,3 +429,26 @@ def test_curves_begin_with_the_velocity_and_end_on_the_strip(request, name):
         timed += drivable
     assert found >= 10
     assert timed >= 0.6 * found
+
+
+def test_a_goal_that_turns_out_to_be_taken_is_reached_another_way(silvermate):
+    drive = ride(silvermate, HandPose("hand_frame", (3.0, 0.0, 0.9)), seed=1)
+    first = drive.controller.goal_q.copy()
+    taken = Box((0.2, 0.2, 0.4), at=(float(first[0]), float(first[1]), 0.2), name="taken")
+    assert drive.until(lambda: drive.places[-1][0] > 0.2)
+    drive.scene = Scene([PILLAR, taken])  # where the base was to stand
+    assert drive.until(lambda: drive.controller.ended)
+    hand = silvermate.frame_pose(drive.controller.goal_q, "hand_frame")[:3, 3]
+    assert np.allclose(hand, (3.0, 0.0, 0.9), atol=0.02)
+    assert np.hypot(*(drive.controller.goal_q[:2] - first[:2])) > 0.2
+
+
+def test_what_was_not_seen_is_planned_through_and_not_driven_through(silvermate):
+    unseen = Box((0.4, 12.0, 1.5), at=(2.0, 0.0, 0.75), name=f"{UNSEEN_LAYER}-5-0-0")  # there is no way around
+    drive = ride(silvermate, silvermate.home(4.0, 0.0, 0.0))
+    drive.scene = Scene([unseen])
+    drive.until(lambda: False, 12.0)
+    assert not drive.controller.ended
+    assert 0.5 < drive.places[-1][0] < 1.8
+    drive.scene = Scene([])  # it was looked at
+    assert drive.until(lambda: drive.controller.ended)

@@ -188,7 +188,7 @@ def test_the_kernel_and_its_twin_know_the_same(make):
             volume.forget(volume.seen_by(image, base).points[::5])
             solids = sorted(
                 (o.name, [(tuple(b.halfSide), tuple(at)) for p in o.parts for b, at in p.boxes])
-                for o in volume.obstacles()
+                for o in (*volume.obstacles(), *volume.in_doubt(float(base[0, 3]), 0.3))
             )
             answers.append((moved, volume.known(PLACES * SMALL.cell + base[:3, 3]), volume.counts, solids))
         one, two = answers

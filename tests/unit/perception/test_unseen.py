@@ -1,0 +1,96 @@
+"""What no sensor has seen: obstacles near the robot, until it is looked at; and where a head looks first."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from free_way import outside_scene
+
+import elastic_strips as es
+from elastic_strips.perception import DepthImage, LaserScan, SceneEstimator, VolumeMap, VolumeMapParams
+from elastic_strips.perception.gaze import Gaze
+from elastic_strips.scene import UNSEEN_LAYER, Scene
+
+BLOCKED = VolumeMapParams(length=8.0, height=1.6, unseen="blocked", unseen_radius=1.5)
+AHEAD = np.eye(4)  # of a camera that looks along the base's x
+AHEAD[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+AHEAD[:3, 3] = 0.2, 0.0, 1.0
+
+
+def wall(t: float, depth: float = 3.0, q=None) -> DepthImage:
+    image = np.full((60, 80), depth, dtype=np.float32)
+    return DepthImage("camera", t, AHEAD, image, (50.0, 50.0), (39.5, 29.5), 0.2, 6.0, q)
+
+
+def test_what_is_in_doubt_is_blocked_and_nothing_else():
+    volume = VolumeMap(BLOCKED)
+    volume.add(wall(0.0), np.eye(4))
+    scene, cell = Scene(volume.in_doubt(0.0, 0.0)), BLOCKED.cell
+    axes = np.arange(-28, 28), np.arange(-28, 28), np.arange(2, 32)
+    points = (np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5) * cell
+    points = points[np.hypot(points[:, 0], points[:, 1]) < BLOCKED.unseen_radius]
+    inside, doubtful = outside_scene(points, scene) < 0.0, volume.doubtful(points)
+    assert 0 < (~doubtful).sum() < len(points)
+    assert np.array_equal(inside, doubtful)
+
+
+def test_blocks_in_which_nothing_changes_stay_the_same_objects():
+    volume = VolumeMap(BLOCKED)
+    volume.add(wall(0.0), np.eye(4))
+    first = volume.in_doubt(0.0, 0.0)
+    before = {id(o) for o in first}
+    volume.grant(np.array([[-1.0, 0.0, 1.0]]))
+    after = volume.in_doubt(0.05, 0.0)
+    assert sum(id(o) not in before for o in after if o.name == "unseen--3-0-2") == 1
+    assert sum(id(o) not in before for o in after) < 10
+
+
+def test_a_robot_may_stand_where_it_stands_and_not_back_off_unseen():
+    robot = es.load_robot("silvermate")
+    estimator = SceneEstimator(robot=robot, volume=BLOCKED)
+    angles = np.linspace(-0.5, 0.5, 11)
+    scan = LaserScan("laser", 0.0, np.eye(4), angles, np.full(11, 3.0), 0.1, 8.0)
+    estimator.update(scan, np.zeros(3))
+    assert any((o.name or "").startswith(UNSEEN_LAYER) for o in estimator.scene())  # no image yet: all is in doubt
+    for k in range(3):
+        estimator.update(wall(0.1 * (k + 1), q=robot.home()), np.zeros(3))
+    scene = Scene([o for o in estimator.scene() if (o.name or "").startswith(UNSEEN_LAYER)])
+    places = np.array([[0.02, 0.02, 0.52], [1.22, 0.02, 1.02], [-1.22, 0.02, 1.02], [0.02, 1.22, 1.02]])
+    off = outside_scene(places, scene)
+    assert off[0] > 0.1  # itself
+    assert off[1] > 0.1  # ahead, where the camera looks
+    assert (off[2:] < 0.0).all()  # behind and beside
+
+
+@pytest.fixture(scope="module")
+def tiago():
+    return es.load_robot("tiago", looking=["head_1_joint", "head_2_joint"])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_head_looks_where_the_robot_is_about_to_go(tiago, side):
+    gaze = Gaze(tiago, "xtion_depth_optical_frame", np.eye(4), (1.02, 0.8), (0.3, 3.5))
+    row = tiago.space.to_coordinates(tiago.home())
+    ahead = np.tile(row, (7, 1))
+    ahead[:, 0] += 0.2 * np.arange(2, 9) * math.cos(0.9)
+    ahead[:, 1] += side * 0.2 * np.arange(2, 9) * math.sin(0.9)
+    volume = VolumeMap(BLOCKED)
+    wanted = gaze.look(0.0, row, ahead, np.zeros(2), volume)
+    assert side * wanted[0] > 0.3
+    assert gaze.target is not None
+    assert side * gaze.target[1] > 0.2
+    assert (gaze.lower <= wanted).all()
+    assert (wanted <= gaze.upper).all()
+
+
+def test_what_is_looked_at_in_vain_is_left_after_a_while(tiago):
+    gaze = Gaze(tiago, "xtion_depth_optical_frame", np.eye(4), (1.02, 0.8), (0.3, 3.5))
+    row, volume = tiago.space.to_coordinates(tiago.home()), VolumeMap(BLOCKED)
+    seen = set()
+    head = np.zeros(2)
+    for k in range(20):  # nothing is ever seen
+        head = gaze.look(0.3 * k, row, np.zeros((0, tiago.nv)), head, volume)
+        seen.add(tuple(head.round(3).tolist()))
+    assert len(seen) > 5
