@@ -70,6 +70,11 @@ FAULTS = {
     "scene_empty": "the scene holds no obstacle",
     "scene_without_motion": "obstacles move, and the scene says that they stand",
     "scene_reversed": "the velocities of the obstacles have the wrong sign",
+    "camera_dead": "no images of depths and ranges come",
+    "camera_frozen": "the same images of depths and ranges come again and again, with new times",
+    "camera_tilted": "cameras and 3-D lidars look so much [rad] further down than they are said to",
+    "camera_late": "images of depths and ranges are so much [s] older than their times",
+    "fog": "cameras and 3-D lidars are in fog, in which light comes so far [m] on average",
     "viewer_killed": "the viewer's process dies",
 }
 """Faults that can be injected into a drive, and their effects; "this" and "so" stand for the size of a fault."""

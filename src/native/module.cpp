@@ -840,6 +840,10 @@ void bind_volume(nb::module_& m) {
     Sizes()("n3", points);
     self.grant(points.data(), points.shape(0));
   });
+  unlocked(map, "forget", [](VolumeMap& self, Reals points) {
+    Sizes()("n3", points);
+    self.forget(points.data(), points.shape(0));
+  });
   map.def("changed", [](VolumeMap& self, bool doubtful) {
     std::vector<std::int64_t> blocks = self.changed(doubtful);
     return given_away(blocks);

@@ -355,6 +355,14 @@ void VolumeMap::grant(const double* points, std::size_t count) {
   }
 }
 
+void VolumeMap::forget(const double* points, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i) {
+    std::size_t at;
+    int voxel;
+    if (locate(points + 3 * i, at, voxel)) put(at, voxel, UNSEEN);
+  }
+}
+
 void VolumeMap::look(const double* points, std::size_t count, std::int8_t* known) const {
   for (std::size_t i = 0; i < count; ++i) {
     std::size_t at;

@@ -58,6 +58,9 @@ class VolumeMap {
   // Of the voxels of points (n, 3) [m] those that were never seen are neither from now on.
   void grant(const double* points, std::size_t count);
 
+  // Nothing is known any more of the voxels of points (n, 3) [m].
+  void forget(const double* points, std::size_t count);
+
   // Blocks (n, 3) whose obstacles, or whose voxels in doubt, are not what they were when this was last asked. In doubt
   // is what was never seen, and what has been hit and is not an obstacle yet.
   std::vector<std::int64_t> changed(bool doubtful);

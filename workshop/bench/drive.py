@@ -19,12 +19,13 @@ from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.sim.closed_loop import Simulation, simulation
-from elastic_strips.sim.faults import FAULTS, Fault
+from elastic_strips.sim.faults import FAULTS, IMAGE_FAULTS, Fault
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.perception import PerceptionParams
 from elastic_strips.sim.scenarios import Scenario, get_scenario, make_simulation
 from elastic_strips.sim.scenarios.drive import STRIP, DriveOutcome
 from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.sim.sensors.params import ImageParams
 from elastic_strips.strip.params import DeformParams
 from workshop.baselines import drive_by
 from workshop.datasets import load_house
@@ -94,8 +95,7 @@ class _DriveTask:
         options: Figures = {"sensors": self.sensors}
         faults = []
         if self.fault:
-            start = float(np.random.default_rng(self.seed).uniform(1.0, 6.0))
-            faults = [Fault(self.fault, start, _FAULT_SECONDS.get(self.fault, 1.0))]
+            faults = [Fault(self.fault, _fault_start(self.seed), _FAULT_SECONDS.get(self.fault, 1.0))]
         if self.method == STRIP:
             options |= {
                 "evade": self.evade,
@@ -291,6 +291,7 @@ def bench_disturb(
     *,
     kinds: Sequence[str] | None = None,
     scenario: str = "corridor",
+    sensors: SensorConfig | None = None,
     compute: str = "1",
     processes: int | None = None,
 ) -> Figures:
@@ -300,14 +301,17 @@ def bench_disturb(
         robot: name or URDF file.
         seeds: seeds of the runs.
         step: called after each finished run.
-        kinds: kinds of `FAULTS`; all where None.
+        kinds: kinds of `FAULTS`; all where None, without those of cameras where there are none.
         scenario: the scenario that is driven.
+        sensors: the robot's sensors; a known scene where None.
         compute: cost of computing; see :func:`~elastic_strips.sim.simulation`.
         processes: runs at once.
     """
-    kinds = tuple(FAULTS) if kinds is None else tuple(kinds)
+    if kinds is None:
+        images = sensors is not None and any(isinstance(sensor, ImageParams) for sensor in sensors.sensors)
+        kinds = tuple(kind for kind in FAULTS if images or kind not in IMAGE_FAULTS)
     tasks = [
-        _DriveTask(scenario, int(s), robot, fault=kind, time_limit=60.0, compute=compute)
+        _DriveTask(scenario, int(s), robot, fault=kind, time_limit=60.0, sensors=sensors, compute=compute)
         for kind in kinds
         for s in seeds
     ]
@@ -332,11 +336,24 @@ def bench_disturb(
             "contacts_at_speed_standing": r.get("collisions_standing", 0),
             "contacts_at_rest": r.get("contacts_at_rest", 0),
             "off_reference_m": r.get("tracking_m"),
+            "named_after_s": _named_after(r),
             "faults_named": [reason for _, reason in r.get("faults", ())],
         }
         for r in runs
     ]
     return head("disturb", robot=robot, scenario=scenario, compute=compute, kinds=summary, rows=rows, runs=runs)
+
+
+def _fault_start(seed: int) -> float:
+    """When the fault of a run begins [s]."""
+    return float(np.random.default_rng(seed).uniform(1.0, 6.0))
+
+
+def _named_after(run: Figures) -> float | None:
+    """Time [s] from a fault's beginning until one is named, without those of slow planning."""
+    begin = _fault_start(run["seed"])
+    times = (t - begin for t, reason in run.get("faults", ()) if not reason.startswith(_SLOW) and t >= begin)
+    return min(times, default=None)
 
 
 def _summary(runs: list[Figures]) -> Figures:

@@ -96,6 +96,7 @@ def _disturb(name: str, scenario: str) -> click.Command:
         type=options.FAULT_KIND,
         help="Only this fault; may be given again.",
     )
+    @options.sensors_option
     @options.compute_option
     @options.processes_option
     @runs_option
@@ -104,6 +105,7 @@ def _disturb(name: str, scenario: str) -> click.Command:
         seeds: int,
         scenario: str,
         kinds: tuple[str, ...],
+        sensors: str | None,
         compute: str | None,
         processes: int | None,
         json_file: str | None,
@@ -113,14 +115,16 @@ def _disturb(name: str, scenario: str) -> click.Command:
         from elastic_strips.sim import Fault
         from workshop.bench.drive import bench_disturb
 
-        chosen = tuple(Fault.parse(f"{kind}@0").kind for kind in kinds) or tuple(FAULTS)
-        with options.LateProgress("putting in faults", seeds * len(chosen)) as bar:
+        chosen = tuple(Fault.parse(f"{kind}@0").kind for kind in kinds) or None
+        config = options.sensors_of(sensors, robot)
+        with options.LateProgress("putting in faults", seeds * len(chosen or FAULTS)) as bar:
             figures = bench_disturb(
                 robot,
                 range(seeds),
                 bar.step,
                 kinds=chosen,
                 scenario=scenario,
+                sensors=config,
                 compute=_compute(compute),
                 processes=processes,
             )

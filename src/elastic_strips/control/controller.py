@@ -77,7 +77,8 @@ def stale(t: float, scene: Scene, most: float) -> str:
         return ""
     if scene.stamp is None:
         return "a scene in which something moves has no time: Scene(…, time=t) says when it was seen"
-    return f"stale scene: {age:.2f} s old, at most {most:g} s"
+    why = f": {scene.held_up}" if scene.held_up else ""
+    return f"stale scene: {age:.2f} s old, at most {most:g} s{why}"
 
 
 class ControllerOptions(TypedDict, total=False):
@@ -571,7 +572,7 @@ class Controller:
         old = stale(t, scene, params.max_scene_age)
         if old:
             executor.reject(old)
-            executor.log("fault", "stale scene")
+            executor.log("fault", f"stale scene: {scene.held_up}" if scene.held_up else "stale scene")
             return
         if self._here is not None and self._here.period.seconds > params.monitor.longest_period:
             slow = f"the control loop runs at {1.0 / self._here.period.seconds:.1f} Hz"

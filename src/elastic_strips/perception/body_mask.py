@@ -33,7 +33,8 @@ class BodyMask:
         self.margin: float = check_number("margin", margin, low=0.0, unit="m")
         self._posture = Posture(robot)
         # as they are, too: of a body within whose margin the sensor is, its own surface is what covers
-        self._layers = [OwnBodies(robot.geometries, grown) for grown in {self.margin, 0.0}]
+        self._bodies = OwnBodies(robot.geometries, 0.0)
+        self._grown = OwnBodies(robot.geometries, self.margin) if self.margin else None
 
     def covered(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> Mask:
         """(H, W) pixels along which the robot may be met before, or where, the image says that something is.
@@ -49,6 +50,10 @@ class BodyMask:
             ParameterError: neither says how the robot stood.
             ConfigurationError: a configuration that is none of this robot.
         """
+        return self._looked(image, q)[0]
+
+    def _looked(self, image: DepthImage | RangeImage, q: ArrayLike | None) -> tuple[Mask, Array]:
+        """What is covered (H, W), and where its rays meet the robot as it is (H, W) [m], infinite beside it."""
         if q is None:
             q = image.q
         if q is None:
@@ -61,11 +66,13 @@ class BodyMask:
         longest = image.depth_max if isinstance(image, DepthImage) else image.range_max
         nearest = Nearest(stretch.size)
         rays, reach = local.moved(image.T_base_sensor), longest * float(stretch.max())
-        for bodies in self._layers:
-            bodies.cast(T_base_joint, rays, nearest, reach)
+        self._bodies.cast(T_base_joint, rays, nearest, reach)
+        as_it_is = nearest.distance.reshape(stretch.shape).copy()
+        if self._grown is not None:
+            self._grown.cast(T_base_joint, rays, nearest, reach)
         own = nearest.distance.reshape(stretch.shape)
         measured = image.ranges * stretch
-        return np.isfinite(own) & ~(measured < own)
+        return np.isfinite(own) & ~(measured < own), as_it_is
 
     def place_of(self, q: ArrayLike, base: float, top: float, margin: float, cell: float) -> Array:
         """Points (n, 3) [m] of a grid, in the base's frame, where the robot is taken to be: in an upright cylinder of
@@ -100,5 +107,13 @@ class BodyMask:
 
     def without(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> DepthImage | RangeImage:
         """The image with ``NO_ANSWER`` where the robot may be; arguments and errors are those of :meth:`covered`."""
-        kept = np.where(self.covered(image, q), np.float32(NO_ANSWER), image.ranges)
-        return replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)
+        return self.apart(image, q)[0]
+
+    def apart(
+        self, image: DepthImage | RangeImage, q: ArrayLike | None = None
+    ) -> tuple[DepthImage | RangeImage, Array]:
+        """The image as :meth:`without` gives it, and the robot: how far along its pixels' rays its bodies as they are
+        begin (H, W) [m], infinite where they are not met."""
+        covered, own = self._looked(image, q)
+        kept = np.where(covered, np.float32(NO_ANSWER), image.ranges)
+        return (replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)), own

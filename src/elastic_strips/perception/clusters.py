@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -25,12 +25,14 @@ class Cluster:
         hidden: whether the thing may continue, unseen, beyond its first or last point: something nearer covers it, a
             reading is missing, or the field of view ends there.
         displaced: whether it is known to lie where it was free before; None where scans have to be compared.
+        solid: (n, 3) points that it was seen at, in the world [m]; none where only a plane was seen.
     """
 
     points: Array
     origin: Array
     hidden: bool
     displaced: bool | None = None
+    solid: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def extent(self) -> float:

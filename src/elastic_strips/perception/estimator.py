@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from elastic_strips.work import count_work
 from .body_mask import BodyMask
 from .clusters import cluster_obstacles, clusters_of
 from .image_movers import ImageView, moving_clusters
+from .image_watch import ImageReport, ImageWatch
 from .occupancy_grid import OccupancyGrid
 from .params import SceneEstimatorParams
 from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, pose_matrix, rays_of
@@ -54,17 +56,21 @@ class SceneEstimator:
     they have a layer of their own, ``near-3-5``, which the laser does not clear. Nothing is tracked by them.
 
     Depth cameras and 3-D lidars see all heights: what they see is a third layer of voxels, ``volume-3-5-1``, which they
-    alone clear. The robot itself is taken out of their images.
+    alone clear. The robot itself is taken out of their images. Images that cannot be as they say are not taken in
+    (`watched` tells why): to the scene they are as if they had not come.
 
     Args:
         params: parameters of the scenes.
         robot: the robot that carries the sensors; needed for images of depths and ranges alone.
         volume: parameters of their layer.
+        required: names of the sensors that scenes rest on: a scene is no newer than what was last believed of each of
+            them. All lasers, cameras and 3-D lidars that have given a reading where None.
 
     Attributes:
         map, near: the layers of lasers and of rings.
         volume: the layer of images; None before the first, unless what was not seen is blocked.
         tracker: tracks things that may move.
+        watched: sensor of images → how its newest image fits to what is known.
         movers: moving things, at the time of the newest scan.
         possibly_moving: things that have moved and may set off again, or begin to move; in the map too, and in scenes
             with `UnknownMotion`.
@@ -77,10 +83,14 @@ class SceneEstimator:
         *,
         robot: RobotModel | None = None,
         volume: VolumeMapParams | None = None,
+        required: Sequence[str] | None = None,
     ) -> None:
         check_type("params", params, SceneEstimatorParams, none=True)
         check_type("robot", robot, RobotModel, none=True)
         check_type("volume", volume, VolumeMapParams, none=True)
+        if required is not None and (isinstance(required, str) or not all(isinstance(n, str) for n in required)):
+            raise ParameterError(f"required={required!r} must be a list of sensors' names, such as ('laser', 'camera')")
+        self._required = None if required is None else tuple(required)
         self._mask = None if robot is None else BodyMask(robot)
         self._base = (0.0, 0.0)  # where it is [m]
         self._volume_params = volume or VolumeMapParams()
@@ -93,7 +103,10 @@ class SceneEstimator:
         self.tracker: Tracker = Tracker(self.params)
         self.report: EstimatorReport = EstimatorReport()
         self._newest: dict[str, float] = {}
-        self._scan_time = self._time = -math.inf
+        self._believed: dict[str, float] = {}  # of lasers and images: sensor → time of the newest that was taken in
+        self._began = self._time = -math.inf
+        self._watches: dict[str, ImageWatch] = {}
+        self.watched: dict[str, ImageReport] = {}
         self.movers: tuple[TrackedObstacle, ...] = ()
         self.possibly_moving: tuple[TrackedObstacle, ...] = ()
         self._scene: Scene | None = None
@@ -123,18 +136,21 @@ class SceneEstimator:
             )
         if isinstance(reading, LaserScan):
             self._scan(reading, base_pose)
-            self._scan_time = max(self._scan_time, reading.time)
+            self._believed[reading.sensor] = reading.time
         elif isinstance(reading, RangeRing):
             self._ring(reading, base_pose)
-        else:
-            self._image(reading, base_pose)
+        elif self._image(reading, base_pose):
+            self._believed[reading.sensor] = reading.time
+        else:  # an image that is not believed does not make a scene newer
+            self._believed.setdefault(reading.sensor, reading.time)
         if reading.ranges.ndim == 1:
             count_work(rays=len(reading.ranges), obstacles=len(self.tracker))
         T = pose_matrix(base_pose)
         self._base = float(T[0, 3]), float(T[1, 3])
         self.map.clear_footprint(*self._base)
         self._newest[reading.sensor] = reading.time
-        self._time = self._scan_time if self._scan_time > -math.inf else max(self._time, reading.time)
+        self._began = reading.time if self._began == -math.inf else self._began
+        self._time = self._oldest()[0]
         self.movers, self.possibly_moving = self.tracker.movers, self.tracker.possibly_moving
         self._scene = None
         r = reading.ranges
@@ -152,10 +168,10 @@ class SceneEstimator:
     def scene(self, t: float | None = None) -> Scene:
         """The newest scene: things at rest, movers with their velocities, and things that possibly move.
 
-        Its ``time`` is that of the newest scan.
+        Its ``time`` is that of the newest reading of the sensor that has been silent, or not believed, for the longest,
+        among those that are required; ``held_up`` names it.
 
-        Readings of rings do not make a scene newer, since they say nothing about movers, unless there is no laser at
-        all; `times` says whether all lasers are alive.
+        Readings of rings do not make a scene newer, since they say nothing about movers, unless there is nothing else.
 
         Static obstacles that have not changed are the same objects as before; a mover keeps its name and its solid.
 
@@ -174,9 +190,36 @@ class SceneEstimator:
             voxels = [] if self.volume is None else self.volume.obstacles()
             if self.volume is not None and self._volume_params.unseen == "blocked":
                 voxels += self.volume.in_doubt(*self._base)
-            self._scene = Scene([*self.map.obstacles(), *self.near.obstacles(), *voxels, *tracked], time=self._time)
+            held_up = self._held_up()
+            self._scene = Scene(
+                [*self.map.obstacles(), *self.near.obstacles(), *voxels, *tracked], time=self._time, held_up=held_up
+            )
             count_work(obstacles=len(self._scene))
         return self._scene
+
+    def _oldest(self) -> tuple[float, str]:
+        """Time [s] and name of the required sensor that is behind all others; one that has not come yet is of the time
+        of the very first reading."""
+        times = self._believed if self._required is None else {n: self._of(n) for n in self._required}
+        if not times:  # there are rings alone
+            newest = max(self._newest, key=self._newest.__getitem__)
+            return self._newest[newest], newest
+        last = min(times, key=times.__getitem__)
+        return times[last], last
+
+    def _of(self, sensor: str) -> float:
+        """Time of the newest reading of a sensor that counts [s]."""
+        return self._believed.get(sensor, self._newest.get(sensor, self._began))
+
+    def _held_up(self) -> str:
+        """What keeps the scene from being newer."""
+        time, sensor = self._oldest()
+        report = self.watched.get(sensor)
+        if report is not None and report.reason:
+            return report.reason
+        if sensor not in self._newest:
+            return f"nothing has come from {sensor!r} yet"
+        return f"nothing has come from {sensor!r} since {time:.2f} s"
 
     def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> None:
         rays = rays_of(scan, base_pose)
@@ -185,6 +228,8 @@ class SceneEstimator:
         ignored = np.zeros(len(rays.ranges), dtype=bool)
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
+        if self.volume is not None:
+            self.volume.forget(self.tracker.traces())
         if self.volume is not None and self._volume_params.unseen == "blocked":
             # What stands on the floor is taken to reach up to the laser's plane.
             p = self.volume.params
@@ -197,28 +242,38 @@ class SceneEstimator:
         ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
         self.near.add_ring(ring, base_pose, self.tracker.of_movers(ends))
 
-    def _image(self, image: DepthImage | RangeImage, base_pose: ArrayLike) -> None:
+    def _image(self, image: DepthImage | RangeImage, base_pose: ArrayLike) -> bool:
+        """Take an image in where it is to be believed; whether it was."""
         if self._mask is None:
             raise ParameterError(
                 f"the image of {image.sensor!r} may show the robot itself: SceneEstimator needs robot= to tell"
             )
         count_work(pixels=image.ranges.size)
         T = pose_matrix(base_pose)
-        kept = self._mask.without(image)
+        kept, own = self._mask.apart(image)
         if self.volume is None:
             self.volume = VolumeMap(self._volume_params)
         self.volume.center(float(T[0, 3]), float(T[1, 3]))
         if not self._stood and image.q is not None:
             p, self._stood = self.volume.params, True
-            own = self._mask.place_of(image.q, p.start_radius, p.bottom + p.height, p.start_margin, 0.5 * p.cell)
-            self.volume.grant(own @ T[:3, :3].T + T[:3, 3])
+            place = self._mask.place_of(image.q, p.start_radius, p.bottom + p.height, p.start_margin, 0.5 * p.cell)
+            self.volume.grant(place @ T[:3, :3].T + T[:3, 3])
         T_world_sensor = T @ kept.T_base_sensor
         seen = self.volume.seen_by(kept, T)
-        origin = T_world_sensor[:2, 3].copy()
-        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, origin, self.params)
-        if len(self.tracker) or clusters:
-            self.map.forget(self.tracker.update(ImageView(kept, T_world_sensor), clusters, kept.sensor))
+        moving = np.zeros(kept.ranges.shape, dtype=bool)
+        moving[seen.pixels] = seen.fresh | self.tracker.of_movers(seen.points[:, :2])
+        watch = self._watches.setdefault(image.sensor, ImageWatch(self.volume.params))
+        self.watched[image.sensor] = report = watch.look(
+            image, kept, T_world_sensor, own, moving, self.tracker.may_have_moved
+        )
+        if report.reason:
+            return False
+        view = ImageView(kept, T_world_sensor)
+        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view, self.params)
+        self.map.forget(self.tracker.update(view, clusters, kept.sensor))
         self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))
+        self.volume.forget(self.tracker.traces())
+        return True
 
 
 def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:

@@ -20,6 +20,8 @@ _GROUP_CELL = 0.1  # [m] points in cells of this size that touch belong together
 _LEAST_EVIDENCE = 6  # points of a thing where it was free before
 _HEIGHTS = (0.35, 0.7, 1.05)  # [m] over the floor at which it is asked whether something is still there
 _KEPT_POINTS = 40  # of a thing, as seen from above
+_BESIDE = np.array([0.04, 0.08, 0.12])  # [m] beside a thing's end, where it is asked what hides it
+_AS_FAR = 0.1  # [m] what is nearer than a thing by more than this hides it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +88,7 @@ def measured(image: DepthImage | RangeImage, points: Array) -> tuple[Array, Arra
 
 
 def moving_clusters(
-    points: Array, evidence: Mask, standing: Mask, origin: Array, params: SceneEstimatorParams
+    points: Array, evidence: Mask, standing: Mask, view: ImageView, params: SceneEstimatorParams
 ) -> list[Cluster]:
     """Things of which some lies where it was free before, as they are seen from above.
 
@@ -94,13 +96,14 @@ def moving_clusters(
         points: (n, 3) points of an image over the floor, in the world [m].
         evidence: (n,) which of them lie where it was surely free.
         standing: (n,) which of them lie on what has stood there for long.
-        origin: (2,) place of the sensor [m].
+        view: the image that they are of.
         params: sizes of what may move.
     """
     if int(evidence.sum()) < _LEAST_EVIDENCE:
         return []
     from scipy.ndimage import label  # late: slow to import
 
+    origin = view.T_world_sensor[:2, 3].copy()
     loose = np.flatnonzero(~standing)
     flat = points[loose, :2]
     cells = np.floor(flat / _GROUP_CELL).astype(np.intp)
@@ -117,10 +120,24 @@ def moving_clusters(
         away = mine - origin
         bearing = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
         order = np.argsort(bearing, kind="stable")
-        cluster = Cluster(_outline(mine[order], bearing[order], origin), origin, False, True)
+        solid = points[loose[group == k]]
+        outline = _outline(mine[order], bearing[order], origin)
+        hidden = any(_covered(view, solid[order[end]], side) for end, side in ((0, -1.0), (-1, 1.0)))
+        cluster = Cluster(outline, origin, hidden, True, solid)
         if cluster.extent <= params.max_mover_size:
             found.append(cluster)
     return found
+
+
+def _covered(view: ImageView, end: Array, side: float) -> bool:
+    """Whether a thing whose last point to one side is ``end`` (3,) may go on there, unseen: nowhere right beside it the
+    image sees past it."""
+    away = end[:2] - view.T_world_sensor[:2, 3]
+    across = side * np.array([-away[1], away[0]]) / max(float(np.hypot(*away)), 1e-9)
+    beside = np.repeat(end[None], len(_BESIDE), axis=0)
+    beside[:, :2] += np.outer(_BESIDE, across)
+    distance, range_ = measured(view.image, (beside - view.T_world_sensor[:3, 3]) @ view.T_world_sensor[:3, :3])
+    return not bool((range_ > distance - _AS_FAR).any())  # NaN is no answer
 
 
 def _outline(points: Array, bearing: Array, origin: Array) -> Array:

@@ -89,6 +89,7 @@ class Track:
         # when it last moved, when it came to rest, and when scans last contradicted that it stands
         self.moved = self.rested = self.displaced_at = -math.inf
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
+        self.solids: deque[Array] = deque([cluster.solid], maxlen=_KEPT_POINTS)
         self.solid: Cylinder | None = None
         self.solid_radius: float = 0.0
 
@@ -146,6 +147,8 @@ class Track:
         self.misses = 0
         self.seen = self.time
         self.points.append((self.time, cluster.points))
+        if len(cluster.solid):
+            self.solids.append(cluster.solid)
         if shape.kind != OTHER or not cluster.hidden:
             self.fitted += (shape.radius - self.fitted) / min(self.hits, 20)
         far = float(np.hypot(*(cluster.points - self.p).T).max())
@@ -251,6 +254,7 @@ class Tracker:
         self._tracks: list[Track] = []
         self._views: dict[str, deque[View]] = {}
         self._born = 0
+        self._traces: list[Array] = []
 
     def __len__(self) -> int:
         """How many things are followed, movers or not."""
@@ -267,6 +271,10 @@ class Tracker:
         p = self.params
         return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
 
+    def traces(self) -> Array:
+        """(n, 3) where images have seen things that turned out to move by the last update [m]."""
+        return np.concatenate([np.zeros((0, 3)), *self._traces])
+
     def update(self, now: View, clusters: Sequence[Cluster], sensor: str = "laser") -> Array:
         """Take a ``sensor``'s reading in: assign its clusters, judge tracks that were not seen, begin new tracks.
 
@@ -274,6 +282,7 @@ class Tracker:
             (n, 2) points in the world that turned out to belong to a mover and not to the static world.
         """
         params = self.params
+        self._traces.clear()
         for track in self._tracks:
             track.predict(now.time, params)
         small = [c for c in clusters if len(c.points) >= params.min_points and c.extent <= params.max_mover_size]
@@ -305,6 +314,17 @@ class Tracker:
                 inside |= np.hypot(d[:, 0], d[:, 1]) <= track.radius + self.params.padding
         return inside
 
+    def may_have_moved(self, points: Array, within: float) -> Mask:
+        """Which of the points (n, 2) may be of things that have moved within some time [s], movers or not yet."""
+        params = self.params
+        inside = np.zeros(len(points), dtype=bool)
+        for track in self._tracks:
+            if track.moving or track.speed > params.min_speed or track.recently_moved(params):
+                d = points - track.p
+                far = track.radius + params.padding + track.speed * within
+                inside |= np.hypot(d[:, 0], d[:, 1]) <= far
+        return inside
+
     def _assign(self, clusters: list[Cluster], shapes: list[ClusterShape]) -> list[tuple[int, int]]:
         if not clusters or not self._tracks:
             return []
@@ -331,6 +351,8 @@ class Tracker:
                 track.moved = track.time
             elif track.time - track.moved > params.rest_time:
                 track.moving, track.votes, track.rested = False, 0, track.time
+            if track.moving and len(cluster.solid):  # what sticks out of its cylinder enters the map otherwise
+                self._traces.append(cluster.solid[~self.of_movers(cluster.solid[:, :2])])
             return
         displaced = cluster.displaced
         if displaced is None:
@@ -342,6 +364,8 @@ class Tracker:
         if track.votes >= _LEAST_VOTES:
             track.moving, track.moved = True, track.time
             moved.extend(points for _, points in track.points)
+            self._traces.extend(track.solids)
+            track.solids.clear()
 
     def _displaced(self, track: Track, cluster: Cluster, now: View, sensor: str) -> bool:
         """Whether scans some time apart show that a track does not stand."""

@@ -245,6 +245,11 @@ class VolumeMap:
         were not."""
         self._map.grant(np.ascontiguousarray(points, dtype=float))
 
+    def forget(self, points: Array) -> None:
+        """Forget what is known of the voxels of points (n, 3) [m]: a thing that was there has moved on. They were not
+        seen then; they are not called free."""
+        self._map.forget(np.ascontiguousarray(points, dtype=float))
+
     def in_doubt(self, x: float, y: float) -> list[Obstacle]:
         """What is in doubt near a place (x, y) [m] of the base, one obstacle a block; blocks in which nothing changed
         are the same objects as before."""

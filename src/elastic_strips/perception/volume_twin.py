@@ -130,6 +130,12 @@ class VolumeTwin:
         at, inside = self._cells(points)
         self._grant(np.unique(at[inside], axis=0))
 
+    def forget(self, points: Array) -> None:
+        """Nothing is known any more of the voxels of points (n, 3)."""
+        at, inside = self._cells(points)
+        at = np.unique(at[inside], axis=0)
+        self._put(at, np.full(len(at), UNSEEN))
+
     def changed(self, doubtful: bool) -> Indices:
         """Blocks (n, 3), one after the other, whose obstacles have changed since last asked, or whose voxels in doubt:
         those that were never seen, and those that have been hit and are no obstacle yet."""

@@ -142,8 +142,7 @@ def load_robot(
     if made.turned:
         _log.warning("%s: %s", robot.name, said_of_turned(made.turned))
     say_what_grew(robot, source.from_visual)
-    # Those that have a name are compared by the tests: the second reader alone takes longer than most robots.
-    if not (is_known(str(name_or_path)) or is_ours(source.path)):
+    if not is_ours(source.path):  # those are compared by the tests
         _say_what_differs(source, made.described, robot.name)
     return robot
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array, Indices
 from elastic_strips.errors import SceneError, nearest_name
 from elastic_strips.summary import Summary, shortened, table
-from elastic_strips.validation import named_arguments, shown
+from elastic_strips.validation import check_type, named_arguments, shown
 
 from .motion import PedestrianMotion
 from .obstacle import Obstacle
@@ -141,22 +141,25 @@ class Scene:
         names: Their names (tuple).
         time: Time of the snapshot [s].
         stamp: The time that it was made for [s], or None where that is none in particular.
+        held_up: What keeps it from being newer; empty where that is not known.
         table: Arrays of all parts in the world, see `PartTable`; made on demand, cheap for a derived snapshot.
     """
 
-    __slots__ = ("_changed", "_index", "_source", "_table", "names", "obstacles", "stamp", "time")
+    __slots__ = ("_changed", "_index", "_source", "_table", "held_up", "names", "obstacles", "stamp", "time")
 
     obstacles: tuple[Obstacle, ...]
     names: tuple[str, ...]
     time: float
     stamp: float | None
+    held_up: str
     _index: dict[str, int] | None  # name -> place, made when it is first asked for
     _table: PartTable | None
     _source: PartTable | None  # table of an earlier snapshot ...
     _changed: tuple[int, ...]  # ... that differs in the poses of these obstacles
 
     @named_arguments
-    def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float | None = None) -> None:
+    def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float | None = None, held_up: str = "") -> None:
+        check_type("held_up", held_up, str, SceneError)
         stamp = None if time is None else check_time("Scene time", time)
         time = 0.0 if stamp is None else stamp
         if isinstance(obstacles, Obstacle):
@@ -178,7 +181,7 @@ class Scene:
             given[k], names[k] = given[k].named(name), name
             taken.add(name)
         obstacles = tuple(o if o.motion is None else o.at(time) for o in given)
-        _filled(self, obstacles, stamp, tuple(name or "" for name in names))
+        _filled(self, obstacles, stamp, tuple(name or "" for name in names), held_up)
 
     @property
     def table(self) -> PartTable:
@@ -242,7 +245,11 @@ class Scene:
             raise SceneError(f"there already is an obstacle {obstacle.name!r} in the scene; names must be unique")
         count, table, obstacle = len(self.obstacles), self._known_table(), obstacle.at(self.time)
         new = _filled(
-            object.__new__(Scene), (*self.obstacles, obstacle), self.stamp, (*self.names, obstacle.name or "")
+            object.__new__(Scene),
+            (*self.obstacles, obstacle),
+            self.stamp,
+            (*self.names, obstacle.name or ""),
+            self.held_up,
         )
         object.__setattr__(new, "_index", {**self._places, new.names[-1]: count})
         if table is not None:
@@ -255,7 +262,7 @@ class Scene:
         k, table = self._place(name), self._known_table()
         obstacles, names = self.obstacles, self.names
         left = (*obstacles[:k], *obstacles[k + 1 :])
-        new = _filled(object.__new__(Scene), left, self.stamp, (*names[:k], *names[k + 1 :]))
+        new = _filled(object.__new__(Scene), left, self.stamp, (*names[:k], *names[k + 1 :]), self.held_up)
         if table is not None:
             joined = _joined_table(((table, 0, k), (table, k + 1, len(obstacles))))
             object.__setattr__(new, "_table", joined)
@@ -305,7 +312,8 @@ class Scene:
             source = self.table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
-        new = _filled(object.__new__(Scene), obstacles, stamp, self.names, source, changed)
+        held_up = self.held_up if stamp == self.stamp else ""
+        new = _filled(object.__new__(Scene), obstacles, stamp, self.names, held_up, source, changed)
         object.__setattr__(new, "_index", self._index)
         if source is not None and not changed:
             object.__setattr__(new, "_table", source)
@@ -336,7 +344,7 @@ class Scene:
         raise AttributeError(f"Scene is immutable; {key!r} cannot be deleted")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _made, (self.obstacles, self.stamp)
+        return _made, (self.obstacles, self.stamp, self.held_up)
 
 
 @named_arguments
@@ -458,9 +466,9 @@ class World(Summary):
         return World, (self.scene, dict(self.appears), dict(self.vanishes))
 
 
-def _made(obstacles: tuple[Obstacle, ...], stamp: float | None) -> Scene:
+def _made(obstacles: tuple[Obstacle, ...], stamp: float | None, held_up: str) -> Scene:
     """A scene of named obstacles at their poses."""
-    return _filled(object.__new__(Scene), obstacles, stamp, tuple(o.name or "" for o in obstacles))
+    return _filled(object.__new__(Scene), obstacles, stamp, tuple(o.name or "" for o in obstacles), held_up)
 
 
 def _filled(
@@ -468,6 +476,7 @@ def _filled(
     obstacles: tuple[Obstacle, ...],
     stamp: float | None,
     names: tuple[str, ...],
+    held_up: str,
     source: PartTable | None = None,
     changed: tuple[int, ...] = (),
 ) -> Scene:
@@ -477,6 +486,7 @@ def _filled(
     put(scene, "names", names)
     put(scene, "stamp", stamp)
     put(scene, "time", 0.0 if stamp is None else stamp)
+    put(scene, "held_up", held_up)
     put(scene, "_index", None)
     put(scene, "_table", None)
     put(scene, "_source", source)

@@ -352,7 +352,7 @@ def simulation(
     if meter is not None:
         controller.warm_up()
     if fault_plan.faults:
-        senses = cast("Perception", FaultyPerception(senses, fault_plan))
+        senses = cast("Perception", FaultyPerception(senses, fault_plan, seed))
         machine = cast("Plant", FaultyPlant(machine, fault_plan, seed))
         controller.plan_tick = faulty_planning(controller.plan_tick, fault_plan, params)
     machine.reset(robot.space.to_coordinates(robot.check_q(start, what="start")))

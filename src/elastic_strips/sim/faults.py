@@ -1,6 +1,6 @@
 """Faults that are injected around a controller, to test that the robot comes to rest, and continues where it can.
 
-They are wrappers around perception, plant and planning tick.
+They are wrappers around perception, sensors, plant and planning tick.
 """
 
 from __future__ import annotations
@@ -14,19 +14,21 @@ from typing import Annotated
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Image
 from elastic_strips.catalogue import FAULTS
 from elastic_strips.control.controller import PlanTick
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.params import DriveParams
 from elastic_strips.control.strip_timer import PlanResult
 from elastic_strips.errors import ParameterError
+from elastic_strips.perception import DepthImage, RangeImage, Reading
 from elastic_strips.scene import Scene, Twist
 from elastic_strips.trajectory import Trajectory
 from elastic_strips.validation import Bound, check_choice, check_fields, check_type, shown
 
 from .perception import Perception, PerceptionError
 from .plant import KinematicPlant, Plant
+from .sensors import SensorSuite
 
 _SLOW_TICK_LATENCIES = 10.0
 _SIZES = {
@@ -39,7 +41,13 @@ _SIZES = {
     "fix_drift": 0.03,
     "scene_late": 0.3,
     "scene_future": 1.0,
+    "camera_tilted": 0.035,
+    "camera_late": 0.3,
+    "fog": 3.0,
 }
+IMAGE_FAULTS = ("camera_dead", "camera_frozen", "camera_tilted", "camera_late", "fog")
+"""Those that need a simulated camera or 3-D lidar."""
+_SCATTERED = 0.5  # of the light that fog stops comes back
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
 _COARSE_LOCALIZATION = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
 _OUTLIER_FIXES = (0.02, 0.3)  # part of its fixes that are off, and by how much [m]
@@ -119,10 +127,25 @@ class FaultPlan:
 
 class FaultyPerception:
     """Workspace: a perception whose scenes are at times frozen, late, of the future, empty or invalid, or say nothing
-    true of what moves."""
+    true of what moves; and whose simulated cameras fail.
 
-    def __init__(self, inner: Perception, faults: FaultPlan) -> None:
+    Args:
+        inner: the perception; where it has simulated sensors, they fail from now on as the faults say.
+        faults: the faults and their times.
+        seed: seed of the fog.
+
+    Raises:
+        ParameterError: faults of cameras where there are none.
+    """
+
+    def __init__(self, inner: Perception, faults: FaultPlan, seed: int = 0) -> None:
         self._inner, self._faults = inner, faults
+        wanted = [f.kind for f in faults.faults if f.kind in IMAGE_FAULTS]
+        if wanted:
+            suite = getattr(inner, "suite", None)
+            if not isinstance(suite, SensorSuite) or not suite.imagers:
+                raise ParameterError(f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar to have it")
+            setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # of a protocol
         self._last: Scene | None = None
 
     def __getattr__(self, name: str) -> object:
@@ -144,6 +167,63 @@ class FaultyPerception:
         if faults.active("scene_without_motion", t):
             return _as_if(self._last, 0.0)
         return _as_if(self._last, -1.0) if faults.active("scene_reversed", t) else self._last
+
+
+class FaultySensors:
+    """Workspace: a suite of sensors whose cameras and 3-D lidars are at times dead, frozen, tilted, late or in fog.
+
+    Args:
+        inner: the sensors.
+        faults: the faults and their times.
+        seed: seed of the fog.
+    """
+
+    def __init__(self, inner: SensorSuite, faults: FaultPlan, seed: int = 0) -> None:
+        self._inner, self._faults = inner, faults
+        self._rng = np.random.default_rng(seed)
+        self._past: dict[str, deque[DepthImage | RangeImage]] = {}  # as they truly were
+        self._frozen: dict[str, Image] = {}
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._inner, name)
+
+    def observe(self, t: float, coordinates: Array) -> tuple[Reading, ...]:
+        for imager in self._inner.imagers:
+            imager.tilted = self._faults.size("camera_tilted", t)
+        readings = (
+            self._wrong(reading) if isinstance(reading, (DepthImage, RangeImage)) else reading
+            for reading in self._inner.observe(t, coordinates)
+        )
+        return tuple(reading for reading in readings if reading is not None)
+
+    def _wrong(self, image: DepthImage | RangeImage) -> DepthImage | RangeImage | None:
+        """What comes in place of an image, of faults at its time; None where nothing does."""
+        faults, name, t = self._faults, image.sensor, image.time
+        past = self._past.setdefault(name, deque())
+        past.append(image)
+        late, ranges = faults.size("camera_late", t), image.ranges
+        if late:
+            ranges = min(past, key=lambda earlier: abs(earlier.time - (t - late))).ranges
+        while len(past) > 1 and past[0].time < t - max((f.size or 0.0 for f in faults.faults), default=0.0) - 1.0:
+            past.popleft()
+        if faults.active("fog", t):
+            ranges = self._fogged(ranges, image.directions(), faults.size("fog", t))
+        if faults.active("camera_frozen", t):
+            ranges = self._frozen.setdefault(name, ranges)
+        else:
+            self._frozen.pop(name, None)
+        if faults.active("camera_dead", t):
+            return None
+        if ranges is image.ranges:
+            return image
+        return replace(image, depth=ranges) if isinstance(image, DepthImage) else replace(image, ranges=ranges)
+
+    def _fogged(self, ranges: Image, directions: Array, visibility: float) -> Image:
+        """Ranges of which those are short or lost whose light meets fog before."""
+        stretch = np.linalg.norm(directions, axis=-1)
+        met = self._rng.exponential(max(visibility, 1e-9), ranges.shape) / stretch
+        back = self._rng.random(ranges.shape) < _SCATTERED
+        return np.where(met < ranges, np.where(back, met, np.nan), ranges).astype(np.float32)
 
 
 def _as_if(scene: Scene, part: float) -> Scene:

@@ -133,7 +133,8 @@ class SensorPerception:
             params = SceneEstimatorParams(body_radius=body_radius(robot))
             if blocked:  # what a scan meets is no higher than what the camera then sees, or does not see
                 params = replace(params, height=_LASER_PLANE_HEIGHT + 0.1)
-        self.estimator: SceneEstimator = SceneEstimator(params, robot=robot.seeing, volume=volume)
+        required = self.suite.config.required or None
+        self.estimator: SceneEstimator = SceneEstimator(params, robot=robot.seeing, volume=volume, required=required)
         latency = max(sensor.latency + 1.0 / sensor.rate for sensor in self.suite.config.sensors)
         self.params: PerceptionParams = PerceptionParams(delay=latency)
         coordinates = robot.space.to_coordinates(robot.check_q(start, what="start"))

@@ -13,8 +13,10 @@ from free_way import outside_scene
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.native import kernel, twin
-from elastic_strips.perception import DepthImage, RangeImage
+from elastic_strips.perception import DepthImage, RangeImage, SceneEstimatorParams
+from elastic_strips.perception.image_movers import ImageView, moving_clusters
 from elastic_strips.perception.readings import camera_directions, turning_directions
+from elastic_strips.perception.tracking import Tracker
 from elastic_strips.perception.volume_map import VolumeMap, VolumeMapParams, filled
 from elastic_strips.scene import Box, Capsule, Cylinder, Scene, Sphere
 
@@ -146,6 +148,17 @@ def test_what_comes_where_it_was_free_has_moved():
     assert not moved[~new].any()
 
 
+def test_what_is_forgotten_was_not_seen_and_is_no_obstacle():
+    volume = VolumeMap(SMALL)
+    image = depth_image(ROOM, VIEWS[0])
+    for _ in range(3):
+        volume.add(image, np.eye(4))
+    points = volume.seen_by(image, np.eye(4)).points
+    assert (volume.known(points) == 1).any()
+    volume.forget(points)
+    assert (volume.known(points) == -1).all()
+
+
 def test_ignored_pixels_free_and_hit_nothing():
     volume = VolumeMap(SMALL)
     image = depth_image(ROOM, VIEWS[0])
@@ -172,6 +185,7 @@ def test_the_kernel_and_its_twin_know_the_same(make):
             volume.center(*base[:2, 3])
             moved = volume.seen_by(image, base).fresh
             volume.add(image, base)
+            volume.forget(volume.seen_by(image, base).points[::5])
             solids = sorted(
                 (o.name, [(tuple(b.halfSide), tuple(at)) for p in o.parts for b, at in p.boxes])
                 for o in volume.obstacles()
@@ -230,3 +244,51 @@ def test_a_single_lost_pixel_is_filled_and_a_hole_is_not():
 def test_wrong_parameters_are_refused(wrong, named):
     with refused(ParameterError, named):
         VolumeMapParams(**wrong)
+
+
+WALL = Box((0.1, 6.0, 1.6), at=(2.6, 0.0, 0.8), name="wall")
+STILL = Box((0.2, 0.3, 1.4), at=(1.2, 0.55, 0.7), name="post")
+PARAMS = SceneEstimatorParams()
+
+
+def view(image) -> ImageView:
+    return ImageView(image, image.T_base_sensor)
+
+
+@each("covered", [False, True])
+def test_what_something_nearer_covers_goes_on_behind_it(covered):
+    volume, post = VolumeMap(SMALL), [STILL] if covered else []
+    for _ in range(8):
+        volume.add(depth_image(Scene([WALL, *post]), VIEWS[0]), np.eye(4))
+    image = depth_image(Scene([WALL, *post, Box((0.3, 0.6, 1.4), at=(2.0, 0.6, 0.7))]), VIEWS[0])
+    seen = volume.seen_by(image, np.eye(4))
+    (cluster,) = moving_clusters(seen.points, seen.fresh, seen.standing, view(image), PARAMS)
+    assert cluster.hidden == covered
+    assert len(cluster.solid) > len(cluster.points)
+
+
+def test_the_traces_of_what_moves_leave_the_voxels_and_what_stands_stays():
+    """A person sets off to one side; what was noted of it before it was known to move is not seen any more."""
+    volume, tracker = VolumeMap(SMALL), Tracker(PARAMS)
+    still = Scene([WALL, STILL])
+    for _ in range(8):
+        volume.add(depth_image(still, VIEWS[0]), np.eye(4))
+    before, traced = np.zeros((0, 3)), np.zeros((0, 3))
+    for k in range(12):
+        person = Cylinder(0.2, 1.5, at=(1.6, -0.1 - 0.05 * k, 0.75))
+        image = replace(depth_image(Scene([WALL, STILL, person]), VIEWS[0]), time=0.1 * k)
+        seen = volume.seen_by(image, np.eye(4))
+        tracker.update(view(image), moving_clusters(seen.points, seen.fresh, seen.standing, view(image), PARAMS), "eye")
+        ignored = tracker.of_movers(seen.points[:, :2])
+        volume.add(image, np.eye(4), seen, ignored)
+        traces = tracker.traces()
+        if len(traces) and not len(traced):
+            before, traced = traces, traces[volume.known(traces) == 1]
+        volume.forget(traces)
+    assert len(traced) > 20
+    assert not (volume.known(before) == 1).any()
+    (mover,) = tracker.movers
+    assert np.hypot(*(mover.velocity - (0.0, -0.5))) < 0.15
+    stands = volume.seen_by(depth_image(still, VIEWS[0]), np.eye(4)).points
+    on_post = stands[outside_scene(stands, Scene([STILL])) < 0.01]
+    assert (volume.known(on_post) == 1).mean() > 0.9

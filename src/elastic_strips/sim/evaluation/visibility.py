@@ -1,4 +1,4 @@
-"""Visibility: which obstacles of the true world a robot's lasers can see, and which contacts were with unseen ones.
+"""Visibility: which obstacles of the true world a robot's sensors can see, and which contacts were with unseen ones.
 
 A planar laser sees one plane. Obstacles above it (a table's top) or below it (a pallet, a kerb) are not in its
 readings; they have to be known from a map or another sensor.
@@ -12,10 +12,19 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.control.record import Record
-from elastic_strips.perception.readings import LaserScan, ScanRays, rays_of
+from elastic_strips.perception.body_mask import BodyMask
+from elastic_strips.perception.readings import (
+    DepthImage,
+    LaserScan,
+    RangeImage,
+    Reading,
+    ScanRays,
+    pose_matrix,
+    rays_of,
+)
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene, World
-from elastic_strips.sim.sensors import LaserParams, SensorConfig, SensorSuite
+from elastic_strips.sim.sensors import DepthParams, LaserParams, LidarParams, SensorConfig, SensorSuite
 
 from .drive_evaluation import Contact, Evaluation
 
@@ -110,6 +119,8 @@ def _hit(ends: Array, center: Array, half: Array, tolerance: float) -> bool:
 
 _LOOK_BACK = 1.0  # [s] before a contact
 _LOOK_STEP = 0.1  # [s]
+_AT_IT = 0.02  # [m] a pixel that ends within this distance of a part's box has met it
+_LEAST_PIXELS = 6
 
 
 def unseen_contacts(
@@ -117,25 +128,27 @@ def unseen_contacts(
 ) -> tuple[Contact, ...]:
     """Contacts with obstacles that had not been in view, without regard to noise.
 
-    An obstacle was in view if a ray of a laser hit it in at least half of the scans in the second before the contact;
-    the middle of a moving one has to be within the laser's field of view, too. Obstacles that a planar scan cannot see
-    (above or below its plane, or behind the robot) are not failures of its processing.
+    An obstacle was in view if it was met in at least half of the looks in the second before the contact: by a ray of a
+    laser, the middle of a moving one being within its field of view, or by some pixels of an image. What no sensor can
+    see (above or below a scan's plane, behind the robot or its arm) is no failure of their processing.
 
     Args:
         record, evaluation: record and evaluation of the run.
         robot: the robot that drove.
         world: the true obstacles.
-        sensors: the robot's sensors; only its lasers count.
+        sensors: the robot's sensors; rings do not count.
     """
-    lasers = tuple(
-        replace(sensor, noise=0.0, noise_ratio=0.0, dropout=0.0, latency=0.0)
-        for sensor in sensors.sensors
-        if isinstance(sensor, LaserParams)
-    )
-    if not evaluation.contacts or not lasers:
+    exact: list[LaserParams | DepthParams | LidarParams] = []
+    for sensor in sensors.sensors:
+        if isinstance(sensor, LaserParams):
+            exact.append(replace(sensor, noise=0.0, noise_ratio=0.0, dropout=0.0, latency=0.0))
+        elif isinstance(sensor, (DepthParams, LidarParams)):
+            no_noise = replace(sensor, noise=0.0, noise_ratio=0.0, noise_growth=0.0, bias=0.0, bias_ratio=0.0)
+            exact.append(replace(no_noise, dropout=0.0, edge_dropout=0.0, latency=0.0))
+    if not evaluation.contacts or not exact:
         return evaluation.contacts
-    suite = SensorSuite(robot, world, SensorConfig(sensors=lasers, self_padding=sensors.self_padding))
-    rows = record.control
+    suite = SensorSuite(robot, world, SensorConfig(sensors=tuple(exact), self_padding=sensors.self_padding))
+    rows, mask = record.control, BodyMask(robot)
     unseen = []
     for contact in evaluation.contacts:
         name, first = contact.obstacle, contact.time
@@ -144,18 +157,26 @@ def unseen_contacts(
         for t in times.tolist():
             coordinates = rows.coordinates[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]
             suite.reset(t)
-            scans = [scan for scan in suite.observe(t, coordinates) if isinstance(scan, LaserScan)]
-            scene = world.at(t)
-            looks.append(name in scene and any(_in_view(scene, name, scan, coordinates[:3]) for scan in scans))
+            readings, scene = suite.observe(t, coordinates), world.at(t)
+            looks.append(name in scene and any(_in_view(scene, name, x, coordinates[:3], mask) for x in readings))
         if sum(looks) < 0.5 * len(looks):
             unseen.append(contact)
     return tuple(unseen)
 
 
-def _in_view(scene: Scene, name: str, scan: LaserScan, base_pose: Array) -> bool:
+def _in_view(scene: Scene, name: str, reading: Reading, base_pose: Array, mask: BodyMask) -> bool:
     obstacle = scene.obstacle(name)
+    if isinstance(reading, (DepthImage, RangeImage)):
+        T, alone = pose_matrix(base_pose), Scene([obstacle], time=scene.time).table
+        ends = mask.without(reading).points() @ T[:3, :3].T + T[:3, 3]
+        near = np.zeros(len(ends), dtype=bool)
+        for center, half in zip(alone.center, alone.half_extents, strict=True):
+            near |= (np.abs(ends - center) <= half + _AT_IT).all(axis=1)
+        return int(near.sum()) >= _LEAST_PIXELS
+    if not isinstance(reading, LaserScan):
+        return False
     if obstacle.motion is not None:
-        _, _, inside = rays_of(scan, base_pose).locate(obstacle.pose[None, :2, 3])
+        _, _, inside = rays_of(reading, base_pose).locate(obstacle.pose[None, :2, 3])
         if not inside[0]:
             return False
-    return any(v.hit for v in seen_obstacles(Scene([obstacle], time=scene.time), scan, base_pose))
+    return any(v.hit for v in seen_obstacles(Scene([obstacle], time=scene.time), reading, base_pose))

@@ -245,7 +245,7 @@ def make_realtime(
     plan = FaultPlan(setup.faults)
     if plan.faults:
         make = partial(faulty_plant, make, plan, problem.seed)
-        senses = cast("Perception", FaultyPerception(senses, plan))
+        senses = cast("Perception", FaultyPerception(senses, plan, problem.seed))
     params = replace(params, replan_time=0.0)
     temporary = log is None
     if log is None:
@@ -295,7 +295,13 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
     deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
     params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
     if sensors is not None:
-        params = replace(params, assumptions=LASER_ASSUMPTIONS, speed_scale=LASER_EASE, backward=sensors.all_round)
+        params = replace(
+            params,
+            assumptions=LASER_ASSUMPTIONS,
+            speed_scale=LASER_EASE,
+            backward=sensors.all_round,
+            max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
+        )
     return params
 
 

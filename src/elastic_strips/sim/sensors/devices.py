@@ -113,12 +113,17 @@ class _Imager:
         joint = np.full(len(unit), self._mount.joint[0])
         self._own = SelfFilter(posture, joint, self._local.moved(self._mount.T_joint_sensor[0]), 0.0)
         self._bias = float(rng.uniform(-1.0, 1.0))
+        self.tilted: float = 0.0  # [rad] by how much it looks further down than its pose says
+
+    def _down(self, angle: float) -> Array:
+        """(4, 4) the sensor's frame turned downwards by an angle [rad]."""
+        raise NotImplementedError
 
     def image(self, t: float) -> tuple[Image, Array, Array]:
         """Depths or ranges (H, W), the sensor's pose (4, 4) on the base, and the configuration (nq,) then."""
         p = self.params
         T_world_sensor, T_base_sensor = self._mount.poses()
-        rays = self._local.moved(T_world_sensor[0])
+        rays = self._local.moved(T_world_sensor[0] @ self._down(self.tilted))
         reach = p.range_max * float(self._stretch.max())
         met = self._obstacles.cast(t, rays, reach, normals=True)
         assert met.normal is not None
@@ -157,6 +162,12 @@ class DepthCamera(_Imager):
         directions = camera_directions(params.rows, params.columns, self._focal, self._center)
         super().__init__(params, posture, obstacles, rng, params.T_frame_camera, directions)
 
+    def _down(self, angle: float) -> Array:
+        """(4, 4) the optical frame turned downwards by an angle [rad]: z towards y."""
+        T, c, s = np.eye(4), math.cos(angle), math.sin(angle)
+        T[:3, :3] = [[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]
+        return T
+
     def measure(self, t: float) -> DepthImage:
         """The image at time ``t`` [s] from the robot's posture."""
         p = self.params
@@ -179,6 +190,12 @@ class Lidar(_Imager):
         self._elevation = params.elevation_min, params.elevation_max
         directions = turning_directions(params.rows, params.columns, self._azimuth, self._elevation)
         super().__init__(params, posture, obstacles, rng, np.eye(4), directions)
+
+    def _down(self, angle: float) -> Array:
+        """(4, 4) the frame turned downwards by an angle [rad]: x towards −z."""
+        T, c, s = np.eye(4), math.cos(angle), math.sin(angle)
+        T[:3, :3] = [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
+        return T
 
     def measure(self, t: float) -> RangeImage:
         """The round at time ``t`` [s] from the robot's posture."""
@@ -381,6 +398,11 @@ class SensorSuite:
             device = make(params, self._posture, obstacles, rng, self.config.self_padding)  # type: ignore[arg-type]
             self._sensors.append(_Clocked(device, 1.0 / params.rate))
         self.reset(time)
+
+    @property
+    def imagers(self) -> tuple[DepthCamera | Lidar, ...]:
+        """The depth cameras and 3-D lidars."""
+        return tuple(s.device for s in self._sensors if isinstance(s.device, (DepthCamera, Lidar)))
 
     def reset(self, t: float) -> None:
         """Restart at ``t`` [s]: all sensors fire then, delayed readings are lost, and the noise continues.

@@ -320,6 +320,16 @@ class SensorConfig:
         return tuple(s.name for s in self.sensors)
 
     @property
+    def required(self) -> tuple[str, ...]:
+        """Names of the sensors that scenes rest on: all but the rings, which say nothing about what moves."""
+        return tuple(s.name for s in self.sensors if not isinstance(s, RingParams))
+
+    @property
+    def oldest(self) -> float:
+        """Largest age [s] of a reading of these that has come in time, or has been missed once."""
+        return max((s.latency + 2.0 / s.rate for s in self.sensors if s.name in self.required), default=0.0)
+
+    @property
     def all_round(self) -> bool:
         """Whether any sensor looks behind the robot: a ring, or a laser that sees nearly all around."""
         return any(

@@ -14,10 +14,11 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Obstacle, Scene, Sphere, Twist
 from elastic_strips.sim import SensorPerception
+from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation
 from elastic_strips.sim.scenarios.scenario import Scenario
 from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS
-from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.sim.sensors import DepthParams, SensorConfig
 from elastic_strips.strip import LookAt
 
 LASER = SensorConfig().only("laser")
@@ -111,6 +112,10 @@ def test_what_hangs_above_the_laser_is_told_apart(silvermate):
     assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["beam"]
     assert outcome.unseen == ("beam",)
     assert outcome.seen_collisions == 0
+    camera = SensorConfig(sensors=(DepthParams(frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5),))
+    record, evaluation, world = outcome.result.record, outcome.evaluation, scenario(BEAM).world
+    assert unseen_contacts(record, evaluation, silvermate, world, LASER) == evaluation.contacts
+    assert unseen_contacts(record, evaluation, silvermate, world, camera) == (), "it was in the images"
     document = drive_document(outcome)
     assert document["unseen_contacts"] == ["beam"]
     assert document["sensors"] == ["laser"]

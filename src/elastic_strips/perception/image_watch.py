@@ -1,0 +1,396 @@
+"""Image watch: whether the images of a camera or a 3-D lidar can be as they say, and what is wrong where they cannot.
+
+An image is held against the floor, against what the same sensor saw a moment ago, and against the robot's own body.
+What no image of this kind can show (glass; an error that was there from the start and shifts nothing) is not found.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastic_strips.arrays import Array, Mask
+
+from .image_movers import measured
+from .readings import NO_ANSWER, DepthImage, RangeImage
+from .volume_map import VolumeMapParams
+
+_SAME = 1  # times that the same image may come again
+_LEAST_MOVED = 0.005  # [m, rad] from which on a sensor has moved
+_SAME_PLACE = 1e-4  # [m, rad] up to which it stands
+_LIVING = 0.5  # of the pixels differ between two images of a sensor that stands: it has noise
+
+_MOST_UNANSWERED = 0.6  # of the pixels that are not of the robot
+_MOST_ALONE = 0.05  # of those that met something
+_ALONE = (0.1, 0.1)  # [m], and part of the range, by which a pixel is nearer than those about it
+
+_MOST_THROUGH = 0.3  # of the pixels in which the robot's body has to be that see through it
+_LEAST_BODY = 40  # pixels
+_BODY_DEPTH = 0.1  # [m] by which a pixel has to see further than the body's surface
+
+_MOST_TILTED = 0.007  # [rad] against the floor
+_MOST_TURNED = 0.05  # [rad] against what was seen before
+_MOST_SHIFTED = 0.1  # [m]
+_SURE = 3.0  # standard deviations
+_LEAST_COMPARED = 60  # points
+_AGREEING = 0.6  # of them have to agree with the displacement that is found
+_KEPT_FOR = 0.7  # [s] what was seen is compared with later images
+_ACROSS = 32  # points along an image's rows and columns
+_FLOOR = (0.05, 0.06)  # [m], and part of the range, up to which what lies flat is taken to be the floor
+_UPRIGHT = 0.9  # cosine between a flat surface's normal and the vertical
+_FACING = 0.35  # least cosine between a surface's normal and the ray
+_ONE_SURFACE = (0.05, 0.05)  # [m], and part of the range, by which neighbours on one surface differ
+_FAR_OFF = 0.4  # [m] from which on a point is another thing's
+_PIXELS = 0.01  # [m] by which a point is off its surface because pixels are not points
+_ALIKE = 2.0  # times as unsure as if the errors of neighbouring pixels had nothing in common
+_BEFORE = (0.3, 0.3, 0.3, 0.15, 0.15, 0.02)  # [rad, m] standard deviations of a displacement, a priori
+_FLOOR_BEFORE = (0.3, 0.3, 1e-6, 1e-6, 1e-6, 0.02)  # the same of what the floor tells
+_TRUSTED_AGAIN = 3  # images in a row that agree with what was seen before
+_GIVEN_UP = 3.0  # [s] for which nothing can be compared, after which what was seen then is forgotten
+
+
+@dataclass(frozen=True, slots=True)
+class ImageReport:
+    """How an image fits to what is known.
+
+    Attributes:
+        sensor, time: of the image.
+        reason: why it is not believed; empty where it is.
+        repeated: how often the same image has come before, one after the other.
+        unanswered: part of its pixels that say nothing, without those of the robot's body.
+        alone: part of the pixels that met something by which something nearer is met than by those about them.
+        through: part of the pixels in which the robot's body has to be that see through it; NaN where there are few.
+        compared: how many of its points were compared with the floor and with what was seen before.
+        tilted: angle [rad] by which the floor is.
+        turned, shifted: angle [rad] and distance [m] by which what was seen before is displaced all together.
+    """
+
+    sensor: str
+    time: float
+    reason: str = ""
+    repeated: int = 0
+    unanswered: float = 0.0
+    alone: float = 0.0
+    through: float = math.nan
+    compared: int = 0
+    tilted: float = 0.0
+    turned: float = 0.0
+    shifted: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surfaces:
+    """Points (n, 3) of an image in the world [m], the normals (n, 3) of the surfaces there, and standard deviations
+    (n,) [m]."""
+
+    points: Array
+    normals: Array
+    sigma: Array
+
+    def some(self, which: Mask) -> _Surfaces:
+        return _Surfaces(self.points[which], self.normals[which], self.sigma[which])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Displacement:
+    """The turn and shift that bring points best to where they were."""
+
+    compared: int
+    turned: float
+    shifted: float
+    turned_sigma: float
+    shifted_sigma: float
+    agreeing: float
+
+    @property
+    def judges(self) -> bool:
+        """Whether it says something."""
+        return self.compared >= _LEAST_COMPARED and self.agreeing >= _AGREEING
+
+
+_UNKNOWN = _Displacement(0, 0.0, 0.0, math.inf, math.inf, 0.0)
+MayMove = Callable[[Array, float], Mask]
+"""Which places (n, 2) of the floor may be of things that have moved within some time [s]."""
+
+
+class ImageWatch:
+    """Workspace: the images of one sensor so far, compared with the newest one.
+
+    Args:
+        params: how exact ranges are.
+    """
+
+    def __init__(self, params: VolumeMapParams) -> None:
+        self.params: VolumeMapParams = params
+        self._last: DepthImage | RangeImage | None = None
+        self._last_pose = self._first_pose = np.eye(4)
+        self._repeated, self._noisy = 0, False
+        self._kept: _Surfaces | None = None
+        self._kept_since = self._compared_at = -math.inf
+        self._doubt, self._good = "", 0
+
+    def look(
+        self,
+        image: DepthImage | RangeImage,
+        kept: DepthImage | RangeImage,
+        T_world_sensor: Array,
+        own: Array,
+        moving: Mask,
+        places: MayMove,
+    ) -> ImageReport:
+        """Whether an image is to be believed.
+
+        One that follows on images that were not is believed only when some in a row agree with what was seen before.
+
+        Args:
+            image: the image as it came.
+            kept: the same without the robot.
+            T_world_sensor: (4, 4) pose of the sensor when it was taken.
+            own: (H, W) distances along the rays at which they meet the robot's own body [m]; infinite beside it.
+            moving: (H, W) pixels that may be of something that moves.
+            places: tells where things may have moved.
+        """
+        repeated = self._repeats(image, T_world_sensor)
+        unanswered, alone = _unanswered(image, own), _alone(kept)
+        through = self._through(image, own)
+        still = _without(kept, moving)
+        slope, found = self._slope(still, T_world_sensor), self._displacement(still, T_world_sensor, places)
+        reason = self._reason(image, repeated, unanswered, alone, through, slope, found)
+        judged = slope.judges or found.judges
+        if judged:
+            self._compared_at = image.time
+        if reason:
+            # that it is frozen says more than that it is displaced, which comes of it
+            self._doubt = reason if repeated == _SAME + 1 else self._doubt or reason
+            self._good = 0
+        elif self._doubt:
+            self._good += judged or image.time - self._compared_at > _GIVEN_UP
+            if self._good >= _TRUSTED_AGAIN:
+                self._doubt, self._kept = "", None
+        if not self._doubt and (self._kept is None or image.time - self._kept_since >= _KEPT_FOR):
+            surfaces = self._surfaces(still, T_world_sensor)
+            self._kept, self._kept_since = surfaces.some(~_floor(surfaces, T_world_sensor)), image.time
+        return ImageReport(
+            sensor=image.sensor,
+            time=image.time,
+            reason=self._doubt,
+            repeated=repeated,
+            unanswered=unanswered,
+            alone=alone,
+            through=through,
+            compared=slope.compared + found.compared,
+            tilted=slope.turned,
+            turned=found.turned,
+            shifted=found.shifted,
+        )
+
+    def _reason(
+        self,
+        image: DepthImage | RangeImage,
+        repeated: int,
+        unanswered: float,
+        alone: float,
+        through: float,
+        slope: _Displacement,
+        found: _Displacement,
+    ) -> str:
+        name = repr(image.sensor)
+        if repeated > _SAME and (self._noisy or self._moved()):
+            return f"{name} is frozen: the same image comes again and again, from {image.time:.2f} s on"
+        if unanswered > _MOST_UNANSWERED:
+            return f"{name} hardly sees: {100 * unanswered:.0f} % of its pixels say nothing"
+        if alone > _MOST_ALONE:
+            return (
+                f"{name} sees what is not there: {100 * alone:.0f} % of its pixels end before all about them, "
+                "as in fog, smoke or glare"
+            )
+        if through > _MOST_THROUGH:
+            return f"{name} is not where it should be: {100 * through:.0f} % of the robot's body is not in its picture"
+        if slope.judges and slope.turned > _MOST_TILTED + _SURE * slope.turned_sigma:
+            return f"{name} is not where it should be: the floor is tilted by {math.degrees(slope.turned):.1f}° in it"
+        turned, shifted = _MOST_TURNED + _SURE * found.turned_sigma, _MOST_SHIFTED + _SURE * found.shifted_sigma
+        if found.judges and (found.turned > turned or found.shifted > shifted):
+            return (
+                f"{name} is not where or when it says: what it sees is turned by {math.degrees(found.turned):.1f}° and "
+                f"shifted by {found.shifted:.2f} m"
+            )
+        return ""
+
+    # the same image again
+
+    def _repeats(self, image: DepthImage | RangeImage, T: Array) -> int:
+        """How often the same image has come before."""
+        last, before = self._last, self._last_pose
+        self._last, self._last_pose = image, T
+        if last is None or last.ranges.shape != image.ranges.shape:
+            self._repeated, self._first_pose = 0, T
+            return 0
+        same = (image.ranges == last.ranges) | (np.isnan(image.ranges) & np.isnan(last.ranges))
+        if same.all():
+            self._repeated += 1
+        else:
+            self._repeated, self._first_pose = 0, T
+            stands = float(np.abs(T - before).max()) < _SAME_PLACE
+            self._noisy = self._noisy or (stands and float(same.mean()) < 1.0 - _LIVING)
+        return self._repeated
+
+    def _moved(self) -> bool:
+        """Whether the sensor has moved since the image that has come again came first."""
+        return float(np.abs(self._last_pose - self._first_pose).max()) > _LEAST_MOVED
+
+    # the robot's own body
+
+    def _through(self, image: DepthImage | RangeImage, own: Array) -> float:
+        """Part of the pixels within the robot's outline that see through it."""
+        there = np.isfinite(own)
+        if int(there.sum()) < _LEAST_BODY:
+            return math.nan
+        for axis in (0, 1):  # not at its border
+            for step in (-1, 1):
+                there = there & np.roll(np.isfinite(own), step, axis)
+        stretch = np.linalg.norm(image.directions()[there], axis=-1)
+        seen, body = image.ranges[there].astype(float) * stretch, own[there]
+        answered = ~np.isnan(seen)
+        if int(answered.sum()) < _LEAST_BODY:
+            return math.nan
+        return float((seen > body + _BODY_DEPTH + self.params.error(body))[answered].mean())
+
+    # what is displaced
+
+    def _surfaces(self, image: DepthImage | RangeImage, T: Array) -> _Surfaces:
+        """Some points of an image with their surfaces."""
+        rows, columns = image.ranges.shape
+        apart = 2 if min(rows, columns) >= 60 else 1
+        if rows <= 2 * apart or columns <= 2 * apart:
+            return _Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+        r = np.arange(apart, rows - apart, max(1, rows // _ACROSS))[:, None]
+        c = np.arange(apart, columns - apart, max(1, columns // _ACROSS))
+        ranges = np.where(np.isfinite(image.ranges), image.ranges, np.nan).astype(float)
+        directions = image.directions()
+
+        def at(dr: int, dc: int) -> Array:
+            return directions[r + dr, c + dc] * ranges[r + dr, c + dc][..., None]
+
+        here = at(0, 0)
+        along, down = at(0, apart) - at(0, -apart), at(apart, 0) - at(-apart, 0)
+        normal = np.cross(along, down)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+            away = np.linalg.norm(here, axis=-1)
+            cosine = np.einsum("ijk,ijk->ij", normal, here) / away
+            near = ranges[r, c]
+            widest = _ONE_SURFACE[0] + _ONE_SURFACE[1] * near
+            flat = np.ones(near.shape, dtype=bool)
+            for dr, dc in ((0, apart), (0, -apart), (apart, 0), (-apart, 0)):
+                flat &= np.abs(ranges[r + dr, c + dc] - near) < widest
+            good = flat & (np.abs(cosine) > _FACING) & (near <= self.params.range_max)
+        points = here[good] @ T[:3, :3].T + T[:3, 3]
+        normals = -np.sign(cosine[good])[:, None] * normal[good] @ T[:3, :3].T
+        return _Surfaces(points, normals, self.params.sigma(near[good]))
+
+    def _slope(self, image: DepthImage | RangeImage, T: Array) -> _Displacement:
+        """By how much an image is displaced from the floor."""
+        now = self._surfaces(image, T)
+        floor = now.some(_floor(now, T))
+        up = np.broadcast_to([0.0, 0.0, 1.0], floor.points.shape)
+        sigma = np.hypot(floor.sigma, self.params.bias)
+        return _fitted(floor.points - T[:3, 3], up, floor.points[:, 2], sigma, _FLOOR_BEFORE)
+
+    def _displacement(self, image: DepthImage | RangeImage, T: Array, places: MayMove) -> _Displacement:
+        """By how much an image is displaced from what was seen before."""
+        kept = self._kept
+        if kept is None:
+            return _UNKNOWN
+        kept = kept.some(~places(kept.points[:, :2], max(image.time - self._kept_since, 0.0)))
+        if not len(kept.points):
+            return _UNKNOWN
+        local = (kept.points - T[:3, 3]) @ T[:3, :3]
+        distance, range_ = measured(image, local)
+        with np.errstate(invalid="ignore"):
+            there = distance > 0.0
+            ends = kept.points + (range_ / np.where(there, distance, 1.0) - 1.0)[:, None] * (local @ T[:3, :3].T)
+            apart = np.einsum("ij,ij->i", kept.normals, ends - kept.points)
+            ok = there & np.isfinite(range_) & (np.abs(apart) < _FAR_OFF)
+        sigma = np.hypot(kept.sigma[ok], self.params.sigma(range_[ok]))
+        return _fitted(ends[ok] - T[:3, 3], kept.normals[ok], apart[ok], sigma, _BEFORE)
+
+
+def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | RangeImage:
+    """An image that says nothing where something moves, and right beside that."""
+    if not moving.any():
+        return image
+    wide = np.pad(moving, 2)
+    rows, columns = moving.shape
+    near = np.logical_or.reduce([wide[i : i + rows, j : j + columns] for i in range(0, 5, 2) for j in range(0, 5, 2)])
+    kept = np.where(near, np.float32(NO_ANSWER), image.ranges)
+    return replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)
+
+
+def _floor(surfaces: _Surfaces, T: Array) -> Mask:
+    """Which of the points may be of the floor."""
+    away = np.linalg.norm(surfaces.points - T[:3, 3], axis=1)
+    return (surfaces.normals[:, 2] > _UPRIGHT) & (np.abs(surfaces.points[:, 2]) < _FLOOR[0] + _FLOOR[1] * away)
+
+
+def _fitted(arms: Array, normals: Array, off: Array, sigma: Array, before: tuple[float, ...]) -> _Displacement:
+    """The turn and shift that explain best how far points are off along normals, by weighted least squares.
+
+    Args:
+        arms: (n, 3) the points, from the sensor [m].
+        normals: (n, 3) unit vectors.
+        off: (n,) how far off they are [m].
+        sigma: (n,) their standard deviations [m].
+        before: (6,) standard deviations of turn and shift, a priori [rad, m].
+    """
+    n = len(off)
+    if n < _LEAST_COMPARED:
+        return replace(_UNKNOWN, compared=n)
+    sigma = np.hypot(sigma, _PIXELS)
+    A = np.hstack((np.cross(arms, normals), normals)) / sigma[:, None]
+    b = off / sigma
+    prior = np.diag(1.0 / np.square(before))
+    x = np.zeros(6)
+    for _ in range(6):  # what does not fit counts less and less
+        left = b - A @ x
+        scale = max(1.5 * float(np.median(np.abs(left))), 1.0)
+        weight = 1.0 / (1.0 + np.square(left / (2.0 * scale)))
+        H = (A * weight[:, None]).T @ A
+        x = np.linalg.solve(H + prior, (A * weight[:, None]).T @ b)
+    left = np.abs(b - A @ x)
+    covariance = np.linalg.inv(H / _ALIKE**2 + prior)
+    turned, shifted = float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]))
+    u, w = x[:3] / max(turned, 1e-12), x[3:] / max(shifted, 1e-12)
+    return _Displacement(
+        n,
+        turned,
+        shifted,
+        math.sqrt(float(u @ covariance[:3, :3] @ u)),
+        math.sqrt(float(w @ covariance[3:, 3:] @ w)),
+        float((left < _SURE).mean()),
+    )
+
+
+def _unanswered(image: DepthImage | RangeImage, own: Array) -> float:
+    """Part of the pixels beside the robot's body that say nothing."""
+    beside = ~np.isfinite(own)
+    return float(np.isnan(image.ranges[beside]).mean()) if beside.any() else 0.0
+
+
+def _alone(image: DepthImage | RangeImage) -> float:
+    """Part of the pixels with an end that are nearer than most about them: every second row and column is asked."""
+    ranges = np.where(np.isnan(image.ranges), np.inf, image.ranges)
+    rows, columns = ranges.shape
+    if min(rows, columns) < 3:
+        return 0.0
+    r, c = np.arange(1, rows - 1, 2)[:, None], np.arange(1, columns - 1, 2)
+    here = ranges[r, c]
+    steps: list[tuple[int, int]] = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+    about = np.sort(np.stack([ranges[r + i, c + j] for i, j in steps]), axis=0)[1]
+    hits = np.isfinite(here)
+    if not hits.any():
+        return 0.0
+    with np.errstate(invalid="ignore"):
+        return float((here + _ALONE[0] + _ALONE[1] * here < about)[hits].mean())

@@ -1,0 +1,146 @@
+"""Watched images: a camera that is dead, frozen, tilted, late or in fog holds the scene up and is named; one that is
+well never does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import refused
+
+from elastic_strips.control.controller import stale
+from elastic_strips.errors import ParameterError
+from elastic_strips.perception import LaserScan, SceneEstimator
+from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
+from elastic_strips.sim import Fault
+from elastic_strips.sim.faults import FaultPlan, FaultySensors
+from elastic_strips.sim.sensors import SensorSuite
+from elastic_strips.sim.sensors.params import DepthParams, LaserParams, SensorConfig
+
+CAMERA = DepthParams(frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5, columns=96, rows=72, range_max=5.0)
+CONFIG = SensorConfig(sensors=(LaserParams(rays=91), CAMERA))
+ROOM = Scene(
+    [
+        Box((0.1, 8.0, 2.0), at=(3.2, 0.0, 1.0), name="end"),
+        Box((8.0, 0.1, 2.0), at=(0.0, 2.2, 1.0), name="left"),
+        Box((8.0, 0.1, 2.0), at=(0.0, -2.2, 1.0), name="right"),
+        Box((0.6, 0.5, 0.7), at=(2.0, 1.0, 0.35), name="chest"),
+        Box((0.4, 0.4, 1.6), at=(2.3, -1.2, 0.8), name="locker"),
+    ]
+)
+BEGIN, END = 0.5, 1.5  # [s] of faults
+
+
+def watched(robot, *faults: Fault, scene: Scene = ROOM, config: SensorConfig = CONFIG, until=2.5, still=False):
+    """What holds scenes up, and how old they are, every 10 ms of a robot that drives a curve from 0.4 s on."""
+    suite = FaultySensors(SensorSuite(robot, World(scene), config, seed=3), FaultPlan(faults), seed=3)
+    estimator = SceneEstimator(robot=robot, required=config.required)
+    poses, found = {}, []
+    for k in range(round(until / 0.01)):
+        t = 0.01 * k
+        turned = 0.0 if still else 0.6 * max(t - 0.4, 0.0)
+        pose = (0.0 if still else 0.4 * np.sin(turned) / 0.6, 0.4 * (1.0 - np.cos(turned)) / 0.6, turned)
+        poses[round(t, 6)] = pose
+        q = robot.home(x=pose[0], y=pose[1], yaw=pose[2])
+        for reading in suite.observe(t, robot.space.to_coordinates(q)):
+            estimator.update(reading, poses[round(reading.time, 6)])
+        if estimator.times and t >= 0.2:
+            now = estimator.scene()
+            found.append((t, t - now.time, now.held_up))
+    return estimator, found
+
+
+def named(found, low=BEGIN, high=END, most=0.25) -> set[str]:
+    return {held_up for t, age, held_up in found if low <= t <= high and age > most}
+
+
+@pytest.mark.parametrize(
+    ("kind", "word"),
+    [
+        ("camera_dead", "nothing"),
+        ("camera_frozen", "frozen"),
+        ("camera_tilted", "tilted"),
+        ("camera_late", "turned"),
+        ("fog", "not there"),
+    ],
+)
+def test_a_camera_that_fails_is_named_within_a_second_and_trusted_again(silvermate, kind, word):
+    _, found = watched(silvermate, Fault(kind, BEGIN, END - BEGIN))
+    reasons = named(found)
+    assert any("'camera'" in reason and word in reason for reason in reasons), reasons
+    assert not named(found, high=BEGIN)
+    assert found[-1][1] < 0.25, found[-1]  # it is well again
+
+
+def test_a_camera_that_is_well_never_holds_a_scene_up(silvermate):
+    walker = Cylinder(0.25, 1.7, at=(2.4, -1.5, 0.85), name="walker", motion=Twist(np.array([0.0, 0.8, 0.0])))
+    for scene in (ROOM, ROOM.with_obstacle(walker)):
+        estimator, found = watched(silvermate, scene=scene)
+        assert not named(found, low=0.0, high=9.0)
+        assert not estimator.watched["camera"].reason
+
+
+def test_a_frozen_camera_is_found_while_the_robot_stands_where_images_have_noise(silvermate):
+    _, found = watched(silvermate, Fault("camera_frozen", BEGIN, 1.0), still=True)
+    assert any("frozen" in reason for reason in named(found))
+    exact = replace(CAMERA, noise=0.0, noise_growth=0.0, dropout=0.0, edge_dropout=0.0)
+    _, found = watched(silvermate, config=SensorConfig(sensors=(LaserParams(rays=91), exact)), still=True, until=1.0)
+    assert not named(found, low=0.0, high=9.0)  # a picture without noise of what stands is always the same
+
+
+def test_images_that_are_not_believed_do_not_enter_the_map(silvermate):
+    estimator, _ = watched(silvermate, Fault("camera_tilted", BEGIN, 1.0, 0.1), still=True, until=1.4)
+    well, _ = watched(silvermate, still=True, until=1.4)
+    assert estimator.volume.counts[0] <= 1.1 * well.volume.counts[0]
+
+
+def test_an_arm_that_is_not_where_it_should_be_in_the_picture_is_named(tiago):
+    camera = DepthParams(frame="xtion_depth_optical_frame", tilt=0.5, columns=96, rows=72, range_min=0.1)
+    suite = SensorSuite(tiago, World(ROOM), SensorConfig(sensors=(camera,)), seed=1)
+    coordinates = np.array([0, 0, 0, 0.26, 1.58, -0.46, -0.73, 0.06, -0.75, 0.34, 0.29])
+    (image,) = [reading for k in range(12) for reading in suite.observe(0.01 * k, coordinates)]
+
+    def seen(image):
+        estimator = SceneEstimator(robot=tiago)
+        estimator.update(image, (0.0, 0.0, 0.0))
+        return estimator.watched["camera"]
+
+    report = seen(image)
+    assert not report.reason
+    assert report.through < 0.02
+    turned, (c, s) = image.T_base_sensor.copy(), (np.cos(0.1), np.sin(0.1))
+    turned[:3, :3] = turned[:3, :3] @ [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    report = seen(replace(image, T_base_sensor=turned))  # it hangs askew
+    assert report.through > 0.4
+    assert "body" in report.reason
+
+
+def scan(name: str, t: float) -> LaserScan:
+    return LaserScan(name, t, np.eye(4), np.linspace(-1, 1, 21), np.full(21, 2.0), 0.1, 8.0)
+
+
+def test_a_scene_is_as_old_as_the_sensor_that_is_behind_all_others():
+    estimator = SceneEstimator(required=("front", "rear"))
+    estimator.update(scan("front", 1.0), (0, 0, 0))
+    estimator.update(scan("front", 1.4), (0, 0, 0))
+    assert estimator.scene().time == pytest.approx(1.0)  # the other one has not come yet
+    assert "'rear'" in stale(1.5, estimator.scene(), 0.25)
+    estimator.update(scan("rear", 1.3), (0, 0, 0))
+    assert estimator.scene().time == pytest.approx(1.3)
+    assert not stale(1.5, estimator.scene(), 0.25)
+    alone = SceneEstimator()
+    alone.update(scan("front", 1.4), (0, 0, 0))
+    assert alone.scene().time == pytest.approx(1.4)  # it rests on those that have come
+    with refused(ParameterError, "required='laser'"):
+        SceneEstimator(required="laser")
+
+
+def test_faults_of_cameras_need_a_camera(silvermate):
+    from elastic_strips.sim.faults import FaultyPerception
+    from elastic_strips.sim.sensed_perception import SensorPerception
+
+    laser = SensorConfig(sensors=(LaserParams(),))
+    perception = SensorPerception(silvermate, World(ROOM), silvermate.home(), sensors=laser, look=0.1)
+    with refused(ParameterError, "camera_dead"):
+        FaultyPerception(perception, FaultPlan([Fault("camera_dead", 1.0)]))
