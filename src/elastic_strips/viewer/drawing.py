@@ -386,8 +386,11 @@ def _colors(snapshot: Snapshot) -> Array:
 
 
 def segment_colors(report: DeformReport | None, count: int) -> Array:
-    """Colours (count, 3) of the segments: certified, not certified, or not checked at all."""
-    if report is None:
+    """Colours (count, 3) of the segments: certified, not certified, or not checked at all.
+
+    A report may have the certificate of the strip before its own, while a motion alone is planned again.
+    """
+    if report is None or len(report.certificate.segments) != count:
         return np.tile(linear(UNCHECKED), (count, 1))
     return np.where(report.certificate.segments[:, None], linear(CERTIFIED), linear(REFUSED))
 

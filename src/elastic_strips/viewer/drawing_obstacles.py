@@ -138,10 +138,9 @@ class ObstacleDrawing:
 
     def _look(self, kind: str) -> Document:
         opacity = _UNSEEN_OPACITY if kind == UNSEEN_LAYER else _ESTIMATED_OPACITY if self._estimated else 1.0
-        look = commands.material(
-            linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0, lit=kind != UNSEEN_LAYER
-        )
-        return look | {"side": 0} if kind == UNSEEN_LAYER else look  # its outside: much of it lies in a row
+        lit = kind != UNSEEN_LAYER
+        look = commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0, lit=lit)
+        return look if lit else look | {"side": 0}  # its outside alone: much of it lies in a row
 
     def moving(self, scene: Scene) -> list[Obstacle]:
         """Obstacles that have an object of their own because they move."""

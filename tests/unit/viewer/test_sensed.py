@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -132,6 +133,22 @@ def test_what_is_shown_of_sensors_is_checked(robot):
     with Viewer(server=False) as viewer, refused(ParameterError, "seen"):
         strip = es.Strip(robot, np.tile(robot.home(), (2, 1)))
         viewer.update(strip, seen=camera())  # pyright: ignore[reportArgumentType]
+
+
+def test_a_certificate_of_another_strip_colours_none(make_report):
+    """While a motion alone is planned again, a report has its certificate from the strip before."""
+    report = make_report()
+    shorter = replace_segments(report, report.certificate.segments[:-6])
+    drawing = Drawing(title="", ghosts=1)
+    found = told(drawing.draw(Snapshot(report.strip.robot, Scene([]), report.strip.q, shorter)))
+    band = found["set_object", "/strip/base"]["object"]["geometries"][0]["data"]["attributes"]
+    shades = np.frombuffer(band["color"]["array"].data, dtype=np.uint8).reshape(-1, 3)
+    assert len(np.unique(shades, axis=0)) == 1
+
+
+def replace_segments(report, segments):
+    certificate = SimpleNamespace(certified=False, segments=segments, broken=None)
+    return SimpleNamespace(**(vars(report) | {"certificate": certificate}))
 
 
 STATE = """new Promise((done) => requestAnimationFrame(done)).then(() => {
