@@ -263,7 +263,8 @@ def _made(
                 robot.joint_names, robot.space.to_coordinates(robot.home_q)[robot.space.base_nv :].tolist(), strict=True
             )
         )
-        robot = replace(robot, looking=looking, eyes=build(home, looks=True))
+        held = {**robot.held, **dict.fromkeys(looking, "it looks about")}
+        robot = replace(robot, looking=looking, eyes=build(home, looks=True), held=held)
     return _Made(replace(robot, bare_links=bare_links(source, robot, drawn)), turned, described)
 
 
