@@ -65,7 +65,8 @@ class VolumeMap {
   // is what was never seen, and what has been hit and is not an obstacle yet.
   std::vector<std::int64_t> changed(bool doubtful);
 
-  // Boxes (n, 6), low and high in voxels of space, that the obstacles in a block (3), or its voxels in doubt, consist of.
+  // Boxes (n, 6), low and high in voxels of space, that the obstacles in a block (3), or its voxels in doubt, consist
+  // of.
   std::vector<std::int64_t> boxes(const std::int64_t* block, bool doubtful) const;
 
   // How many voxels are obstacles, or were never seen.
@@ -89,7 +90,7 @@ class VolumeMap {
   Block blocks_, corner_;
   double cell_;
   Evidence evidence_;
-  std::vector<std::int8_t> known_;  // of each block's voxels: 64 x + 8 y + z
+  std::vector<std::int8_t> known_;         // of each block's voxels: 64 x + 8 y + z
   std::vector<Bits> filled_, sure_, hit_;  // sure: not in doubt
   std::vector<std::size_t> touched_;       // blocks with bits in hit_
   Noted changed_, cleared_;

@@ -20,7 +20,9 @@ from elastic_strips.perception.tracking import Tracker
 from elastic_strips.perception.volume_map import VolumeMap, VolumeMapParams, filled
 from elastic_strips.scene import Box, Capsule, Cylinder, Scene, Sphere
 
-SMALL = VolumeMapParams(length=8.0, height=2.0, range_max=5.0, thinnest=0.055)  # the images are coarse
+SMALL = VolumeMapParams(
+    length=8.0, height=2.0, range_max=5.0, thinnest=0.055, unseen_radius=0.7
+)  # the images are coarse
 LOOKS = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # of a camera that looks along x
 ROOM = Scene(
     [
