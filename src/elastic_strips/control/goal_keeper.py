@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision.certificate import LEFT_PATH
-from elastic_strips.errors import ConfigurationError
+from elastic_strips.errors import ConfigurationError, ElasticStripsError
 from elastic_strips.planning import Goal, PlanReport, check_endpoints
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -307,6 +307,9 @@ class GoalKeeper:
         try:
             report = plan.result()
         except Exception as error:  # on any error: the present strip leads to another goal
+            if self._next_goal is self._asked_goal and isinstance(error, ElasticStripsError):
+                self._executor.log("replanned", f"no other way to be at the goal: {error}")
+                return  # what stands at the goal may go away: the strip to it is watched on
             self.no_way = f"no way to the goal: {error}"
             raise
         executor = self._executor

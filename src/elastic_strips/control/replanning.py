@@ -145,17 +145,13 @@ class StripPlanner:
         motions; in every second plan it is in the way from the beginning.
         """
         seen = seen_alone(scene)
-        if (
-            len(seen) < len(scene) and asked.attempt % 2 == 0
-        ):  # it is looked at on the way; where not, motions end there
-            return self._planned(seen, asked, seed, timeout, line=line)
-        if len(seen) < len(scene):  # that did not help: around it
+        if len(seen) < len(scene) and asked.attempt % 2:  # looking did not help: around it
+            timeout *= 0.5
             with suppress(ElasticStripsError):
-                report = self._planned_among(scene, asked, seed, 0.5 * timeout, line=line)
+                report = self._planned_among(scene, asked, seed, timeout, line=line)
                 if report.certified:
                     return report
-            return self._planned(seen, asked, seed, 0.5 * timeout, line=line)
-        return self._planned_among(scene, asked, seed, timeout, line=line)
+        return self._planned_among(seen, asked, seed, timeout, line=line)
 
     def _planned_among(
         self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True

@@ -92,7 +92,8 @@ class Gaze:
         k = np.array([seeing.model.joints[j].idx_v for j in joints])
         self.lower: Array = seeing.space.lower[k]
         self.upper: Array = seeing.space.upper[k]
-        self.speed: Array = np.array([seeing.model.velocityLimit[seeing.model.joints[j].idx_v] for j in joints])
+        speed = seeing.model.velocityLimit[k]
+        self.speed: Array = np.where(speed > 0.0, speed, 1.0)  # where the description has none
         self._anchor = robot.model.getJointId(seeing.model.names[seeing.model.parents[first]])
         ranges = [np.linspace(low, high, self.params.steps) for low, high in zip(self.lower, self.upper, strict=True)]
         self._values: Array = np.array(list(itertools.product(*ranges)))
@@ -175,12 +176,9 @@ class Gaze:
         grid = grid[volume.doubtful(grid) & (np.hypot(grid[:, 0] - x, grid[:, 1] - y) <= p.around)]
         some = np.concatenate((some, grid))
         worth = np.concatenate((worth, np.full(len(grid), 0.02)))
-        if len(ahead):  # what is passed through later is looked at again, for something may have come
-            later = np.array([ahead[k, :2] for k in range(len(ahead))]) if self._robot.space.planar else None
-            if later is not None:
-                fresh = np.column_stack((later, np.full(len(later), 0.6)))
-                some = np.concatenate((some, fresh))
-                worth = np.concatenate((worth, np.full(len(fresh), 0.01)))
+        if self._robot.space.planar:  # the way is looked at again, for something may have come
+            some = np.concatenate((some, np.column_stack((ahead[:, :2], np.full(len(ahead), 0.6)))))
+            worth = np.concatenate((worth, np.full(len(ahead), 0.01)))
         order = np.argsort(-worth, kind="stable")
         some, worth = some[order], worth[order]
         voxels, first = np.unique(np.floor(some / _CELL).astype(int), axis=0, return_index=True)

@@ -254,8 +254,7 @@ class VolumeMap:
         """What is in doubt near a place (x, y) [m] of the base, one obstacle a block; blocks in which nothing changed
         are the same objects as before."""
         p = self.params
-        for block in self._map.changed(True).reshape(-1, 3).tolist():
-            self._doubtful.pop((block[0], block[1], block[2]), None)
+        self._forget_doubts()
         reach, (first, top) = p.unseen_radius, (self._corner[2], self._corner[2] + p.blocks[2])
         low = np.floor((np.array([x, y]) - reach) / p.block).astype(int)
         high = np.floor((np.array([x, y]) + reach) / p.block).astype(int)
@@ -273,6 +272,7 @@ class VolumeMap:
 
     def obstacles(self) -> list[Obstacle]:
         """What stands, one obstacle a block; blocks in which nothing changed are the same objects as before."""
+        self._forget_doubts()  # also where nobody asks for them: else their list would grow
         for block in self._map.changed(False).reshape(-1, 3):
             key = (int(block[0]), int(block[1]), int(block[2]))
             made = self._obstacle(np.ascontiguousarray(block))
@@ -281,6 +281,10 @@ class VolumeMap:
             else:
                 self._made[key] = made
         return list(self._made.values())
+
+    def _forget_doubts(self) -> None:
+        for block in self._map.changed(True).reshape(-1, 3).tolist():
+            self._doubtful.pop((block[0], block[1], block[2]), None)
 
     def _obstacle(self, block: Indices, *, doubtful: bool = False) -> Obstacle | None:
         boxes = self._map.boxes(block, doubtful).reshape(-1, 6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -44,6 +44,15 @@ class HeldShape(Protocol):
     def pose(self) -> Array: ...
     @property
     def parts(self) -> Sequence[HeldPart]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _InFrame:
+    """A shape at a pose (4, 4) in the frame that carries it."""
+
+    name: str | None
+    pose: Array
+    parts: Sequence[HeldPart]
 
 
 def attached(
@@ -95,6 +104,10 @@ def attached(
     if weight > 0.0:
         model.appendBodyToJoint(joint, pin.Inertia(weight, np.zeros(3), np.zeros((3, 3))), pin.SE3(T_joint_shape))
     load = [_object(piece, index) for piece in pieces]
+    eyes = robot.eyes
+    if eyes is not None:  # what the robot holds is in its pictures, too
+        there = np.linalg.inv(carrier.placement.homogeneous) @ T_joint_shape
+        eyes = attached(eyes, _InFrame(name, there, shape.parts), frame, touch=touch, mass=weight)
     held = replace(
         robot,
         model=model,
@@ -104,6 +117,7 @@ def attached(
         self_apart=np.concatenate((robot.self_apart, np.zeros(len(pairs)))),
         unchecked_pairs=(*robot.unchecked_pairs, *unchecked),
         visual=partial(_drawn_with_load, robot, load),
+        eyes=eyes,
     )
     if q is None or robot.self_collision(q) is not None:
         return held

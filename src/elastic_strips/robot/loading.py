@@ -220,6 +220,8 @@ def _made(
     wheels, resting = wheel_joints(model, source), resting_joints(model, source)
     names, held = frozenset(model.names[1:]) - {"root_joint"}, with_leaders(source, locked)
     check_joint_names(model, dict.fromkeys(looking, 0.0), "looking")
+    if both := sorted(set(looking) & (told or frozenset())):
+        raise RobotError(f"joints that are to be planned and to look: {', '.join(both)}; name each in one of the two")
     planned = (names - resting - set(held) if told is None else told) - set(looking)
     following = following_planned(source, planned, locked)
     unplanned = names - planned - set(following)

@@ -26,7 +26,7 @@ from elastic_strips.validation import check_able, check_count, check_number, che
 from .computing import ChargedExecutor, Computing
 from .faults import Fault, FaultPlan, FaultyPerception, FaultyPlant, faulty_planning
 from .pedestrians import Pedestrians
-from .perception import LOOK_AHEAD, Looking, NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
+from .perception import NoisyGroundTruth, Perception, PerceptionError, PerceptionParams
 from .plant import STANDING_SPEED, KinematicPlant, Plant, PlantParams
 from .sensed_perception import SensorPerception
 
@@ -98,6 +98,9 @@ class Simulation(Generic[_Driver]):
         self._new_recorder = lambda: Recorder(self.robot, world, metadata=metadata or {})
         self.recorder: Recorder = self._new_recorder()
         self._recording = record
+        attend = getattr(perception, "attend", None)
+        if callable(attend):
+            attend(controller.ahead)
         self._step = 0
         self._measurement: Measurement | None = None
 
@@ -192,8 +195,6 @@ class Simulation(Generic[_Driver]):
 
     def _after_tick(self, tick: Tick) -> None:
         result = tick.result
-        if isinstance(self.perception, Looking):
-            self.perception.attend(self.controller.ahead(LOOK_AHEAD))
         self.recorder.planning(
             tick.time,
             tick_ms=1e3 * tick.seconds,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated, Protocol
 
 import numpy as np
 
@@ -61,19 +61,6 @@ class Perception(Protocol):
         Raises:
             PerceptionError: there is no usable scene.
         """
-        ...
-
-
-LOOK_AHEAD = 5.0
-"""How far ahead [s] a perception is told where the robot will come through."""
-
-
-@runtime_checkable
-class Looking(Protocol):
-    """A perception that can look somewhere."""
-
-    def attend(self, ahead: Array) -> None:
-        """Told after every planning tick which coordinate rows (K, nv) the robot will come through, the next first."""
         ...
 
 

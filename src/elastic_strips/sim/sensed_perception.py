@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -56,6 +57,7 @@ _LASER_PLANE_HEIGHT = 0.3
 _STANDING_UPDATE_PERIOD = 0.01  # [s] between sensor updates while the robot stands at its start
 _HEAD_SPEED = 1.5  # [rad/s] at most, of joints that look
 _GLANCE_PERIOD = 0.1  # [s] between choices of where to look
+_LOOK_AHEAD = 5.0  # [s] of the way that is looked at
 _LOOK, _LOOK_ABOUT = 1.5, 8.0
 """Time [s] of reading before the first step, and that of a robot that looks about."""
 _CONTACT_PERIOD = 0.05  # [s] between queries of the contact sensor
@@ -125,8 +127,8 @@ class SensorPerception:
                 robot, camera.frame, camera.T_frame_camera, (wide, high), (camera.range_min, min(camera.range_max, 3.5))
             )
             volume = volume or VolumeMapParams(unseen="blocked")
-        self.head: Array = np.zeros(0) if self.gaze is None else self.gaze.wanted.copy()
-        self._ahead = np.zeros((0, robot.nv))
+        self.head: Array = np.array([robot.locked[name] for name in robot.looking])
+        self._ahead: Callable[[float], Array] | None = None
         self._observed = self._glanced = -look
         blocked = volume is not None and volume.unseen == "blocked"
         if params is None:
@@ -161,18 +163,18 @@ class SensorPerception:
         self._past.add(t, estimate)
         if self._contact_sensor is not None and t - self._looked >= _CONTACT_PERIOD - 1e-9:
             self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), coordinates)
-        seen_from = coordinates
         if self.gaze is not None:
             most = np.minimum(self.gaze.speed, _HEAD_SPEED) * max(t - self._observed, 0.0)
             self.head = self.head + np.clip(self.gaze.wanted - self.head, -most, most)
-            seen_from = self._robot.seeing_row(coordinates, self.head)
             if t - self._glanced >= _GLANCE_PERIOD - 1e-9 and self.estimator.volume is not None:
                 self._glanced = t
                 began = self.computing.reading()
-                self.gaze.look(t, estimate, self._ahead, self.head, self.estimator.volume)
+                ahead = np.zeros((0, self._robot.nv)) if self._ahead is None else self._ahead(_LOOK_AHEAD)
+                self.gaze.look(t, estimate, ahead, self.head, self.estimator.volume)
                 self._spent += self.computing.reading() - began
         self._observed = t
-        readings = self.suite.observe(t, seen_from)
+        looks = self._robot.looking
+        readings = self.suite.observe(t, self._robot.seeing_row(coordinates, self.head) if looks else coordinates)
         if self._touched:  # an obstacle on the sensors would stay in the map
             return
         if not readings:
@@ -184,8 +186,9 @@ class SensorPerception:
             self.newest[reading.sensor] = reading, pose
         self._spent += self.computing.reading() - began
 
-    def attend(self, ahead: Array) -> None:
-        """See :meth:`Looking.attend`."""
+    def attend(self, ahead: Callable[[float], Array]) -> None:
+        """Be told what gives the coordinate rows (K, nv) that the robot comes through in so many seconds, the next one
+        first, such as :meth:`.Controller.ahead`: there the camera looks."""
         self._ahead = ahead
 
     def sense(self, t: float) -> Scene:

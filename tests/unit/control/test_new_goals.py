@@ -452,3 +452,13 @@ def test_what_was_not_seen_is_planned_through_and_not_driven_through(silvermate)
     assert 0.5 < drive.places[-1][0] < 1.8
     drive.scene = Scene([])  # it was looked at
     assert drive.until(lambda: drive.controller.ended)
+
+
+def test_a_goal_that_is_taken_in_every_way_is_waited_for(silvermate):
+    drive = ride(silvermate, HandPose("hand_frame", (3.0, 0.0, 0.9)), seed=1)
+    assert drive.until(lambda: drive.places[-1][0] > 0.2)
+    drive.scene = Scene([PILLAR, Box((0.3, 0.3, 0.3), at=(3.0, 0.0, 0.9), name="taken")])  # where the hand is to be
+    assert not drive.until(lambda: drive.controller.ended, 8.0)
+    assert drive.controller.replans + sum(e.kind == "replanned" for e in drive.controller.events) > 0
+    drive.scene = Scene([PILLAR])
+    assert drive.until(lambda: drive.controller.ended)

@@ -11,9 +11,13 @@ from free_way import outside_scene
 import elastic_strips as es
 from elastic_strips.perception import DepthImage, LaserScan, SceneEstimator, VolumeMap, VolumeMapParams
 from elastic_strips.perception.gaze import Gaze
-from elastic_strips.scene import UNSEEN_LAYER, Scene
+from elastic_strips.scene import UNSEEN_LAYER, Scene, World
+from elastic_strips.sim.sensed_perception import SensorPerception
+from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.sim.sensors.params import LaserParams
 
 BLOCKED = VolumeMapParams(length=8.0, height=1.6, unseen="blocked", unseen_radius=1.5)
+LASER = LaserParams(frame="base_link", rays=31)
 AHEAD = np.eye(4)  # of a camera that looks along the base's x
 AHEAD[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
 AHEAD[:3, 3] = 0.2, 0.0, 1.0
@@ -94,3 +98,11 @@ def test_what_is_looked_at_in_vain_is_left_after_a_while(tiago):
         head = gaze.look(0.3 * k, row, np.zeros((0, tiago.nv)), head, volume)
         seen.add(tuple(head.round(3).tolist()))
     assert len(seen) > 5
+
+
+def test_a_head_without_a_camera_is_no_trouble(tiago):
+    perception = SensorPerception(
+        tiago, World(Scene([])), tiago.home(), sensors=SensorConfig(sensors=(LASER,)), look=0.2
+    )
+    assert perception.gaze is None
+    assert perception.known().time is not None

@@ -9,7 +9,7 @@ import pytest
 from cases import refused
 
 import elastic_strips as es
-from elastic_strips.coal_shapes import outside, vertices
+from elastic_strips.coal_shapes import outside, support_points
 from elastic_strips.errors import RobotError
 
 HEAD = ("head_1_joint", "head_2_joint")
@@ -30,7 +30,8 @@ def posed(robot, row, links):
     for piece in robot.geometries:
         if set(piece.links) & set(links):
             T = data.oMi[piece.joint].homogeneous @ piece.placement
-            found.append((piece, T, vertices(piece.geometry) @ T[:3, :3].T + T[:3, 3]))
+            corners = support_points(piece.geometry)[0]
+            found.append((piece, T, corners @ T[:3, :3].T + T[:3, 3]))
     return found
 
 
@@ -73,3 +74,17 @@ def test_what_cannot_look_is_refused():
         es.load_robot("tiago", looking=["arm_1_joint"])
     with refused(RobotError, "neck"):
         es.load_robot("tiago", looking=["neck"])
+
+
+def test_what_looks_is_not_planned():
+    with refused(RobotError, "head_1_joint"):
+        es.load_robot("tiago", looking=HEAD, joints=["torso_lift_joint", "head_1_joint"])
+
+
+def test_what_it_holds_is_held_before_its_eyes_too(tiago):
+    can = es.Cylinder(0.03, 0.12, at=(0.2, 0.0, 0.0), name="can")
+    held = tiago.attached(can, "arm_tool_link", touch=[f.name for f in tiago.model.frames if "hand" in f.name])
+    row = tiago.space.to_coordinates(tiago.home())
+    ((_, T, _),) = posed(held, row, ["can"])
+    ((_, seen, _),) = posed(held.seeing, held.seeing_row(row, np.array([0.3, -0.2])), ["can"])
+    np.testing.assert_allclose(seen, T, atol=1e-9)
