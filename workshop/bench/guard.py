@@ -164,6 +164,11 @@ class Piloted:
         """State that the robot follows."""
         return self.guard.executor.reference(self.time)
 
+    def ahead(self, seconds: float, step: float = 0.2) -> Array:
+        """Coordinate rows (K, nv) that the present velocity leads through in so many seconds; for sensors that look."""
+        state, space = self.reference, self.robot.space
+        return np.array([space.integrate(state.coordinates, t * state.v) for t in np.arange(0.0, seconds + step, step)])
+
     @property
     def estimate(self) -> Array:
         """(nv,) estimated coordinate row."""
