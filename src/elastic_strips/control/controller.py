@@ -39,6 +39,7 @@ from .record import TickStatistics
 from .replanning import Replanner
 from .retreat import Retreat
 from .strip_timer import PlanOutcome, PlanResult
+from .vantage import Vantage
 
 _log = logging.getLogger(__name__)
 KEPT_EVENTS = 500
@@ -201,6 +202,9 @@ class Controller:
             )
         self.executor: ExecutorLink = executor
         self._retreat = Retreat(executor, self.planner)
+        self._vantage: Vantage | None = None
+        if robot.space.planar:
+            self._vantage = Vantage(executor, self.planner, self._retreat.way, self._plan_from_here)
         self.keeper: GoalKeeper = GoalKeeper(
             self.start,
             goal_q,
@@ -515,9 +519,13 @@ class Controller:
             self._trouble = trouble
         if self.executor.recoveries > self._recoveries:  # the robot is somewhere beside its strip
             self._recoveries = self.executor.recoveries
-            self._ready.clear()
-            self.replanner.demand(t + self.params.replan_time)
+            self._plan_from_here(t)
         self.keeper.set_out(t, self.scene, self.pace.latency)
+
+    def _plan_from_here(self, t: float) -> None:
+        """The robot stands somewhere else than its strip begins: another one is planned."""
+        self._ready.clear()
+        self.replanner.demand(t + self.params.replan_time)
 
     def _forget_motions(self) -> None:
         """Forget motions that are planned, but have not begun; brakes that are due stay."""
@@ -585,6 +593,8 @@ class Controller:
             return
         if self._retreat.backs_off(t, self._begin(t), scene, stuck=self._stuck):
             return
+        if self._vantage is not None and self.keeper.path is None and self._vantage.looks(t, self._begin(t), scene):
+            return
         stops = self.keeper.no_way or ("the speed is set to 0" if self._speed == 0.0 else "")
         if stops:  # the strip leads to the previous goal, or nowhere for now
             executor.reject(stops)
@@ -604,6 +614,8 @@ class Controller:
         result = self.result = self.plan_tick(t, scene, self._active, begin)
         if self.planner.passed is not None:
             self.keeper.pass_goal(*self.planner.passed)
+        if self._vantage is not None:
+            self._vantage.note(t, result, stands=at_rest)
         if result.late:
             executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
         if self.keeper.path is not None:

@@ -410,7 +410,7 @@ class LocalPlanner:
         """
         if not self._surprised(active, scene):
             return ""
-        outlook = self._outlook(scene)
+        outlook = self._as_proven(active, self._outlook(scene))
         certificate = self.timer.certify(active.tail(begin), outlook)
         if certificate.certified:
             self._proof = active, outlook
@@ -444,7 +444,7 @@ class LocalPlanner:
         if tried and not surprised:
             return result
         rest = active.tail(start.time)
-        certificate = self.timer.certify(rest, outlook)
+        certificate = self.timer.certify(rest, self._as_proven(active, outlook))
         watch.mark("motion certificate")
         if certificate.certified and tried:
             return result
@@ -455,6 +455,14 @@ class LocalPlanner:
         if not surprised:  # its own certificate still holds
             return result
         return replace(result, outcome=PlanOutcome.BRAKE, motion=self.timer.hard.brake(active, start.time))
+
+    def _as_proven(self, active: Trajectory, outlook: Outlook) -> Outlook:
+        """The outlook with the margin that the active trajectory was proven with, where that is less: it led from a
+        place nearer to something than the margin (:meth:`_nearer`), and still does."""
+        if self._proof is None or self._proof[0] is not active:
+            return outlook
+        margin = min(self._proof[1].margins.margin, outlook.margins.margin)
+        return replace(outlook, margins=replace(outlook.margins, margin=margin))
 
     def _surprised(self, active: Trajectory, scene: Scene) -> bool:
         """Whether a scene differs from what the motion's certificate allowed for, or whether that is not known."""

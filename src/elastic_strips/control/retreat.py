@@ -108,15 +108,18 @@ class Retreat:
             here: where it rests.
             begin: when the motion begins [s].
         """
-        rows = [here, *(row for row in reversed(self._came) if np.abs(row - here).max(initial=0.0) > _ROW_SPACING)]
+        rows = self.way(here)
         if len(rows) < 2:
             return None
         try:
-            return self._planner.timer.easy.horizon(
-                np.array(rows), distance=_RETREAT, start_time=begin, speed=_RETREAT_SPEED
-            )
+            return self._planner.timer.easy.horizon(rows, distance=_RETREAT, start_time=begin, speed=_RETREAT_SPEED)
         except ElasticStripsError:
             return None
+
+    def way(self, here: Array) -> Array:
+        """Rows (K, nv) from a reference (nv,) back along the way that the robot came, as far as that is kept."""
+        rows = (row for row in reversed(self._came) if np.abs(row - here).max(initial=0.0) > _ROW_SPACING)
+        return np.array([here, *rows])
 
     def went(self, motion: Trajectory) -> None:
         """Told that the robot backs off by a motion: the way from its end on was not free."""

@@ -308,13 +308,13 @@ class VolumeMap:
 def filled(ranges: Image, unit: float) -> Image:
     """Ranges (H, W) with narrow holes of lost ones filled in.
 
-    A hole is as wide as the shortest of the four lines through a pixel of it, along rows, columns and diagonals, has lost
-    pixels. What is hidden in it is no wider than the gap between the pixels at the ends of that line.
+    A hole is as wide as the shortest run of lost pixels through a pixel of it, along its row, column and diagonals. What
+    is hidden in it is no wider than the gap between the pixels at the ends of that run.
 
     Args:
         ranges: with ``NO_ANSWER`` where they are lost [m].
         unit: distance [m] at which a gap of one pixel's width is as wide as what may be overlooked; that of a gap of n
-            is an n-th of it. A lost pixel is as far away as that, or as the nearer end of its line.
+            is an n-th of it. A lost pixel is as far away as that, or as the nearer end of its run.
     """
     lost = np.argwhere(np.isnan(ranges))
     if not len(lost) or unit == 0.0:

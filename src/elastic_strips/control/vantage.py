@@ -1,0 +1,129 @@
+"""Vantage: a robot that stands before what no sensor has seen turns, or backs off, to see it from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.errors import ElasticStripsError
+from elastic_strips.scene import UNSEEN_LAYER, Scene
+from elastic_strips.trajectory import Trajectory
+
+from .executor import ExecutorLink
+from .local_planner import LocalPlanner
+from .strip_timer import PlanResult
+
+_WAIT = 1.5  # [s] at rest, after which it goes to look from elsewhere: before that, its head may see enough
+_LOOK = 1.2  # [s] for which it stands there
+_TURNS = (0.0, 0.7, -0.7, 1.4, -1.4, 2.2, -2.2)
+"""Angles [rad] from the heading with which it was stopped, to which it turns one after the other …"""
+_AWAY = 0.5  # … until it has come so far [m] from there
+_AGAIN = 20.0  # [s] after the last of them, when it begins anew
+_BACK = 0.6  # [m] that it backs off first, where it can: what is at its feet is hidden by itself
+_STEP = 0.35  # [rad] from row to row of a turn
+_SPEED = 0.5  # part of the full speed
+
+
+class Vantage:
+    """Workspace: where a robot looks from, where what no sensor has seen is in the way of its motions.
+
+    Args:
+        executor: takes the motions.
+        planner: certifies them, among what was not seen as well.
+        back: rows (K, nv) from the one at which the robot rests back along the way that it came.
+        then: told when the robot has looked [s], and stands elsewhere than the strip begins.
+    """
+
+    def __init__(
+        self,
+        executor: ExecutorLink,
+        planner: LocalPlanner,
+        back: Callable[[Array], Array],
+        then: Callable[[float], None],
+    ) -> None:
+        self._executor, self._planner, self._back, self._then = executor, planner, back, then
+        self._since: float | None = None  # [s] when it stood before what was not seen
+        self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
+        self._tried = 0
+        self._motion: Trajectory | None = None  # to where it looks from
+        self._looks = False  # whether it is on such a way, or looks from its end
+        self._until = -np.inf  # [s] until when it looks from there, or did
+
+    def note(self, t: float, result: PlanResult, *, stands: bool) -> None:
+        """Take note of a planning tick: whether the robot stands before what was not seen.
+
+        Args:
+            t: time [s].
+            result: of the tick.
+            stands: whether the robot does.
+        """
+        if result.accepted or not stands:
+            self._since = None
+        elif result.certificate is not None and result.certificate.broken is not None:
+            unseen = result.certificate.broken.obstacle.startswith(f"{UNSEEN_LAYER}-")
+            self._since = None if not unseen else t if self._since is None else self._since
+
+    def looks(self, t: float, begin: float, scene: Scene) -> bool:
+        """Whether the robot goes to look from elsewhere, or looks from there.
+
+        Args:
+            t: time [s].
+            begin: time [s] at which a motion that is planned now begins.
+            scene: the obstacles.
+        """
+        executor, stands = self._executor, self._executor.at_rest(t)
+        if executor.active is self._motion and not stands:
+            certificate = self._planner.certify(executor.active.tail(begin), scene)
+            if not certificate.certified:
+                executor.brake(f"the way to where it was to look is not free: {certificate.broken}")
+            return True
+        if self._motion is not None:
+            self._motion, self._until = None, t + _LOOK
+        if t < self._until:
+            return True
+        if self._looks:
+            self._looks = False
+            self._then(t)
+        if self._since is None or t - self._since < _WAIT or not (stands and executor.settled):
+            return False
+        here = executor.active.coordinates[-1]
+        if float(np.hypot(*(here[:2] - self._place))) > _AWAY or t - self._until > _AGAIN:
+            self._place, self._heading, self._tried = here[:2].copy(), float(here[2]), 0
+        return self._goes(here, begin, scene)
+
+    def _goes(self, here: Array, begin: float, scene: Scene) -> bool:
+        """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
+        planner, executor = self._planner, self._executor
+        while self._tried < len(_TURNS):
+            turn = float(self._heading - here[2]) + _TURNS[self._tried]
+            self._tried += 1
+            for rows in (self._backed(here), here[None]):
+                motion = self._motion_along(rows, turn, begin)
+                certificate = None if motion is None else planner.certify(motion, scene)
+                if motion is None or certificate is None or not certificate.certified:
+                    continue
+                executor.log("looking", "goes to see from elsewhere what is in its way")
+                executor.submit(motion, certificate, at_goal=False, proven=planner.margins.tracking_error)
+                self._motion, self._looks, self._since = motion, True, None
+                return True
+        return False
+
+    def _backed(self, here: Array) -> Array:
+        """(K, nv) rows back along the way that the robot came."""
+        rows = self._back(here)
+        way = np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))
+        return rows[: int(np.searchsorted(way, _BACK)) + 2]
+
+    def _motion_along(self, rows: Array, turn: float, begin: float) -> Trajectory | None:
+        """The motion along rows (K, nv), and then a turn [rad] in place; None where there is none."""
+        turned = np.repeat(rows[-1:], int(np.ceil(abs(turn) / _STEP)), axis=0)
+        turned[:, 2] += np.linspace(0.0, turn, len(turned) + 1)[1:]
+        rows = np.concatenate((rows, turned))
+        if len(rows) < 2:
+            return None
+        try:
+            return self._planner.timer.easy.full(rows, start_time=begin, speed=_SPEED)
+        except ElasticStripsError:
+            return None
