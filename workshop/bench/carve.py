@@ -13,6 +13,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from time import thread_time
 
@@ -40,6 +41,8 @@ _LOW = 0.1  # [m] below which the reach does not count
 _RATE = 15.0  # [Hz] of images in a long run
 _TURN = 150  # images of a turn at one place
 _BANDS = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # [m] distances that held-out points are counted by
+
+_KEYS = np.array([1.0, 1e4, 1e8])  # one number of the three of a voxel
 
 SIZES = ((160, 120), (320, 240))
 NOISES = ("exact", "default", "worst")
@@ -172,9 +175,7 @@ def measure_setting(
             volume.add(image, T)
             added = thread_time()
             volume.obstacles()
-            for name, spent in zip(
-                seconds, (masked - began, added - masked, thread_time() - added), strict=True
-            ):
+            for name, spent in zip(seconds, (masked - began, added - masked, thread_time() - added), strict=True):
                 seconds[name].append(spent)
             wrong |= volume.known(surface) == 0
             if k == 0:
@@ -284,18 +285,18 @@ def bench_cloud(
         for _ in range(draws):
             T = _looking(rng)
             for name, kept, image in _shown(depth, focal, T):
-                counts = _held_out(depth, kept, image, focal, T)
-                totals[name] = totals.get(name, np.zeros((3, len(_BANDS)))) + counts
+                counts = _held_out(depth, kept, image, focal, T, rng)
+                totals[name] = totals.get(name, np.zeros((4, len(_BANDS)))) + counts
         step(os.path.basename(os.fspath(file)))
-    bands = [f"{a:g}-{b:g} m" for a, b in zip(_BANDS[:-1], _BANDS[1:], strict=True)]
+    bands = [f"{a:g}-{b:g} m" for a, b in pairwise(_BANDS)]
     bands.append(f"over {_BANDS[-1]:g} m")
     return {
         **head("carve", focal=focal, draws=draws),
         "clouds": clouds,
         "held_out": {
             name: {
-                band: {"points": int(points), "free": int(strict), "free_by_centre": int(centre)}
-                for band, points, strict, centre in zip(bands, *counts, strict=True)
+                band: {"points": int(points), "free": int(strict), "free_by_centre": int(centre), "before": int(before)}
+                for band, points, strict, centre, before in zip(bands, *counts, strict=True)
             }
             for name, counts in totals.items()
         },
@@ -338,9 +339,10 @@ def _shown(depth: Image, focal: float, T: Array) -> Iterator[tuple[str, Mask, De
         yield name, kept, DepthImage("cloud", 0.0, T, part, (focal / across, focal / down), center, 0.3, 8.0)
 
 
-def _held_out(depth: Image, kept: Mask, image: DepthImage, focal: float, T: Array) -> Array:
-    """(3, bands) how many points were held out, how many of them are called free, and how many would be by the pixel
-    over a voxel's middle alone."""
+def _held_out(depth: Image, kept: Mask, image: DepthImage, focal: float, T: Array, rng: np.random.Generator) -> Array:
+    """(4, bands) how many points were held out, how many of them are called free, how many would be by the pixel over
+    a voxel's middle alone where none of those shown ends in it, and of as many points before them, each somewhere on
+    its ray, how many are free."""
     params = VolumeMapParams(height=6.0)
     volume = VolumeMap(params)
     volume.add(image, np.eye(4))
@@ -358,8 +360,11 @@ def _held_out(depth: Image, kept: Mask, image: DepthImage, focal: float, T: Arra
     met[there] = image.depth[v[there], u[there]]
     met = np.minimum(met, params.range_max)
     centre = met - params.error(met) > middle[:, 2] + 0.5 * math.sqrt(3.0) * params.cell
+    ended = np.unique(np.floor(image.points() / params.cell), axis=0) @ _KEYS
+    centre &= ~np.isin(np.floor(points / params.cell) @ _KEYS, ended)
+    before = volume.known((rng.random((len(own), 1)) * own) @ T[:3, :3].T + T[:3, 3]) == 0
     band = np.searchsorted(_BANDS, z, side="right") - 1
-    return np.array([np.bincount(band[some], minlength=len(_BANDS)) for some in (z > 0, strict, centre)])
+    return np.array([np.bincount(band[some], minlength=len(_BANDS)) for some in (z > 0, strict, centre, before)])
 
 
 def _pose(base: Array) -> Array:

@@ -85,6 +85,10 @@ def _held_out(figures: dict[str, object]) -> None:
     output.say(f"{len(figures['clouds'])} clouds, {figures['draws']} poses each")  # type: ignore[arg-type]
     for part, bands in figures["held_out"].items():  # type: ignore[attr-defined]
         for band, n in bands.items():
-            shares = [f"{100 * n[key] / n['points']:.4f} %" for key in ("free", "free_by_centre") if n["points"]]
-            if shares:
-                row(f"{part}, {band}", f"{shares[0]} of {n['points']} called free; by centre pixels {shares[1]}")
+            if n["points"]:
+                free, centre, before = (n[key] / n["points"] for key in ("free", "free_by_centre", "before"))
+                row(
+                    f"{part}, {band}",
+                    f"{100 * free:.4f} % of {n['points']} called free, {100 * centre:.4f} % by middle pixels; "
+                    f"{100 * before:.1f} % of points before them",
+                )
