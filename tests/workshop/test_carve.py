@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from elastic_strips.perception import DepthImage, volume_twin
 
 import elastic_strips as es
 from elastic_strips.native import twin
+from elastic_strips.perception import volume_twin
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import ConvexHull, Scene
-from workshop.bench.carve import Setting, bench_cloud, measure_setting, surface_voxels
+from workshop.bench.carve import Setting, measure_setting, surface_voxels
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
