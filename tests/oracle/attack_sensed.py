@@ -35,6 +35,7 @@ from multiprocessing import get_context
 from time import process_time
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 from attack import Array, Checker
 from attack import Figures as WalkFigures
@@ -49,11 +50,13 @@ from elastic_strips.sim.sensed_perception import body_radius
 from elastic_strips.sim.sensors import DepthParams, LaserParams, SensorConfig, SensorSuite, named_sensors
 from elastic_strips.strip import Deformer, DeformParams, Strip
 
+Mask = npt.NDArray[np.bool_]
+
 ROBOTS, NOISES, UNSEEN = ("silvermate", "tiago"), ("exact", "noisy"), ("blocked", "free")
 _LOOKING = {"tiago": ("head_1_joint", "head_2_joint"), "silvermate": ()}
 _COARSER = 3  # times the steps of the attack: what overlaps by less than that is not looked for
 _ROUND = 0.02  # [m] radius of every edge and corner
-_THINGS, _ROUNDS, _PROPOSALS = 26, 10, 90
+_THINGS, _ROUNDS, _PROPOSALS = 26, 14, 90
 _HALVINGS = 5
 _NEAR = 0.15  # [m] that what is certified ends beside a thing, if it is near; asked of one in ten
 _BALL = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)])
@@ -223,8 +226,8 @@ class Attack:
                 self.note("believed", not self.estimator.watched[reading.sensor].reason)
 
     def motions(self) -> Array:
-        """Tangent vectors (n, nv): drives and turns, and arms that reach anywhere or move a little; half of them end with
-        a joint in a thing, or as near to one as it comes."""
+        """Tangent vectors (n, nv): drives and turns, and arms that reach anywhere or move a little; half of them end
+        with a joint in a thing, or as near to one as it comes."""
         rng, space = self.rng, self.robot.space
         count = 6 * _PROPOSALS
         v = np.zeros((count, self.robot.nv))
@@ -242,14 +245,15 @@ class Attack:
             joints.append([data.oMi[j].translation for j in range(2, model.njoints)])
         off = outside_scene(np.array(joints).reshape(-1, 3), self.true).reshape(count, -1).min(axis=1)
         half = _PROPOSALS // 2
-        return np.concatenate((v[: _PROPOSALS - half], v[_PROPOSALS - half :][np.argsort(off[_PROPOSALS - half :])[:half]]))
+        return v[np.concatenate((np.arange(half), half + np.argsort(off[half:])[: _PROPOSALS - half]))]
 
-    def certified(self, ends: Array, scene: Scene) -> np.ndarray:
-        """Whether the motions from where it stands to rows (n, nv) are certified."""
+    def certified(self, ends: Array, scene: Scene) -> tuple[Mask, Mask]:
+        """Whether the motions from where it stands to rows (n, nv) are certified, and those back."""
         rows = np.repeat(ends, 2, axis=0)
         rows[1::2] = self.row
         strip = Strip.from_coordinates(self.robot, np.concatenate((self.row[None], rows)))
-        return np.array(self.deformer.certify(strip, scene).segments, dtype=bool)[::2]
+        segments = np.array(self.deformer.certify(strip, scene).segments, dtype=bool)
+        return segments[::2], segments[1::2]
 
     def round(self) -> None:
         """Motions as long as the proof just holds; these are walked in the true world, and with them all that was
@@ -264,9 +268,11 @@ class Attack:
             return np.clip(ends, space.lower, space.upper)
 
         for _ in range(_HALVINGS):
-            holds = self.certified(put(fraction), scene)
-            self.note("refused", int((~holds).sum()))
-            self.note("certified", int((holds & (fraction > low)).sum()))
+            there, back = self.certified(put(fraction), scene)
+            holds, new = there | back, fraction > low  # walked is what either of them says
+            for each in (there, back):
+                self.note("refused", int((~each).sum()))
+                self.note("certified", int((each & new).sum()))
             low, high = np.where(holds, fraction, low), np.where(holds, high, fraction)
             fraction = np.where(low < 1.0, 0.5 * (low + high), 1.0)
         ends = put(low)[low > 0.0]

@@ -364,7 +364,8 @@ def _held_out(depth: Image, kept: Mask, image: DepthImage, focal: float, T: Arra
     centre &= ~np.isin(np.floor(points / params.cell) @ _KEYS, ended)
     before = volume.known((rng.random((len(own), 1)) * own) @ T[:3, :3].T + T[:3, 3]) == 0
     band = np.searchsorted(_BANDS, z, side="right") - 1
-    return np.array([np.bincount(band[some], minlength=len(_BANDS)) for some in (z > 0, strict, centre, before)])
+    counts = [np.bincount(band[some], minlength=len(_BANDS)) for some in (z > 0, strict, centre, before)]
+    return np.array(counts, dtype=float)
 
 
 def _pose(base: Array) -> Array:

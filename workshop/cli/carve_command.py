@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +11,9 @@ from elastic_strips.cli import options, output
 from elastic_strips.cli.output import row
 
 from .bench_options import figures_option, house_option, times
+
+if TYPE_CHECKING:
+    from workshop.bench.measure import Figures
 
 
 @click.command(short_help="Whether images call free what is not.")
@@ -80,10 +84,10 @@ def carve(
     output.write_document("figures", json_file, figures)
 
 
-def _held_out(figures: dict[str, object]) -> None:
+def _held_out(figures: Figures) -> None:
     """Say how many points that were not shown lie where it is free."""
-    output.say(f"{len(figures['clouds'])} clouds, {figures['draws']} poses each")  # type: ignore[arg-type]
-    for part, bands in figures["held_out"].items():  # type: ignore[attr-defined]
+    output.say(f"{len(figures['clouds'])} clouds, {figures['draws']} poses each")
+    for part, bands in figures["held_out"].items():
         for band, n in bands.items():
             if n["points"]:
                 free, centre, before = (n[key] / n["points"] for key in ("free", "free_by_centre", "before"))
@@ -91,4 +95,5 @@ def _held_out(figures: dict[str, object]) -> None:
                     f"{part}, {band}",
                     f"{100 * free:.4f} % of {n['points']} called free, {100 * centre:.4f} % by middle pixels; "
                     f"{100 * before:.1f} % of points before them",
+                    n["free"] == 0,
                 )
