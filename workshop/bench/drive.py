@@ -30,7 +30,7 @@ from elastic_strips.strip.params import DeformParams
 from workshop.baselines import drive_by
 from workshop.datasets import load_house
 
-from .measure import Figures, Note, head, percentiles, silent
+from .measure import Figures, Note, head, percentiles, resident, silent
 
 _SPEED_CLASSES = ((0.2, 0.5), (0.5, 0.8), (0.8, 1.1), (1.1, 1.5))
 """Classes of the movers' largest speed [m/s]."""
@@ -524,7 +524,7 @@ def bench_soak(robot: RobotModel, hours: float = 1.0, step: Note = silent, *, se
         mine = 1e3 * np.array(seconds[int(begin["tick"]) :])
         begin.update(tick=len(seconds), time=driven.time)
         gc.collect()
-        rows.append({"time_s": driven.time, "memory_mb": _resident(), "tick_ms": percentiles(mine)})
+        rows.append({"time_s": driven.time, "memory_mb": resident(), "tick_ms": percentiles(mine)})
         step(f"{driven.time / 60:.0f} min, {rows[-1]['memory_mb']:.0f} MB")
 
     driven = simulation(
@@ -570,14 +570,3 @@ def crossing(name: str, x: float, period: float, reach: float = 3.2) -> Cylinder
     track = np.column_stack([x + 0.4 * np.cos(phase), reach * np.sin(phase), np.full_like(t, 0.85)])
     track[-1] = track[0]
     return Cylinder(0.25, 1.7, name=name, motion=Keyframes(t, track, loop=True))
-
-
-def _resident() -> float:
-    """Resident memory of this process [MB]."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    except OSError:
-        import resource
-
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

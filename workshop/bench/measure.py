@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -45,3 +46,14 @@ def head(benchmark: str, **what: object) -> Figures:
         "numpy": np.__version__,
     }
     return {"benchmark": benchmark, "machine": machine, **what}
+
+
+def resident() -> float:
+    """Resident memory of this process [MB]."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except OSError:
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20

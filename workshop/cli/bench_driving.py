@@ -11,7 +11,7 @@ from elastic_strips.catalogue import FAULTS
 from elastic_strips.cli import options, output
 from elastic_strips.cli.output import row
 
-from .bench_options import METHOD, root_option, runs_option, scenario_option, seeds_option, times
+from .bench_options import METHOD, house_option, root_option, runs_option, scenario_option, seeds_option, times
 
 if TYPE_CHECKING:
     from workshop.bench.measure import Figures
@@ -267,11 +267,7 @@ def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str
 
 
 @click.command(short_help="Across a furnished house.")
-@root_option(
-    "house/house.json",
-    "AWS RoboMaker's small house (github.com/aws-robotics/aws-robomaker-small-house-world) as convex pieces; "
-    "workshop.datasets reads it.",
-)
+@house_option()
 @options.robot_option("silvermate")
 @seeds_option(30, "Pairs of start and goal.")
 @click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")

@@ -52,14 +52,24 @@ class _DataFolder(click.Path):
         return folder
 
 
-def root_option(needed: str, about: str) -> Callable[[_F], _F]:
+def root_option(needed: str, about: str, *, required: bool = True) -> Callable[[_F], _F]:
     """``--root``: the folder of published data; what has to be in it, and where that comes from."""
     return click.option(
         "--root",
-        required=True,
+        required=required,
         metavar="DIR",
         type=_DataFolder(needed, about),
         help=f"Folder that holds {needed}: {about}",
+    )
+
+
+def house_option(*, required: bool = True) -> Callable[[_F], _F]:
+    """``--root`` of the furnished house."""
+    return root_option(
+        "house/house.json",
+        "AWS RoboMaker's small house (github.com/aws-robotics/aws-robomaker-small-house-world) as convex pieces; "
+        "workshop.datasets reads it.",
+        required=required,
     )
 
 

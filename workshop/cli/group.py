@@ -9,6 +9,7 @@ from elastic_strips.cli import group
 from . import bench_driving as driving
 from . import bench_planning as planning
 from .base_command import base
+from .carve_command import carve
 from .study_command import study
 
 
@@ -44,6 +45,7 @@ for _command in (
     driving.bridge,
     driving.house,
     planning.page,
+    carve,
     base,
     study,
 ):
