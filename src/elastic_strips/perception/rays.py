@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices, by_rows
+from elastic_strips.arrays import Array, Indices, Mask, by_rows
 from elastic_strips.coal_shapes import SIGNS, ShapeKind, shape_of, support_points
 from elastic_strips.hulls import convex_hull
 from elastic_strips.native import kernel
@@ -112,6 +112,7 @@ _LEAST_DIVISOR = 1e-14
 _BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE, _POLYHEDRON = range(6)  # as the kernel numbers them
 _MOST_PAIRS = 2_000_000  # of a body and a ray that the twin looks at together
 _KINDS = {ShapeKind.CYLINDER: _CYLINDER, ShapeKind.CAPSULE: _CAPSULE, ShapeKind.CONE: _CONE}
+_PLANE_SLACK = 1e-9  # [m] by which an origin has to be inside or outside of a plane to count as that
 _PLANE_DIGITS = 9  # to which planes of coplanar triangles are the same
 
 
@@ -135,7 +136,10 @@ class RayBodies:
     """
 
     def __init__(self, geometries: Iterable[coal.CollisionGeometry], padding: float = 0.0) -> None:
-        bodies = [_body(geometry, padding) for geometry in geometries]
+        self._take([_body(geometry, padding) for geometry in geometries])
+
+    def _take(self, bodies: list[_Body]) -> None:
+        self._bodies = bodies
         self._kind = np.array([b.kind for b in bodies], dtype=np.intp)
         self._size = np.array([b.size for b in bodies]).reshape(-1, 3)
         self._radius = np.array([b.radius for b in bodies])
@@ -144,8 +148,9 @@ class RayBodies:
         start = np.concatenate(([0], np.cumsum([len(b.planes) for b in bodies]))).astype(np.intp)
         self._rotation, self._translation = np.zeros((len(bodies), 3, 3)), np.zeros((len(bodies), 3))
         native = kernel()
-        planes = np.concatenate((np.zeros((0, 4)), *self._planes))
-        self._native = native.RayBodies(self._kind, self._size, start, planes) if native else None
+        self._all_planes = np.concatenate((np.zeros((0, 4)), *self._planes))
+        self._of_plane = np.repeat(np.arange(len(bodies)), np.diff(start))
+        self._native = native.RayBodies(self._kind, self._size, start, self._all_planes) if native else None
 
     def __len__(self) -> int:
         return len(self._kind)
@@ -171,6 +176,11 @@ class RayBodies:
             reach: length of the rays [m]; what is beyond is not met.
             inside: distance [m] of a ray that begins inside a body; infinite where such a body is passed over.
         """
+        if len(rays.origin) == 1 and math.isinf(inside):
+            out = self._out_of(rays)
+            if out.any():
+                self._without(out).cast(rays, nearest, reach=reach, inside=inside)
+                return
         if self._native is not None:
             origin, direction = by_rows(rays.origin, rays.direction)
             self._native.cast(origin, direction, reach, inside, nearest.distance, nearest.normal)
@@ -180,6 +190,43 @@ class RayBodies:
             part = np.arange(first, min(first + some, len(rays)))
             piece, ray = rays.some(part).near(self._translation, self._radius, reach)
             self._meet(piece, part[ray], rays, nearest, reach, inside)
+
+    def _out_of(self, rays: Rays) -> Mask:
+        """(P,) polyhedra that no ray from a common origin meets from outside: it is in them, or they are beside.
+
+        Of a body that the origin is in or close to, as of a camera's housing, every ray would be asked about every
+        plane. One plane with the origin outside of it from which all rays lead away tells that a body is beside.
+        """
+        none = np.zeros(len(self), dtype=bool)
+        if not len(self._of_plane) or not len(rays):
+            return none
+        axis = rays.direction.mean(axis=0)
+        length = float(np.linalg.norm(axis))
+        # the cone about all rays: its cosine, and the sine that a plane's normal has to have along its axis
+        cosine = float((rays.direction @ axis).min()) / length if length > _LEAST_DIVISOR else -1.0
+        sine = math.sqrt(max(1.0 - cosine * cosine, 0.0)) if cosine > 0.0 else math.inf
+        turn, of = self._rotation, self._of_plane
+        origin = np.matmul((rays.origin - self._translation)[:, None, :], turn)[:, 0]
+        ahead = (axis / max(length, _LEAST_DIVISOR)) @ turn
+        normal = self._all_planes[:, :3]
+        height = np.einsum("ij,ij->i", normal, origin[of]) - self._all_planes[:, 3]
+        outside = height > _PLANE_SLACK
+        away = outside & (np.einsum("ij,ij->i", normal, ahead[of]) > sine + _PLANE_SLACK)
+        inside = none.copy()
+        inside[of] = True
+        inside[of[height >= -_PLANE_SLACK]] = False
+        inside[of[away]] = True
+        return inside
+
+    def _without(self, out: Mask) -> RayBodies:
+        """The other bodies, where they are."""
+        kept = np.flatnonzero(~out)
+        others = RayBodies(())
+        others._take([self._bodies[p] for p in kept])
+        others._rotation, others._translation = self._rotation[kept], self._translation[kept]
+        if others._native is not None:
+            others._native.place(*by_rows(others._rotation, others._translation))
+        return others
 
     def _meet(self, piece: Indices, ray: Indices, rays: Rays, nearest: Nearest, reach: float, inside: float) -> None:
         """The twin: pairs of a body and a ray."""
