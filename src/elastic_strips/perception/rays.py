@@ -112,6 +112,7 @@ _LEAST_DIVISOR = 1e-14
 _BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE, _POLYHEDRON = range(6)  # as the kernel numbers them
 _MOST_PAIRS = 2_000_000  # of a body and a ray that the twin looks at together
 _KINDS = {ShapeKind.CYLINDER: _CYLINDER, ShapeKind.CAPSULE: _CAPSULE, ShapeKind.CONE: _CONE}
+_FIRST_PLANES = 40  # of a polyhedron that are put into an order
 _PLANE_SLACK = 1e-9  # [m] by which an origin has to be inside or outside of a plane to count as that
 _PLANE_DIGITS = 9  # to which planes of coplanar triangles are the same
 
@@ -278,10 +279,22 @@ def _body(geometry: coal.CollisionGeometry, padding: float) -> _Body:
     corners = points - shift
     planes = np.unique(convex_hull(corners).equations.round(_PLANE_DIGITS), axis=0)
     planes[:, :3] /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    planes = planes[_spread(planes[:, :3])]
     planes[:, 3] = (corners @ planes[:, :3].T).max(axis=0)  # rounded normals, but no corner outside
     x, y, z = (0.5 * (high - low)).tolist()
     radius = float(np.linalg.norm(corners, axis=1).max())
     return _Body(_POLYHEDRON, (x, y, z), radius, shift, planes)
+
+
+def _spread(normals: Array) -> Indices:
+    """An order (F,) of planes in which the first ones look all around: a ray that misses a body is soon done."""
+    order = np.arange(len(normals))
+    nearest = np.full(len(normals), -np.inf)  # cosine to those chosen
+    for k in range(min(_FIRST_PLANES, len(normals))):
+        at = k + int(np.argmin(nearest[order[k:]]))
+        order[[k, at]] = order[[at, k]]
+        nearest = np.maximum(nearest, normals @ normals[order[k]])
+    return order
 
 
 def _slab(o: Array, d: Array, half: Array) -> tuple[Array, Array]:
