@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import coal
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices, Mask, by_rows
+from elastic_strips.arrays import Array, Indices, by_rows
 from elastic_strips.coal_shapes import SIGNS, ShapeKind, shape_of, support_points
 from elastic_strips.hulls import convex_hull
 from elastic_strips.native import kernel
@@ -113,7 +113,8 @@ _BOX, _SPHERE, _CYLINDER, _CAPSULE, _CONE, _POLYHEDRON = range(6)  # as the kern
 _MOST_PAIRS = 2_000_000  # of a body and a ray that the twin looks at together
 _KINDS = {ShapeKind.CYLINDER: _CYLINDER, ShapeKind.CAPSULE: _CAPSULE, ShapeKind.CONE: _CONE}
 _FIRST_PLANES = 40  # of a polyhedron that are put into an order
-_PLANE_SLACK = 1e-9  # [m] by which an origin has to be inside or outside of a plane to count as that
+_PLANE_SLACK = 1e-7  # [m, and of a cosine] by which an origin, a direction has to be beyond a plane to count as that
+_MANY_RAYS = 200  # from one origin, for which it pays to look first which bodies they may meet
 _PLANE_DIGITS = 9  # to which planes of coplanar triangles are the same
 
 
@@ -145,13 +146,11 @@ class RayBodies:
         self._size = np.array([b.size for b in bodies]).reshape(-1, 3)
         self._radius = np.array([b.radius for b in bodies])
         self._shift = np.array([b.shift for b in bodies]).reshape(-1, 3)
-        self._planes = [b.planes for b in bodies]
-        start = np.concatenate(([0], np.cumsum([len(b.planes) for b in bodies]))).astype(np.intp)
+        self._start = np.concatenate(([0], np.cumsum([len(b.planes) for b in bodies]))).astype(np.intp)
+        self._planes = np.concatenate((np.zeros((0, 4)), *(b.planes for b in bodies)))
         self._rotation, self._translation = np.zeros((len(bodies), 3, 3)), np.zeros((len(bodies), 3))
         native = kernel()
-        self._all_planes = np.concatenate((np.zeros((0, 4)), *self._planes))
-        self._of_plane = np.repeat(np.arange(len(bodies)), np.diff(start))
-        self._native = native.RayBodies(self._kind, self._size, start, self._all_planes) if native else None
+        self._native = native.RayBodies(self._kind, self._size, self._start, self._planes) if native else None
 
     def __len__(self) -> int:
         return len(self._kind)
@@ -163,10 +162,12 @@ class RayBodies:
             rotation: (P, 3, 3).
             translation: (P, 3) [m].
         """
-        self._rotation = rotation
-        self._translation = translation + np.matmul(rotation, self._shift[:, :, None])[:, :, 0]
+        self._put(rotation, translation + np.matmul(rotation, self._shift[:, :, None])[:, :, 0])
+
+    def _put(self, rotation: Array, translation: Array) -> None:
+        self._rotation, self._translation = rotation, translation
         if self._native is not None:
-            self._native.place(*by_rows(self._rotation, self._translation))
+            self._native.place(*by_rows(rotation, translation))
 
     def cast(self, rays: Rays, nearest: Nearest, *, reach: float, inside: float) -> None:
         """Intersect rays with these bodies.
@@ -177,11 +178,12 @@ class RayBodies:
             reach: length of the rays [m]; what is beyond is not met.
             inside: distance [m] of a ray that begins inside a body; infinite where such a body is passed over.
         """
-        if len(rays.origin) == 1 and math.isinf(inside):
-            out = self._out_of(rays)
-            if out.any():
-                self._without(out).cast(rays, nearest, reach=reach, inside=inside)
-                return
+        bodies = self
+        if len(rays.origin) == 1 and len(rays) >= _MANY_RAYS and math.isinf(inside) and len(self._planes):
+            bodies = self._before(rays)
+        bodies._cast(rays, nearest, reach, inside)
+
+    def _cast(self, rays: Rays, nearest: Nearest, reach: float, inside: float) -> None:
         if self._native is not None:
             origin, direction = by_rows(rays.origin, rays.direction)
             self._native.cast(origin, direction, reach, inside, nearest.distance, nearest.normal)
@@ -192,42 +194,37 @@ class RayBodies:
             piece, ray = rays.some(part).near(self._translation, self._radius, reach)
             self._meet(piece, part[ray], rays, nearest, reach, inside)
 
-    def _out_of(self, rays: Rays) -> Mask:
-        """(P,) polyhedra that no ray from a common origin meets from outside: it is in them, or they are beside.
+    def _before(self, rays: Rays) -> RayBodies:
+        """Those of these bodies that rays from a common origin may meet from outside; they meet the same as of all.
 
-        Of a body that the origin is in or close to, as of a camera's housing, every ray would be asked about every
-        plane. One plane with the origin outside of it from which all rays lead away tells that a body is beside.
+        What is left out are polyhedra that the origin is in, as in a camera's housing, and those with a plane that the
+        origin is outside of and from which all rays lead away: else every ray would be asked about every plane. Where
+        not all rays do, such planes come first: the rays that do are done with the body.
         """
-        none = np.zeros(len(self), dtype=bool)
-        if not len(self._of_plane) or not len(rays):
-            return none
         axis = rays.direction.mean(axis=0)
-        length = float(np.linalg.norm(axis))
-        # the cone about all rays: its cosine, and the sine that a plane's normal has to have along its axis
-        cosine = float((rays.direction @ axis).min()) / length if length > _LEAST_DIVISOR else -1.0
+        axis /= max(float(np.linalg.norm(axis)), _LEAST_DIVISOR)
+        cosine = float((rays.direction @ axis).min())  # of the cone about all rays
         sine = math.sqrt(max(1.0 - cosine * cosine, 0.0)) if cosine > 0.0 else math.inf
-        turn, of = self._rotation, self._of_plane
+        of, turn = np.repeat(np.arange(len(self)), np.diff(self._start)), self._rotation
+        normal = self._planes[:, :3]
         origin = np.matmul((rays.origin - self._translation)[:, None, :], turn)[:, 0]
-        ahead = (axis / max(length, _LEAST_DIVISOR)) @ turn
-        normal = self._all_planes[:, :3]
-        height = np.einsum("ij,ij->i", normal, origin[of]) - self._all_planes[:, 3]
-        outside = height > _PLANE_SLACK
-        away = outside & (np.einsum("ij,ij->i", normal, ahead[of]) > sine + _PLANE_SLACK)
-        inside = none.copy()
-        inside[of] = True
-        inside[of[height >= -_PLANE_SLACK]] = False
-        inside[of[away]] = True
-        return inside
-
-    def _without(self, out: Mask) -> RayBodies:
-        """The other bodies, where they are."""
-        kept = np.flatnonzero(~out)
-        others = RayBodies(())
-        others._take([self._bodies[p] for p in kept])
-        others._rotation, others._translation = self._rotation[kept], self._translation[kept]
-        if others._native is not None:
-            others._native.place(*by_rows(others._rotation, others._translation))
-        return others
+        height = np.einsum("ij,ij->i", normal, origin[of]) - self._planes[:, 3]
+        along = np.einsum("ij,ij->i", normal, (axis @ turn)[of])
+        before = height > _PLANE_SLACK
+        met = self._kind != _POLYHEDRON
+        met[of[height >= -_PLANE_SLACK]] = True
+        met[of[before & (along > sine + _PLANE_SLACK)]] = False
+        order = np.lexsort((np.where(before & (along > 0.0), -along, 1.0), of))
+        kept = np.flatnonzero(met)
+        bodies = RayBodies(())
+        bodies._take(
+            [
+                replace(self._bodies[p], planes=self._planes[order[self._start[p] : self._start[p + 1]]])
+                for p in kept.tolist()
+            ]
+        )
+        bodies._put(self._rotation[kept], self._translation[kept])
+        return bodies
 
     def _meet(self, piece: Indices, ray: Indices, rays: Rays, nearest: Nearest, reach: float, inside: float) -> None:
         """The twin: pairs of a body and a ray."""
@@ -254,7 +251,7 @@ class RayBodies:
         at = np.flatnonzero(kinds == _POLYHEDRON)
         for body in np.unique(piece[at]):
             mine = at[piece[at] == body]
-            planes = self._planes[body]
+            planes = self._bodies[body].planes
             yield _polyhedron(planes), _polyhedron_normal(planes), piece[mine], ray[mine]
 
 
