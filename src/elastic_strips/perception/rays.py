@@ -114,7 +114,7 @@ _MOST_PAIRS = 2_000_000  # of a body and a ray that the twin looks at together
 _KINDS = {ShapeKind.CYLINDER: _CYLINDER, ShapeKind.CAPSULE: _CAPSULE, ShapeKind.CONE: _CONE}
 _FIRST_PLANES = 40  # of a polyhedron that are put into an order
 _PLANE_SLACK = 1e-7  # [m, and of a cosine] by which an origin, a direction has to be beyond a plane to count as that
-_MANY_RAYS = 200  # from one origin, for which it pays to look first which bodies they may meet
+_MANY_RAYS = 600  # from one origin, for which it pays to look first which bodies they may meet
 _PLANE_DIGITS = 9  # to which planes of coplanar triangles are the same
 
 

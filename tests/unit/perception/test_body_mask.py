@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 from brute_force import random_coordinates
-from cases import refused
+from cases import each, refused
 
 from elastic_strips.errors import ConfigurationError, ParameterError
-from elastic_strips.perception import BodyMask
+from elastic_strips.native import twin
+from elastic_strips.perception import BodyMask, DepthImage
+from elastic_strips.perception.own_body import OwnBodies, Posture, SensorMount
+from elastic_strips.perception.rays import Nearest, Rays
 from elastic_strips.scene import Box, Scene, Sphere, World
 from elastic_strips.sim.sensors import DepthParams, SensorConfig, SensorSuite
 
@@ -70,6 +74,50 @@ def test_joints_may_be_a_little_off(silvermate):
         own_pixels += int(own.sum())
     assert own_pixels > 300
     assert leaked < 0.005 * own_pixels
+
+
+def met_by_each_ray(robot, coordinates, image, margin):
+    """Where each pixel's ray meets a body, every ray asked about every body: with origins of their own."""
+    posture, directions = Posture(robot), image.directions()
+    posture.place(coordinates)
+    stretch = np.linalg.norm(directions, axis=-1).reshape(-1, 1)
+    rays = Rays(np.zeros((1, 3)), directions.reshape(-1, 3) / stretch).moved(image.T_base_sensor)
+    rays = Rays(np.tile(rays.origin, (len(rays), 1)), rays.direction)
+    nearest = Nearest(len(rays))
+    for padding in (0.0, margin):
+        T = posture.T_base_world @ posture.T_world_joint
+        OwnBodies(robot.geometries, padding).cast(T, rays, nearest, image.depth_max * float(stretch.max()))
+    return nearest.distance.reshape(image.depth.shape)
+
+
+@each("name, frame, tilt", [("silvermate", "head_frame", 0.9), ("tiago", "xtion_depth_frame", 0.5)])
+@each("other", [False, True])
+def test_bodies_that_are_passed_over_cover_nothing(name, frame, tilt, other, request):
+    """In any posture, the camera in its housing, before it, and anywhere near the robot."""
+    robot = request.getfixturevalue(name)
+    rng, posture = np.random.default_rng(4), Posture(robot)
+    params = DepthParams(frame=frame, axis="x", tilt=tilt, columns=40, rows=30)
+    mount = SensorMount(posture, [frame], params.T_frame_camera)
+    covered = passed = 0
+    with twin() if other else nullcontext():
+        mask = BodyMask(robot)
+        for k, coordinates in enumerate(random_coordinates(robot, rng, 4 if other else 40)):
+            posture.place(coordinates)
+            T = mount.poses()[1][0]
+            if k % 2:
+                turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+                T[:3, :3] = T[:3, :3] @ turn * np.linalg.det(turn)
+                T[:3, 3] += rng.uniform(-0.25, 0.25, 3) * rng.integers(2)
+            depth = rng.choice([0.3, 1.0, 3.0, np.inf, np.nan], (30, 40)).astype(np.float32)
+            focal = 20.0 / np.tan(rng.uniform(0.2, 1.1))
+            q = robot.space.from_coordinates(coordinates)
+            image = DepthImage("head", 0.0, T, depth, (focal, focal), (19.5, 14.5), 0.1, 6.0, q=q)
+            own = met_by_each_ray(robot, coordinates, image, mask.margin)
+            ranges = depth * np.linalg.norm(image.directions(), axis=-1)
+            np.testing.assert_array_equal(mask.covered(image), np.isfinite(own) & ~(ranges < own))
+            covered += int(mask.covered(image).sum())
+            passed += int((~mask.covered(image)).sum())
+    assert min(covered, passed) > 250
 
 
 def test_what_stands_before_the_arm_is_not_hidden(silvermate):
