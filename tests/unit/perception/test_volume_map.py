@@ -102,9 +102,9 @@ def touched_by(scene: Scene, cells: np.ndarray, cell: float) -> np.ndarray:
 
 
 @each("make", [depth_image, range_image])
-@each("fill", [0, 2])
-def test_nothing_of_the_world_is_called_free(make, fill):
-    params = replace(SMALL, fill=fill)
+@each("hole", [0.0, 0.1])
+def test_nothing_of_the_world_is_called_free(make, hole):
+    params = replace(SMALL, hole=hole)
     volume, rng = VolumeMap(params), np.random.default_rng(1)
     for T in VIEWS:
         image = make(ROOM, T, noise=rng) if make is depth_image else make(ROOM, T)
@@ -225,13 +225,48 @@ def test_boxes_fill_the_voxels_and_do_not_overlap():
     assert inside.sum() == len(full)
 
 
-def test_a_single_lost_pixel_is_filled_and_a_hole_is_not():
-    depth = np.full((7, 9), 2.0, dtype=np.float32)
-    depth[3, 4], depth[2, 4] = np.nan, 1.5
-    assert filled(depth, 2)[3, 4] == 1.5
-    depth[2:5, 3:6] = np.nan
-    assert np.isnan(filled(depth, 2)[3, 4])
-    assert np.isnan(filled(depth, 2)[2, 3]) == (np.isnan(depth[1:4, 2:5]).sum() - 1 > 2)
+def holed(*lost: tuple[slice | int, slice | int], far: float = 2.0) -> np.ndarray:
+    """Ranges all at one distance, but for lost pixels."""
+    ranges = np.full((60, 70), far, dtype=np.float32)
+    for at in lost:
+        ranges[at] = np.nan
+    return ranges
+
+
+def test_a_lost_pixel_is_as_far_as_what_is_beside_it_and_no_further_than_it_hides_something():
+    ranges = holed((30, 40))
+    assert filled(ranges, 5.0)[30, 40] == 2.0
+    np.testing.assert_array_equal(np.delete(filled(ranges, 5.0).ravel(), 30 * 70 + 40), np.float32(2.0))
+    far = holed((30, 40), far=np.inf)  # from pixel to pixel beside it are two: what it hides begins at half of the unit
+    assert filled(far, 5.0)[30, 40] == 2.5
+    assert filled(ranges, 3.0)[30, 40] == 1.5
+    assert np.isnan(filled(ranges, 0.0)[30, 40])
+
+
+@each("turned", [False, True])
+def test_a_hole_is_seen_through_to_where_something_wider_fits_into_it(turned):
+    """A stripe, five from pixel to pixel: what is nearer than a fifth of the unit would be seen beside it."""
+    stripe = (slice(None), slice(30, 34))
+    for far in (3.0, np.inf):
+        out = filled(holed(stripe[::-1] if turned else stripe, far=far)[:60, :60], 5.0)
+        hole = out[30:34, 10:50] if turned else out[10:50, 30:34]
+        assert (hole == 1.0).all()
+    out = filled(holed(stripe[::-1] if turned else stripe, far=0.8)[:60, :60], 5.0)
+    assert (out == np.float32(0.8)).all()  # no further than its border
+
+
+def test_a_hole_between_near_and_far_is_as_near_as_its_nearer_border():
+    ranges = holed((slice(None), slice(30, 32)))
+    ranges[:, :30] = 0.7
+    assert (filled(ranges, 20.0)[25:35, 30:32] == np.float32(0.7)).all()
+    assert (filled(ranges[:, ::-1], 20.0)[25:35, 38:40] == np.float32(0.7)).all()
+
+
+def test_what_is_too_wide_or_has_one_border_only_stays_lost():
+    wide = holed((slice(10, 50), slice(10, 50)))
+    assert np.isnan(filled(wide, 1e3)[30, 30])
+    assert np.isnan(filled(holed((slice(None), slice(0, 3))), 1e3)[30, :3]).all()
+    assert np.isnan(filled(holed((slice(None), slice(None))), 1e3)).all()
 
 
 @each(
@@ -240,7 +275,7 @@ def test_a_single_lost_pixel_is_filled_and_a_hole_is_not():
         ({"length": 500.0}, "length"),
         ({"cell": 0.0}, "cell"),
         ({"occupied": 2.0}, "occupied"),
-        ({"fill": 8}, "fill"),
+        ({"hole": -0.01}, "hole"),
     ],
 )
 def test_wrong_parameters_are_refused(wrong, named):
