@@ -32,6 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--shuffle", type=int, metavar="SEED", help="files, and the tests in each, in an order of this seed"
     )
+    parser.addoption("--brief", action="store_true", help="leave out what tests/thorough.txt lists")
     parser.addoption("--write-slow", action="store_true", help="measure which tests are slow, for tests/slow.txt")
 
 
@@ -39,6 +40,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     listed = marks.slow()
     for item in items:
         marks.mark(item, listed)
+    if config.getoption("brief"):
+        left_out = [item for item in items if item.get_closest_marker("thorough")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("thorough")]
     seed = config.getoption("shuffle")
     if seed is not None:  # by files, so that what the tests of one share is still made once
         order, files = random.Random(seed), {}

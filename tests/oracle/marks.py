@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,11 +22,39 @@ _MAY_START = ("process", "browser", "wheel", "notebook")
 _UNITS = ("unit", "property")
 _SLOW = TESTS / "slow.txt"
 _LONG = 0.12  # [s] of a processor, all cases of a test together
+_THOROUGH = TESTS / "thorough.txt"
 
 
 def slow() -> set[str]:
     """The tests that were measured to be slow, as ``unit/room/test_file.py::test_name``."""
     return set(_SLOW.read_text(encoding="utf-8").split())
+
+
+@cache
+def thorough() -> dict[str, tuple[str, ...]]:
+    """The tests that show more of what others show, and what stays without them: ``[case]`` of its own, or a test."""
+    found: dict[str, tuple[str, ...]] = {}
+    for line in _THOROUGH.read_text(encoding="utf-8").splitlines():
+        if line and not line.startswith("#"):
+            name, _, stays = line.partition(" keeps ")
+            assert name not in found, f"{name} is listed twice"
+            found[name] = tuple(re.findall(r"\[.*?\](?= \[|$)|[^\s\[]\S*", stays))
+    return found
+
+
+def kept_cases(item: pytest.Item) -> tuple[str, ...]:
+    """The cases of a thorough test that stay without it; none where all of it goes, or stays."""
+    kept = thorough().get(name_of(item.nodeid), ())
+    return tuple(case[1:-1] for case in kept if case.startswith("["))
+
+
+def _is_thorough(item: pytest.Function) -> bool:
+    """Whether nothing of a test stays. Of one that goes through its cases by itself (``each``), some of them stay."""
+    if name_of(item.nodeid) not in thorough():
+        return False
+    kept = kept_cases(item)
+    callspec = getattr(item, "callspec", None)
+    return not kept or (callspec is not None and callspec.id not in kept)
 
 
 def measured(seconds: dict[str, float]) -> None:
@@ -41,10 +70,12 @@ def name_of(nodeid: str) -> str:
 
 
 def mark(item: pytest.Item, listed: set[str]) -> None:
-    """Mark a test by its fixtures, by what its code refers to, and as slow where it is listed."""
+    """Mark a test by its fixtures, by what its code refers to, and as slow or thorough where it is listed."""
     assert isinstance(item, pytest.Function)
     if name_of(item.nodeid) in listed:
         item.add_marker("slow")
+    if _is_thorough(item):
+        item.add_marker("thorough")
     for fixture, name in _BY_FIXTURE.items():
         if fixture in item.fixturenames:
             item.add_marker(name)
