@@ -26,10 +26,10 @@ from typing import TYPE_CHECKING, NamedTuple
 # By way of jsonschema nbformat reads grammars of addresses, for seconds; notebooks have none to be checked.
 sys.modules.setdefault("rfc3987_syntax", None)  # pyright: ignore[reportArgumentType]
 
-import nbformat
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.exceptions import PluginError
-from mkdocs.structure.files import File, Files
+import nbformat  # noqa: E402
+from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
+from mkdocs.exceptions import PluginError  # noqa: E402
+from mkdocs.structure.files import File, Files  # noqa: E402
 
 if TYPE_CHECKING:
     from nbclient import NotebookClient

@@ -40,6 +40,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     listed = marks.slow()
     for item in items:
         marks.mark(item, listed)
+    marks.check_kept(items)
     if config.getoption("brief"):
         left_out = [item for item in items if item.get_closest_marker("thorough")]
         config.hook.pytest_deselected(items=left_out)

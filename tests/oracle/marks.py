@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import util
@@ -55,6 +55,19 @@ def _is_thorough(item: pytest.Function) -> bool:
     kept = kept_cases(item)
     callspec = getattr(item, "callspec", None)
     return not kept or (callspec is not None and callspec.id not in kept)
+
+
+def check_kept(items: Iterable[pytest.Item]) -> None:
+    """Raise an error where a case that is to stay is none of its test, so that the test would be left out unnoticed."""
+    cases: dict[str, set[str]] = {}
+    for item in items:
+        callspec = getattr(item, "callspec", None)
+        if callspec is not None and name_of(item.nodeid) in thorough():
+            cases.setdefault(name_of(item.nodeid), set()).add(callspec.id)
+    for name, found in cases.items():
+        kept = {stays[1:-1] for stays in thorough()[name] if stays.startswith("[")}
+        if len(found) > 1 and not kept <= found:  # of one alone somebody has asked for a case
+            raise pytest.UsageError(f"tests/thorough.txt: {name} has no case {sorted(kept - found)}")
 
 
 def measured(seconds: dict[str, float]) -> None:

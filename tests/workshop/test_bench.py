@@ -196,6 +196,7 @@ def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFi
         ("look", ("--rate", "50"), ["flow"]),
         ("hands", ("--rate", "50"), ["flow"]),
     ],
+    ids=["every", "patrol", "path", "look", "hands"],
 )
 def test_bench_goals(
     case: str, options: tuple[str, ...], ways: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -18,7 +18,7 @@ from elastic_strips.sim.faults import FaultPlan, FaultySensors
 from elastic_strips.sim.sensors import SensorSuite
 from elastic_strips.sim.sensors.params import DepthParams, LaserParams, SensorConfig
 
-CAMERA = DepthParams(frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5, columns=96, rows=72, range_max=5.0)
+CAMERA = DepthParams(frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5, columns=64, rows=48, range_max=5.0)
 CONFIG = SensorConfig(sensors=(LaserParams(rays=91), CAMERA))
 ROOM = Scene(
     [
@@ -33,7 +33,7 @@ BEGIN, END = 0.5, 1.5  # [s] of faults
 
 
 def watched(robot, *faults: Fault, scene: Scene = ROOM, config: SensorConfig = CONFIG, until=2.5, still=False):
-    """What holds scenes up, and how old they are, every 10 ms of a robot that drives a curve from 0.4 s on."""
+    """What holds scenes up, and how old they are, every 50 ms of a robot that drives a curve from 0.4 s on."""
     suite = FaultySensors(SensorSuite(robot, World(scene), config, seed=3), FaultPlan(faults), seed=3)
     estimator = SceneEstimator(robot=robot, required=config.required)
     poses, found = {}, []
@@ -45,7 +45,7 @@ def watched(robot, *faults: Fault, scene: Scene = ROOM, config: SensorConfig = C
         q = robot.home(x=pose[0], y=pose[1], yaw=pose[2])
         for reading in suite.observe(t, robot.space.to_coordinates(q)):
             estimator.update(reading, poses[round(reading.time, 6)])
-        if estimator.times and t >= 0.2:
+        if estimator.times and t >= 0.2 and k % 5 == 0:
             now = estimator.scene()
             found.append((t, t - now.time, now.held_up))
     return estimator, found
