@@ -61,7 +61,7 @@ def test_what_is_listed_as_slow_is_there() -> None:
 
 
 def test_of_what_is_thorough_something_stays() -> None:
-    """What is listed is there, and so is what stays of it: cases of its own, or tests that are not listed themselves."""
+    """What is listed is there, and so is what stays of it: cases of its own, or tests that are not listed."""
     assert marks.thorough()
     for name, stays in marks.thorough().items():
         file, _, test = name.partition("::")

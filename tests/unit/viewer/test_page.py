@@ -6,7 +6,6 @@ import http.client
 import http.server
 import threading
 import time
-from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
@@ -49,14 +48,14 @@ def browser(chromium):
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=list(ARGUMENTS))
-        context = browser.new_context()
+        context = browser.new_context(viewport={"width": 800, "height": 500})
         context.add_init_script(RARELY)
         yield context
         browser.close()
 
 
-@contextmanager
-def living():
+@pytest.fixture
+def live():
     robot = load_robot("bridge-arm")
     scene = Scene([Box((0.5, 0.5, 1.2), at=(1.5, 1.4, 0.6), name="shelf"), Sphere(0.2, at=(3.0, 2.0, 1.0), name="<b>")])
     strip = plan(robot, scene, robot.home(x=-1.0), robot.home(x=4.0))
@@ -66,19 +65,12 @@ def living():
 
 
 @pytest.fixture
-def live():
-    with living() as live:
-        yield live
-
-
-@contextmanager
-def opening(browser, live):
-    """Open pages; every error that they report is one of the test."""
+def opened(browser, live):
+    """Open the page; every error that it reports fails the test."""
     pages, errors = [], []
 
     def open_page(how=""):
         page = browser.new_page()
-        page.set_viewport_size({"width": 800, "height": 500})
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
         page.goto(live.viewer_of_test.url + how)
@@ -91,25 +83,6 @@ def opening(browser, live):
     for page in pages:
         page.close()
     assert not errors
-
-
-@pytest.fixture
-def opened(browser, live):
-    with opening(browser, live) as open_page:
-        yield open_page
-
-
-@pytest.fixture(scope="module")
-def one_live():
-    with living() as live:
-        yield live
-
-
-@pytest.fixture(scope="module", name="page")
-def one_page(browser, one_live):
-    """One page that is drawn as with a graphics card, which takes seconds."""
-    with opening(browser, one_live) as open_page:
-        yield open_page("#fine")
 
 
 def drag(page, begin, by, steps=8):
@@ -173,6 +146,22 @@ LINES = """([points, colors]) => {
 """
 
 
+def test_the_page_lays_rods_as_arrows_and_pins_are_laid(opened, live):
+    page = opened("#fine")
+    lines = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 2]], [[0, 1, 1], [-0.5, 1, 1.2], [-0.5, 1, 1.2]]], dtype=float)
+    laid, colors = page.evaluate(  # in one go, before the next picture
+        LINES
+        + """
+          const mesh = viewer.scene_tree.find(["strip", "threads", "<object>"]).object;
+          return [[...mesh.instanceMatrix.array], [...mesh.instanceColor.array]];
+        }""",
+        [lines.ravel().tolist(), [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
+    )
+    wanted = geometry.between(lines[:, :-1].reshape(-1, 3), lines[:, 1:].reshape(-1, 3), 0.25)
+    np.testing.assert_allclose(np.reshape(laid[: 4 * 16], (4, 16)), wanted, atol=1e-6)
+    np.testing.assert_array_equal(np.reshape(colors[: 4 * 3], (4, 3)), np.repeat(np.eye(3)[:2], 2, axis=0))
+
+
 def test_a_processor_draws_plainer(opened, live):
     """Lines instead of rods, and fewer faces of the robot."""
     page = opened()
@@ -197,6 +186,21 @@ def test_a_processor_draws_plainer(opened, live):
     })""") == [[False, True], [True, True], [True, True]]
 
 
+def test_a_strip_that_moves_is_not_compiled_anew(opened, live):
+    page = opened("#fine")
+    page.evaluate("""() => {
+      const gl = viewer.renderer.getContext(), link = gl.linkProgram.bind(gl);
+      window.band = viewer.scene_tree.find(["strip", "base", "<object>"]).object;
+      window.shape = band.geometry;
+      viewer.render();
+      window.linked = 0;
+      gl.linkProgram = (program) => { linked++; link(program); };
+    }""")
+    page.wait_for_function("band.geometry !== shape")
+    page.evaluate("viewer.render()")
+    assert page.evaluate("[linked, viewer.scene_tree.find(['strip', 'base', '<object>']).object === band]") == [0, True]
+
+
 def test_one_of_two_pages_holds(opened, live):
     first, second = opened(), opened()
     begin = first.evaluate(PLACE, "shelf")
@@ -216,6 +220,13 @@ def test_one_of_two_pages_holds(opened, live):
     wait(lambda: live.scene.obstacle("<b>").pose[0, 3] == pytest.approx(3.2))
 
 
+def test_two_messages_are_both_read(opened):
+    page = opened()
+    page.evaluate("for (const text of ['the one', 'the other', 'the one']) toast(text)")
+    shown = page.inner_text("#es-toast").split("\n")
+    assert [text for text in shown if text.startswith("the ")] == ["the other", "the one"]
+
+
 def test_what_makes_no_sense_is_passed_over(opened, live):
     page = opened()
     for text in ("", "{", "[]", '{"type": "grab"', '{"type": "open", "name": "shelf"}', "x" * 3000):
@@ -228,6 +239,16 @@ def test_what_makes_no_sense_is_passed_over(opened, live):
     wait(lambda: live.scene.obstacle("shelf").pose[2, 3] == pytest.approx(0.9))
     assert live.alive
     assert live.viewer_of_test.alive
+
+
+def test_the_picture_is_framed_again_when_the_window_changes(opened, live):
+    page = opened()
+    before = page.evaluate("viewer.camera.position.toArray()")
+    page.set_viewport_size({"width": 420, "height": 600})
+    page.wait_for_function(
+        "(was) => viewer.camera.position.distanceTo(new T.Vector3(...was)) > 0.2", arg=before, timeout=30_000
+    )
+    assert page.evaluate("viewer.controls.maxPolarAngle") < 1.571  # the camera stays above the floor
 
 
 def test_a_page_says_that_the_program_has_ended(browser, live):
@@ -288,6 +309,16 @@ def test_the_goals_hand_is_dragged(opened, live):
     np.testing.assert_allclose(live.report.strip.coordinates[-1, :3], before[:3], atol=1e-9)  # the base stays
 
 
+def test_the_whole_strip_comes_back_into_the_picture(opened, live):
+    page = opened()
+    eye = page.evaluate("viewer.camera.position.toArray()")
+    drag(page, (620, 420), (90, 30))  # the floor: the camera turns
+    page.mouse.up()
+    page.wait_for_function("(was) => viewer.camera.position.distanceTo(new T.Vector3(...was)) > 0.2", arg=eye)
+    page.get_by_role("button", name="the whole strip in the picture").click()
+    assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(eye, abs=1e-6)
+
+
 def test_a_notebooks_picture_draws_where_nothing_may_be_loaded(browser, live, tmp_path):
     """VS Code's policy of outputs, where it is switched on: scripts of the page itself, and nothing from a machine."""
     policy = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; child-src data:"
@@ -343,60 +374,3 @@ def test_pages_of_others_are_refused(live):
     assert status(Origin=f"http://127.0.0.1:{port}") == 101
     assert status(Origin="http://example.org") == 403
     assert status(Host="example.org") == 403
-
-
-def test_the_picture_is_framed_again_when_the_window_changes(opened):
-    page = opened()
-    before = page.evaluate("viewer.camera.position.toArray()")
-    page.set_viewport_size({"width": 420, "height": 600})
-    page.wait_for_function(
-        "(was) => viewer.camera.position.distanceTo(new T.Vector3(...was)) > 0.2", arg=before, timeout=30_000
-    )
-    assert page.evaluate("viewer.controls.maxPolarAngle") < 1.571  # the camera stays above the floor
-
-
-def test_the_page_lays_rods_as_arrows_and_pins_are_laid(page):
-    lines = np.array([[[0, 0, 0], [1, 0, 0], [1, 0, 2]], [[0, 1, 1], [-0.5, 1, 1.2], [-0.5, 1, 1.2]]], dtype=float)
-    laid, colors = page.evaluate(  # in one go, before the next picture
-        LINES
-        + """
-          const mesh = viewer.scene_tree.find(["strip", "threads", "<object>"]).object;
-          return [[...mesh.instanceMatrix.array], [...mesh.instanceColor.array]];
-        }""",
-        [lines.ravel().tolist(), [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]],
-    )
-    wanted = geometry.between(lines[:, :-1].reshape(-1, 3), lines[:, 1:].reshape(-1, 3), 0.25)
-    np.testing.assert_allclose(np.reshape(laid[: 4 * 16], (4, 16)), wanted, atol=1e-6)
-    np.testing.assert_array_equal(np.reshape(colors[: 4 * 3], (4, 3)), np.repeat(np.eye(3)[:2], 2, axis=0))
-
-
-def test_a_strip_that_moves_is_not_compiled_anew(page, one_live):
-    page.evaluate("""() => {
-      const gl = viewer.renderer.getContext(), link = gl.linkProgram.bind(gl);
-      window.band = viewer.scene_tree.find(["strip", "base", "<object>"]).object;
-      window.shape = band.geometry;
-      viewer.render();
-      window.linked = 0;
-      gl.linkProgram = (program) => { linked++; link(program); };
-    }""")
-    one_live.move("shelf", (1.5, 1.2, 0.6))
-    page.wait_for_function("band.geometry !== shape")
-    page.evaluate("viewer.render()")
-    assert page.evaluate("[linked, viewer.scene_tree.find(['strip', 'base', '<object>']).object === band]") == [0, True]
-
-
-def test_two_messages_are_both_read(opened):
-    page = opened()
-    page.evaluate("for (const text of ['the one', 'the other', 'the one']) toast(text)")
-    shown = page.inner_text("#es-toast").split("\n")
-    assert [text for text in shown if text.startswith("the ")] == ["the other", "the one"]
-
-
-def test_the_whole_strip_comes_back_into_the_picture(opened):
-    page = opened()
-    eye = page.evaluate("viewer.camera.position.toArray()")
-    drag(page, (620, 420), (90, 30))  # the floor: the camera turns
-    page.mouse.up()
-    page.wait_for_function("(was) => viewer.camera.position.distanceTo(new T.Vector3(...was)) > 0.2", arg=eye)
-    page.get_by_role("button", name="the whole strip in the picture").click()
-    assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(eye, abs=1e-6)
