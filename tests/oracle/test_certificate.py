@@ -8,7 +8,7 @@ import pytest
 from certificate_oracle import Figures, run_all
 
 FULL = os.environ.get("ELASTIC_STRIPS_FULL") == "1"
-COUNT = 20_000 if FULL else 48
+COUNT = 20_000 if FULL else 90
 
 
 @pytest.fixture(scope="module")
