@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import random
 import sys
@@ -55,6 +56,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for row in rows:
             order.shuffle(row)
         items[:] = [item for row in rows for item in row]
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # thousands of tests and all modules need not be looked through again and again
 
 
 @pytest.hookimpl(wrapper=True)
