@@ -184,6 +184,18 @@ def tiago() -> RobotModel:
 
 
 @pytest.fixture(scope="session")
+def tiago_omni() -> RobotModel:
+    """Its arm lies tucked at its body."""
+    return load_robot("tiago", base="omni")
+
+
+@pytest.fixture(scope="session")
+def looking_tiago() -> RobotModel:
+    """Its head looks."""
+    return load_robot("tiago", looking=["head_1_joint", "head_2_joint"])
+
+
+@pytest.fixture(scope="session")
 def jackal_box() -> RobotModel:
     """A robot without an arm: no joint is planned."""
     return load_robot("jackal-box")

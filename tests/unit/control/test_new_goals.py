@@ -30,11 +30,6 @@ ROBOTS = ("silvermate", "tiago_omni", "panda")
 
 
 @pytest.fixture(scope="module")
-def tiago_omni():
-    return load_robot("tiago", base="omni")
-
-
-@pytest.fixture(scope="module")
 def panda():
     return load_robot("panda")
 
