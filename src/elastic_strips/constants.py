@@ -27,9 +27,10 @@ CAPSULE_LOOSE = 0.15
 """A lower bound may lie below the distance by the capsule's length and about this [m]; it decides what to measure."""
 EXACT_WITHIN = 1e-4
 """A pair that a lower bound decides by less than this [m] is measured exactly all the same."""
-MOST_OPEN_INTERVALS = 1000
-"""A motion's search is given up, and nothing is proven, where this many intervals more are open than there were pairs:
-what stays within microns of the clearance could be halved for a quarter of a second."""
+MOST_OPEN_INTERVALS, OPEN_INTERVALS_A_PAIR = 1000, 16
+"""A motion's search is given up, and nothing is proven, where more intervals than these are open, so many at all and so
+many for each pair that was open first: what stays within microns of the clearance could be halved for a quarter of a
+second."""
 POINT_LENGTH2 = 1e-18
 """A line segment whose squared length [m²] is less is a point."""
 SLIDING_TURN = 1e-9

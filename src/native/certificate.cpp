@@ -161,7 +161,8 @@ bool Bisection::settle(Pairs& pairs, std::vector<Interval>& todo, Search& search
 
 std::vector<Interval> Bisection::run(Pairs& pairs, std::vector<Interval> todo, Search& search,
                                      const Approach* approach) {
-  const double c = search.clearance, most = static_cast<double>(todo.size()) + MOST_OPEN_INTERVALS;
+  const double c = search.clearance,
+               most = OPEN_INTERVALS_A_PAIR * static_cast<double>(todo.size()) + MOST_OPEN_INTERVALS;
   for (int level = 0; level < depth_; ++level) {
     const bool settled =
         std::all_of(todo.begin(), todo.end(), [](const Interval& x) { return x.exact_low && x.exact_high; });

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
-from elastic_strips.constants import CAPSULE_LOOSE, EXACT_WITHIN, GJK_EXCESS, MOST_OPEN_INTERVALS
+from elastic_strips.constants import CAPSULE_LOOSE, EXACT_WITHIN, GJK_EXCESS, MOST_OPEN_INTERVALS, OPEN_INTERVALS_A_PAIR
 from elastic_strips.robot import Kinematics
 from elastic_strips.summary import Summary
 
@@ -291,7 +291,7 @@ class Bisection:
             total: (N, pairs) how far the two of each pair can have come nearer to each other since the first node [m];
                 None where all intervals lie in one segment.
         """
-        most = len(todo) + MOST_OPEN_INTERVALS
+        most = OPEN_INTERVALS_A_PAIR * len(todo) + MOST_OPEN_INTERVALS
         for _level in range(depth):
             single = todo.high - todo.low <= 1.0
             if not (todo.exact_low.all() and todo.exact_high.all()):

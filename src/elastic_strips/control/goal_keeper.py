@@ -26,7 +26,7 @@ from .local_planner import LocalPlanner
 from .params import DriveParams, Tolerance
 from .path_drive import PathDrive
 from .plan_queue import PlanQueue
-from .replanning import Replanned, Replanner, seen_alone, standing
+from .replanning import Replanned, Replanner, standing
 from .strip_timer import PlanResult
 
 _STRIP_START_OFFSET = 0.02
@@ -288,7 +288,7 @@ class GoalKeeper:
         if configuration_of(self._robot, goal) is not None:
             return False
         try:
-            check_endpoints(self._robot, standing(seen_alone(scene)), self.goal_q, self.goal_q, self._replanner.deform)
+            check_endpoints(self._robot, standing(scene.seen), self.goal_q, self.goal_q, self._replanner.deform)
         except ConfigurationError:
             return True
         return False

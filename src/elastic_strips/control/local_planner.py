@@ -468,8 +468,12 @@ class LocalPlanner:
         return self._compared[2]
 
     def _deform(self, now: float, outlook: Outlook, start: ReferenceState, watch: PhaseClock) -> DeformReport:
-        """One tick of the strip from the start state on; several where it has just lost its certificate."""
-        params, scene = self.params, outlook.scene
+        """One tick of the strip from the start state on; several where it has just lost its certificate.
+
+        What no sensor has seen does not push the strip, and is not in its certificate: it will be seen before the robot
+        is there, or end the motions, which are certified among all that is in the scene.
+        """
+        params, scene = self.params, outlook.scene.seen
         expected = outlook.expected(params.horizon + now - scene.time)
         moving = bool(np.abs(start.v).max(initial=0.0) > 1e-6)
         space, weight, strip = self.robot.space, self.deformer.spacing_weight, self.strip

@@ -68,8 +68,8 @@ class Outlook:
         return cls(scene, predict(scene, assumptions), margins, assumptions)
 
     def expected(self, horizon: float) -> Forecast:
-        """What its moving obstacles are expected to do within a time [s], without bounds; for forces."""
-        return predict(self.scene, self.assumptions, horizon=horizon, sure=True)
+        """What moving obstacles that were seen are expected to do within a time [s], without bounds; for forces."""
+        return predict(self.scene.seen, self.assumptions, horizon=horizon, sure=True)
 
     def allows(self, scene: Scene) -> bool:
         """Whether a later scene is one of those that this outlook allowed for, so that its certificates still hold."""

@@ -27,7 +27,7 @@ from elastic_strips.planning import (
     plan_report,
 )
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import UNSEEN_LAYER, Box, Obstacle, Scene
+from elastic_strips.scene import Box, Obstacle, Scene
 from elastic_strips.strip import DeformParams, Strip
 
 from .itinerary import faced
@@ -144,7 +144,7 @@ class StripPlanner:
         What was not seen counts as free, for it will be seen before the robot is there, or be in the way of its
         motions; in every second plan it is in the way from the beginning.
         """
-        seen = seen_alone(scene)
+        seen = scene.seen
         if len(seen) < len(scene) and asked.attempt % 2:  # looking did not help: around it
             timeout *= 0.5
             with suppress(ElasticStripsError):
@@ -315,7 +315,7 @@ class Replanner:
             Why another strip is to be planned, or "".
         """
         broken = result.report.certificate.broken
-        by_standing = broken is not None and not (_moves(scene, broken.obstacle) or _unseen(broken.obstacle))
+        by_standing = broken is not None and not _moves(scene, broken.obstacle)
         if not by_standing and (result.accepted or not at_rest):
             self._since, self.halted, self.no_way = None, False, ""
             return ""
@@ -378,16 +378,6 @@ def standing(scene: Scene, below: float = _STATIC_SPEED) -> Scene:
     """The scene without its moving obstacles: those slower than ``below`` [m/s], as static ones."""
     still = [o for o in scene if o.motion is None or np.linalg.norm(o.velocity()[0]) < below]
     return Scene([o.observed(o.pose, None) for o in still], time=scene.time)
-
-
-def seen_alone(scene: Scene) -> Scene:
-    """The scene without what stands for what no sensor has seen."""
-    seen = [o for o in scene if not _unseen(o.name or "")]
-    return scene if len(seen) == len(scene) else Scene(seen, time=scene.time)
-
-
-def _unseen(name: str) -> bool:
-    return name.startswith(f"{UNSEEN_LAYER}-")
 
 
 def _around(obstacle: Obstacle, width: float) -> Obstacle:

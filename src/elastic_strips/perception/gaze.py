@@ -23,7 +23,7 @@ from .volume_map import VolumeMap
 _LATTICE = 0.08  # [m] between the points that stand for a body
 _MOST_TARGETS = 1500
 _CELL = 0.1  # [m] within which places are looked at together
-_AROUND_HEIGHTS = np.arange(0.2, 1.5, 0.2)  # [m] of what is looked at where nothing else is to be seen
+_LOWEST, _LAYER, _ABOVE = 0.2, 0.2, 0.2  # [m] of what is looked at about the robot, from layer to layer, and above it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +40,7 @@ class GazeParams(Checked):
         around: what has not been seen is looked at up to this distance [m] where nothing is to be passed through.
     """
 
-    ahead: Positive = 2.0
+    ahead: Positive = 1.0
     dwell: NonNegative = 0.2
     turning: NonNegative = 0.3
     margin: Fraction = 0.08
@@ -161,18 +161,16 @@ class Gaze:
         self._vain = {voxel: look for voxel, look in self._vain.items() if t - look[1] < p.forget}
         clouds, when = [], []
         for k in range(len(ahead)):
-            self._posture.place(ahead[k])
-            T = self._posture.T_world_joint
-            cloud = np.concatenate([points @ T[j, :3, :3].T + T[j, :3, 3] for j, points in self._bodies])
-            clouds.append(cloud)
-            when.append(np.full(len(cloud), k * step))
+            clouds.append(self._cloud(ahead[k]))
+            when.append(np.full(len(clouds[-1]), k * step))
         some = np.concatenate(clouds) if clouds else np.zeros((0, 3))
         worth = np.exp(-np.concatenate(when) / p.ahead) if when else np.zeros(0)
         new = volume.doubtful(some) & (some[:, 2] > volume.params.low)
         some, worth = some[new], worth[new]
         x, y = (float(row[0]), float(row[1])) if self._robot.space.planar else (0.0, 0.0)
         flat = np.arange(-p.around, p.around + 1e-9, 0.2)
-        grid = np.stack(np.meshgrid(x + flat, y + flat, _AROUND_HEIGHTS, indexing="ij"), axis=-1).reshape(-1, 3)
+        heights = np.arange(_LOWEST, float(self._cloud(row)[:, 2].max()) + _ABOVE, _LAYER)
+        grid = np.stack(np.meshgrid(x + flat, y + flat, heights, indexing="ij"), axis=-1).reshape(-1, 3)
         grid = grid[volume.doubtful(grid) & (np.hypot(grid[:, 0] - x, grid[:, 1] - y) <= p.around)]
         some = np.concatenate((some, grid))
         worth = np.concatenate((worth, np.full(len(grid), 0.02)))
@@ -187,6 +185,12 @@ class Gaze:
         worth = worth / (1.0 + looks) ** 3
         order = np.argsort(-worth, kind="stable")[:_MOST_TARGETS]
         return some[order], worth[order]
+
+    def _cloud(self, row: Array) -> Array:
+        """(n, 3) points in the robot and next to it at a coordinate row (nv,) [m]."""
+        self._posture.place(row)
+        T = self._posture.T_world_joint
+        return np.concatenate([points @ T[j, :3, :3].T + T[j, :3, 3] for j, points in self._bodies])
 
 
 def _lattice(piece: LinkGeometry) -> Array:

@@ -26,6 +26,7 @@ from .volume_twin import BLOCK, UNSEEN, VolumeTwin
 _SIGMAS = 3.0  # standard deviations that count as the largest error
 _UNIT = 0.05  # of log-odds, in which the map counts
 _MOST_BLOCKS = 1 << 20
+_WIDEST_HOLE = 24  # [pixels] of the holes that are looked into
 _STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
 Known = npt.NDArray[np.int8]
@@ -50,8 +51,8 @@ class VolumeMapParams:
         thinnest: nothing is thinner than this, or it may be overlooked: what is so far away that pixels lie further
             apart is not called free.
         ground: what is no higher than this, and three standard deviations, is the floor and no obstacle.
-        fill: lost pixels with at most this many lost ones among their eight neighbours are as near as the nearest of
-            them.
+        hole: nothing that gives no answer is wider than this, or it may be overlooked: holes of lost pixels in an image
+            count as seen through to where something wider would fit into them, or to the nearer of their two borders.
         hit, miss: log-odds that a hit adds, and that a look through takes away.
         floor, top: bounds of the log-odds; the floor is −floor.
         occupied: voxels above it become obstacles, until they are below −floor / 2.
@@ -75,7 +76,7 @@ class VolumeMapParams:
     exact_range: Positive = 1.5
     thinnest: Positive = 0.03
     ground: NonNegative = 0.04
-    fill: Annotated[int, Bound(low=0, high=7)] = 2
+    hole: NonNegative = 0.1
     hit: Positive = 0.85
     miss: Positive = 0.4
     floor: Positive = 0.8
@@ -215,14 +216,14 @@ class VolumeMap:
         if ignored is not None:
             weight[ignored] = 0.0
         self._map.hit(seen.points, np.rint(weight).astype(np.int8), np.empty(len(at), dtype=np.int8))
+        view = _optics(reading)
+        sure = p.thinnest * float(np.abs(view[2]).min())
         # what is filled in only frees: where a lost pixel ends, nothing was seen
-        ranges = filled(reading.ranges, p.fill)
+        ranges = filled(reading.ranges, p.hole * float(np.abs(view[2]).min()))
         most = min(_longest(reading), p.range_max)
         known = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, most)).astype(float)
         clear = np.maximum(known - p.error(known), 0.0)
-        view = _optics(reading)
         pose = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
-        sure = p.thinnest * float(np.abs(view[2]).min())
         near = reading.depth_min if isinstance(reading, DepthImage) else reading.range_min
         self._map.carve(np.ascontiguousarray(clear, dtype=np.float32), *view, *pose, near, sure)
 
@@ -304,17 +305,43 @@ class VolumeMap:
         return self._map.count(False), self._map.count(True)
 
 
-def filled(ranges: Image, most: int) -> Image:
-    """Ranges (H, W) with lost ones replaced by the shortest beside them, where at most ``most`` of these are lost."""
-    lost = np.isnan(ranges)
-    if not lost.any():
+def filled(ranges: Image, unit: float) -> Image:
+    """Ranges (H, W) with narrow holes of lost ones filled in.
+
+    A hole is as wide as the shortest of the four lines through a pixel of it, along rows, columns and diagonals, has lost
+    pixels. What is hidden in it is no wider than the gap between the pixels at the ends of that line.
+
+    Args:
+        ranges: with ``NO_ANSWER`` where they are lost [m].
+        unit: distance [m] at which a gap of one pixel's width is as wide as what may be overlooked; that of a gap of n
+            is an n-th of it. A lost pixel is as far away as that, or as the nearer end of its line.
+    """
+    lost = np.argwhere(np.isnan(ranges))
+    if not len(lost) or unit == 0.0:
         return ranges
-    around = np.pad(ranges, 1, constant_values=np.nan)
-    rows, columns = ranges.shape
-    beside = [around[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-    gone = np.sum([np.isnan(each) for each in beside], axis=0)
-    nearest = np.fmin.reduce(beside)
-    return np.where(lost & (gone <= most), nearest, ranges)
+    around = np.pad(ranges, _WIDEST_HOLE, constant_values=np.nan)
+    gap, value = np.full(len(lost), np.inf), np.full(len(lost), np.nan)
+    for line in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        (one, near), (two, far) = (_border(around, lost + _WIDEST_HOLE, np.array(line) * sign) for sign in (1, -1))
+        wide = (one + two) * float(np.hypot(*line))
+        better = (one + two <= _WIDEST_HOLE) & (wide < gap)
+        gap[better], value[better] = wide[better], np.minimum(near, far)[better]
+    out = ranges.copy()
+    out[lost[:, 0], lost[:, 1]] = np.minimum(value, unit / gap)
+    return out
+
+
+def _border(ranges: Image, at: Indices, step: Indices) -> tuple[Array, Array]:
+    """How many steps (n,) it is from pixels (n, 2) to the first that is not lost, and its range (n,); infinity and
+    ``NO_ANSWER`` where that is none of the next ones."""
+    steps, value = np.full(len(at), np.inf), np.full(len(at), np.nan)
+    for k in range(1, _WIDEST_HOLE + 1):
+        open_ = np.flatnonzero(np.isinf(steps))
+        i, j = (at[open_] + k * step).T
+        found = ranges[i, j]
+        there = ~np.isnan(found)
+        steps[open_[there]], value[open_[there]] = k, found[there]
+    return steps, value
 
 
 def _longest(reading: DepthImage | RangeImage) -> float:

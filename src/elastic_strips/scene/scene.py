@@ -11,6 +11,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import chain
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from elastic_strips.summary import Summary, shortened, table
 from elastic_strips.validation import check_type, named_arguments, shown
 
 from .motion import PedestrianMotion
-from .obstacle import Obstacle
+from .obstacle import UNSEEN_LAYER, Obstacle
 from .parts import Part
 from .quantities import check_time
 
@@ -145,7 +146,7 @@ class Scene:
         table: Arrays of all parts in the world, see `PartTable`; made on demand, cheap for a derived snapshot.
     """
 
-    __slots__ = ("_changed", "_index", "_source", "_table", "held_up", "names", "obstacles", "stamp", "time")
+    __slots__ = ("_changed", "_index", "_seen", "_source", "_table", "held_up", "names", "obstacles", "stamp", "time")
 
     obstacles: tuple[Obstacle, ...]
     names: tuple[str, ...]
@@ -156,6 +157,7 @@ class Scene:
     _table: PartTable | None
     _source: PartTable | None  # table of an earlier snapshot ...
     _changed: tuple[int, ...]  # ... that differs in the poses of these obstacles
+    _seen: Scene | Literal["all"] | None  # see `seen`; None until it is asked for
 
     @named_arguments
     def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float | None = None, held_up: str = "") -> None:
@@ -267,6 +269,20 @@ class Scene:
             joined = _joined_table(((table, 0, k), (table, k + 1, len(obstacles))))
             object.__setattr__(new, "_table", joined)
         return new
+
+    @property
+    def seen(self) -> Scene:
+        """The scene without what stands for what no sensor has seen (`UNSEEN_LAYER`); this one where there is none."""
+        seen = self._seen
+        if seen is None:
+            kept = [k for k, name in enumerate(self.names) if not name.startswith(f"{UNSEEN_LAYER}-")]
+            seen = "all"  # and not the scene itself, which would keep itself alive
+            if len(kept) < len(self.names):
+                obstacles, names = tuple(self.obstacles[k] for k in kept), tuple(self.names[k] for k in kept)
+                seen = _filled(object.__new__(Scene), obstacles, self.stamp, names, self.held_up)
+                object.__setattr__(seen, "_seen", "all")
+            object.__setattr__(self, "_seen", seen)
+        return self if isinstance(seen, str) else seen
 
     def rows_changed_since(self, earlier: Scene) -> Indices | None:
         """Rows of `table` whose pose differs from an ``earlier`` snapshot's; None if the scenes have other obstacles.
@@ -491,6 +507,7 @@ def _filled(
     put(scene, "_table", None)
     put(scene, "_source", source)
     put(scene, "_changed", changed)
+    put(scene, "_seen", None)
     return scene
 
 
