@@ -11,7 +11,8 @@ from cases import each, refused
 
 from elastic_strips.control.controller import stale
 from elastic_strips.errors import ParameterError
-from elastic_strips.perception import LaserScan, SceneEstimator
+from elastic_strips.perception import NO_ANSWER, DepthImage, LaserScan, SceneEstimator, VolumeMapParams
+from elastic_strips.perception.image_watch import ImageWatch
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim import Fault
 from elastic_strips.sim.faults import FaultPlan, FaultySensors
@@ -95,6 +96,21 @@ def test_images_that_are_not_believed_do_not_enter_the_map(silvermate):
     estimator, _ = watched(silvermate, Fault("camera_tilted", BEGIN, 1.0, 0.1), still=True, until=1.4)
     well, _ = watched(silvermate, still=True, until=1.4)
     assert estimator.volume.counts[0] <= 1.1 * well.volume.counts[0]
+
+
+@each("lost, seconds, doubted", [(0.7, 0.6, False), (0.7, 1.6, True), (0.98, 0.2, True), (0.3, 1.6, False)])
+def test_what_says_little_is_doubted_once_it_goes_on(lost, seconds, doubted):
+    """Beside a wall a camera that looks about sees little for a while; one that sees next to nothing is covered."""
+    rng, watch, places = np.random.default_rng(0), ImageWatch(VolumeMapParams()), np.zeros((48, 64), dtype=bool)
+    for k in range(round((0.5 + seconds) * 15)):
+        t = k / 15
+        depth = 2.0 + 0.005 * rng.standard_normal(places.shape)
+        if t > 0.5:
+            depth[:, : round(lost * 64)] = NO_ANSWER
+        image = DepthImage("camera", t, np.eye(4), depth, (50.0, 50.0), (31.5, 23.5), 0.28, 6.0)
+        far = np.full(places.shape, np.inf)
+        report = watch.look(image, image, np.eye(4), far, places, lambda at, _: np.zeros(len(at), dtype=bool))
+    assert bool(report.reason) is doubted, report.reason
 
 
 def test_an_arm_that_is_not_where_it_should_be_in_the_picture_is_named(tiago):
