@@ -37,7 +37,8 @@ _ABOVE = 0.16  # [m] of what is reached for, over the furniture
 _BEFORE = 0.02  # [m] from the end of the hand to that
 _PERSON = (0.25, 1.7)  # [m] radius and height of a person
 _ROOM = 0.35  # [m] radius of what has to fit where people walk
-_PACE = 0.7  # [m/s]
+_PACE, _SET_OUT = 0.7, 0.05  # [m/s] their speed, and that at the ends of their ways
+_ACCELERATION = 1.0  # [m/s²]
 _SMOOTH = 0.8  # [m] over which the corners of their ways are rounded
 _APART = 2.0  # [m] of the ways' ends from the robot's start, at least
 _TRIES = 50
@@ -104,7 +105,7 @@ def _walked(way: Array) -> tuple[Array, Array]:
     points = np.column_stack([np.convolve(padded[:, k], kernel, mode="valid") for k in (0, 1)])
     length = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
     left = np.minimum(length, length[-1] - length)
-    speed = np.minimum(_PACE, np.sqrt(0.02 + 1.0 * left))
+    speed = np.minimum(_PACE, np.sqrt(_SET_OUT**2 + _ACCELERATION * left))
     dt = np.diff(length) / (0.5 * (speed[1:] + speed[:-1]))
     return points, np.concatenate(([0.0], np.cumsum(np.maximum(dt, 1e-3))))
 
