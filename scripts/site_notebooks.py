@@ -14,17 +14,25 @@ import html
 import logging
 import os
 import re
+import sys
 import tempfile
+from contextlib import nullcontext
 from fnmatch import fnmatch
 from functools import cache
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import nbformat
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.exceptions import PluginError
-from mkdocs.structure.files import File, Files
+# By way of jsonschema nbformat reads grammars of addresses, for seconds; notebooks have none to be checked.
+sys.modules.setdefault("rfc3987_syntax", None)  # pyright: ignore[reportArgumentType]
+
+import nbformat  # noqa: E402
+from mkdocs.config.defaults import MkDocsConfig  # noqa: E402
+from mkdocs.exceptions import PluginError  # noqa: E402
+from mkdocs.structure.files import File, Files  # noqa: E402
+
+if TYPE_CHECKING:
+    from nbclient import NotebookClient
 
 ROOT = Path(__file__).resolve().parent.parent
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -71,26 +79,63 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes() + _code()).hexdigest()
 
 
-def executed(path: Path) -> nbformat.NotebookNode:
+class Kernel:
+    """A Python that executes one notebook after the other, each with names of its own; a context manager.
+
+    What takes seconds of each is that a Python starts and imports: here that is done once.
+    """
+
+    def __init__(self) -> None:
+        """None is started before it is needed."""
+        self._client: NotebookClient | None = None
+
+    def execute(self, notebook: nbformat.NotebookNode, folder: str) -> None:
+        """Execute a notebook in a folder; its outputs are put into it.
+
+        Raises:
+            nbclient.exceptions.CellExecutionError: a cell raises.
+        """
+        from nbclient import NotebookClient
+
+        if self._client is None:
+            self._client = NotebookClient(
+                notebook, timeout=SECONDS, kernel_name="python3", extra_arguments=["--log-level=ERROR"]
+            )
+        begin = nbformat.v4.new_code_cell(f"import os\nos.chdir({folder!r})\n%reset -f")
+        self._client.nb = nbformat.v4.new_notebook(cells=[begin, *notebook.cells])
+        found = os.pathsep.join(p for p in (str(ROOT / "src"), os.environ.get("PYTHONPATH", "")) if p)
+        self._client.execute(cleanup_kc=False, env={**os.environ, "PYTHONPATH": found})
+
+    def __enter__(self) -> Kernel:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        from jupyter_core.utils import run_sync
+
+        if self._client is not None and self._client.km is not None:
+            run_sync(self._client.km.shutdown_kernel)(now=True)
+            if self._client.kc is not None:
+                self._client.kc.stop_channels()
+
+
+def executed(path: Path, kernel: Kernel | None = None) -> nbformat.NotebookNode:
     """A notebook with its outputs: those that are kept, or else it is executed, by one process at a time.
+
+    Args:
+        path: the notebook.
+        kernel: the one that executes it; none: one of its own.
 
     Raises:
         nbclient.exceptions.CellExecutionError: a cell raises.
     """
-    from nbclient import NotebookClient
-
     KEPT.mkdir(parents=True, exist_ok=True)
     with (KEPT / f"{path.stem}.lock").open("w") as lock, tempfile.TemporaryDirectory() as folder:
         fcntl.flock(lock, fcntl.LOCK_EX)
         notebook = _kept(path)
         if notebook is None:
             notebook = nbformat.read(path, as_version=4)
-            client = NotebookClient(
-                notebook, timeout=SECONDS, kernel_name="python3", resources={"metadata": {"path": folder}},
-                extra_arguments=["--log-level=ERROR"],
-            )  # fmt: skip
-            found = os.pathsep.join(p for p in (str(ROOT / "src"), os.environ.get("PYTHONPATH", "")) if p)
-            client.execute(env={**os.environ, "PYTHONPATH": found})
+            with nullcontext(kernel) if kernel else Kernel() as one:
+                one.execute(notebook, folder)
             notebook.metadata["digest"] = _digest(path)
             part = Path(folder) / path.name
             nbformat.write(notebook, part)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import random
 import sys
@@ -32,6 +33,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--shuffle", type=int, metavar="SEED", help="files, and the tests in each, in an order of this seed"
     )
+    parser.addoption("--brief", action="store_true", help="leave out what tests/thorough.txt lists")
     parser.addoption("--write-slow", action="store_true", help="measure which tests are slow, for tests/slow.txt")
 
 
@@ -39,6 +41,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     listed = marks.slow()
     for item in items:
         marks.mark(item, listed)
+    marks.check_kept(items)
+    if config.getoption("brief"):
+        left_out = [item for item in items if item.get_closest_marker("thorough")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("thorough")]
     seed = config.getoption("shuffle")
     if seed is not None:  # by files, so that what the tests of one share is still made once
         order, files = random.Random(seed), {}
@@ -49,6 +56,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for row in rows:
             order.shuffle(row)
         items[:] = [item for row in rows for item in row]
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # thousands of tests and all modules need not be looked through again and again
 
 
 @pytest.hookimpl(wrapper=True)
@@ -170,6 +181,18 @@ def silvermate() -> RobotModel:
 @pytest.fixture(scope="session")
 def tiago() -> RobotModel:
     return load_robot("tiago")
+
+
+@pytest.fixture(scope="session")
+def tiago_omni() -> RobotModel:
+    """Its arm lies tucked at its body."""
+    return load_robot("tiago", base="omni")
+
+
+@pytest.fixture(scope="session")
+def looking_tiago() -> RobotModel:
+    """Its head looks."""
+    return load_robot("tiago", looking=["head_1_joint", "head_2_joint"])
 
 
 @pytest.fixture(scope="session")

@@ -60,6 +60,23 @@ def test_what_is_listed_as_slow_is_there() -> None:
         assert f"\ndef {test}(" in text, f"{name} is gone: pytest --write-slow measures anew"
 
 
+def test_of_what_is_thorough_something_stays() -> None:
+    """What is listed is there, and so is what stays of it: cases of its own, or tests that are not listed."""
+    assert marks.thorough()
+    for name, stays in marks.thorough().items():
+        file, _, test = name.partition("::")
+        text = (marks.TESTS / file).read_text(encoding="utf-8")
+        assert f"\ndef {test}(" in text, f"{name} is gone"
+        assert stays, f"{name}: nothing stays of what it shows"
+        for other in stays:
+            if other.startswith("["):
+                continue
+            at, _, sibling = (other if "::" in other else f"{file}::{other}").partition("::")
+            assert f"\ndef {sibling}(" in (marks.TESTS / at).read_text(encoding="utf-8"), f"{name} keeps {other}"
+            rest = marks.thorough().get(f"{at}::{sibling}", ("[",))
+            assert rest[0].startswith("["), f"{name} keeps {other}, which is left out as well"
+
+
 def test_who_starts_a_process_is_marked_and_nobody_else_can(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:

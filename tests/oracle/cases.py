@@ -8,6 +8,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
+import marks
 import pytest
 
 Test = Callable[..., None]
@@ -58,7 +59,7 @@ def _looped(
             definitions = request.node._fixtureinfo.name2fixturedefs  # pyright: ignore[reportAttributeAccessIssue]
             sharing = [name for name, found in definitions.items() if "tmp_path" in found[-1].argnames]
             assert not sharing, f"{sharing} share the folder that each case has to itself: parametrize this test"
-        found = cases(request)
+        found = _of_these(request, cases(request))
         failed: list[tuple[str, BaseException]] = []
         skipped: list[pytest.skip.Exception] = []
         if asks:
@@ -80,6 +81,19 @@ def _looped(
     parameters = kept if asks else [inspect.Parameter("request", inspect.Parameter.POSITIONAL_OR_KEYWORD), *kept]
     all_of_them.__signature__ = signature.replace(parameters=parameters)  # pyright: ignore[reportAttributeAccessIssue]
     return all_of_them
+
+
+Case = tuple[str, dict[str, object]]
+
+
+def _of_these(request: pytest.FixtureRequest | None, found: list[Case]) -> list[Case]:
+    """All of the cases; those that stay of a thorough test, where only they were asked for."""
+    if request is None or not request.config.getoption("brief"):
+        return found
+    kept = marks.kept_cases(request.node)
+    missing = set(kept) - {label for label, _ in found}
+    assert not missing, f"tests/thorough.txt keeps {missing}, which are no cases of {[label for label, _ in found]}"
+    return [case for case in found if case[0] in kept] if kept else found
 
 
 @contextmanager

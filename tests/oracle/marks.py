@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import util
@@ -21,11 +22,52 @@ _MAY_START = ("process", "browser", "wheel", "notebook")
 _UNITS = ("unit", "property")
 _SLOW = TESTS / "slow.txt"
 _LONG = 0.12  # [s] of a processor, all cases of a test together
+_THOROUGH = TESTS / "thorough.txt"
 
 
 def slow() -> set[str]:
     """The tests that were measured to be slow, as ``unit/room/test_file.py::test_name``."""
     return set(_SLOW.read_text(encoding="utf-8").split())
+
+
+@cache
+def thorough() -> dict[str, tuple[str, ...]]:
+    """The tests that show more of what others show, and what stays without them: ``[case]`` of its own, or a test."""
+    found: dict[str, tuple[str, ...]] = {}
+    for line in _THOROUGH.read_text(encoding="utf-8").splitlines():
+        if line and not line.startswith("#"):
+            name, _, stays = line.partition(" keeps ")
+            assert name not in found, f"{name} is listed twice"
+            found[name] = tuple(re.findall(r"\[.*?\](?= \[|$)|[^\s\[]\S*", stays))
+    return found
+
+
+def kept_cases(item: pytest.Item) -> tuple[str, ...]:
+    """The cases of a thorough test that stay without it; none where all of it goes, or stays."""
+    kept = thorough().get(name_of(item.nodeid), ())
+    return tuple(case[1:-1] for case in kept if case.startswith("["))
+
+
+def _is_thorough(item: pytest.Function) -> bool:
+    """Whether nothing of a test stays. Of one that goes through its cases by itself (``each``), some of them stay."""
+    if name_of(item.nodeid) not in thorough():
+        return False
+    kept = kept_cases(item)
+    callspec = getattr(item, "callspec", None)
+    return not kept or (callspec is not None and callspec.id not in kept)
+
+
+def check_kept(items: Iterable[pytest.Item]) -> None:
+    """Raise an error where a case that is to stay is none of its test, so that the test would be left out unnoticed."""
+    cases: dict[str, set[str]] = {}
+    for item in items:
+        callspec = getattr(item, "callspec", None)
+        if callspec is not None and name_of(item.nodeid) in thorough():
+            cases.setdefault(name_of(item.nodeid), set()).add(callspec.id)
+    for name, found in cases.items():
+        kept = {stays[1:-1] for stays in thorough()[name] if stays.startswith("[")}
+        if len(found) > 1 and not kept <= found:  # of one alone somebody has asked for a case
+            raise pytest.UsageError(f"tests/thorough.txt: {name} has no case {sorted(kept - found)}")
 
 
 def measured(seconds: dict[str, float]) -> None:
@@ -41,10 +83,12 @@ def name_of(nodeid: str) -> str:
 
 
 def mark(item: pytest.Item, listed: set[str]) -> None:
-    """Mark a test by its fixtures, by what its code refers to, and as slow where it is listed."""
+    """Mark a test by its fixtures, by what its code refers to, and as slow or thorough where it is listed."""
     assert isinstance(item, pytest.Function)
     if name_of(item.nodeid) in listed:
         item.add_marker("slow")
+    if _is_thorough(item):
+        item.add_marker("thorough")
     for fixture, name in _BY_FIXTURE.items():
         if fixture in item.fixturenames:
             item.add_marker(name)

@@ -45,7 +45,7 @@ def test_no_segment_is_called_colliding_without_cause(figures):
 @pytest.mark.timeout(3600 if FULL else 300)
 def test_segments_of_deforming_strips_hold_what_they_are_certified_for():
     """Not single segments from a fresh start, but what ticks among moving obstacles hand out."""
-    figures = run_all(4000 if FULL else 100, seed=2, processes=2 if FULL else 1, ticks=True)
+    figures = run_all(4000 if FULL else 60, seed=2, processes=2 if FULL else 1, ticks=True)
     assert figures.collisions == []
     assert figures.shortfalls == []
     assert figures.colliding > 0

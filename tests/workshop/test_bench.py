@@ -160,7 +160,7 @@ def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("chromium")
 def test_bench_page(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("workshop.bench.page._PAGE_SETTLING_TIME", 0.5)
-    figures = _bench(tmp_path, "page", "--robot", "bridge-arm", "--obstacles", "3", "--movers", "1", "--for", "3")
+    figures = _bench(tmp_path, "page", "--robot", "bridge-arm", "--obstacles", "3", "--movers", "1", "--for", "2")
     assert figures["pictures_per_s"] > 0.0 < figures["ticks_per_s"]
     assert figures["renderer"]
     assert "pictures a second" in capsys.readouterr().out
@@ -196,6 +196,7 @@ def test_a_bench_of_which_no_run_can_begin_says_so_once(capsys: pytest.CaptureFi
         ("look", ("--rate", "50"), ["flow"]),
         ("hands", ("--rate", "50"), ["flow"]),
     ],
+    ids=["every", "patrol", "path", "look", "hands"],
 )
 def test_bench_goals(
     case: str, options: tuple[str, ...], ways: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

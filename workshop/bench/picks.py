@@ -230,11 +230,20 @@ def grasps(robot: RobotModel, can: Cylinder) -> list[HandPose]:
     Raises:
         ParameterError: the robot's hand is not known.
     """
+    return hand_poses(robot, can.pose[:3, 3] + (0.0, 0.0, _RAISED), before=_RADIUS)
+
+
+def hand_poses(robot: RobotModel, place: Array, *, before: float) -> list[HandPose]:
+    """Poses of the hand that end ``before`` [m] a place (3,) of the world, from all around and from above.
+
+    Raises:
+        ParameterError: the robot's hand is not known.
+    """
     hand = _hand_of(robot)
     return HandPose.around(
         hand.frame,
-        can.pose[:3, 3] + (0.0, 0.0, _RAISED),
-        held=(hand.front + _RADIUS, *hand.aside),
+        place,
+        held=(hand.front + before, *hand.aside),
         rotations=[pin.rpy.rpyToMatrix(roll, 0.0, 0.0) for roll in hand.rolls],
         tilts=_TILTS,
         count=_YAWS,

@@ -273,6 +273,10 @@ def bridge(root: str, robot: str, seed: int, compute: str | None, json_file: str
 @click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
 @options.evade_option
 @options.sensors_option
+@click.option("--reach", is_flag=True, help="Reach with the hand for places above furniture. Joints of heads look.")
+@click.option(
+    "--walkers", type=click.IntRange(0, 20), default=0, show_default=True, help="With --reach: people who walk about."
+)
 @options.compute_option
 @options.processes_option
 @runs_option
@@ -283,14 +287,42 @@ def house(
     first: int,
     evade: bool | None,
     sensors: str | None,
+    reach: bool,
+    walkers: int,
     compute: str | None,
     processes: int | None,
     json_file: str | None,
 ) -> None:
     """Drive from one free place of the house to another, with walls, furniture and their legs as 571 convex pieces."""
     from workshop.bench.drive import bench_drive
+    from workshop.bench.reaches import bench_reaches
 
+    if walkers and not reach:
+        raise click.UsageError("--walkers is for --reach")
     config = options.sensors_of(sensors, robot)
+    if reach:
+        with options.LateProgress("reaching", seeds) as bar:
+            figures = bench_reaches(
+                robot,
+                range(first, first + seeds),
+                bar.step,
+                root=root,
+                walkers=walkers,
+                sensors=config,
+                compute=_compute(compute or "work"),
+                processes=processes,
+            )
+        output.say(f"{robot}, reaches in the house, {seeds} drives, {walkers} people, computing: {figures['compute']}")
+        row("reached", f"{figures['reached']} of {seeds}", figures["reached"] == seeds)
+        row("contacts at speed", f"{figures['contacts_seen']} with what was seen", not figures["contacts_seen"])
+        row("", f"{figures['contacts_unseen']} with what no sensor had in view; {figures['contacts_at_rest']} at rest")
+        if figures["reached"]:
+            row("time", f"p50 {figures['time_s']['p50']:.1f} s, p95 {figures['time_s']['p95']:.1f} s")
+        row("stops", f"{figures['stops']}")
+        for why, count in figures["failures"].items():
+            row("failed", f"{count}: {why}", False)
+        output.write_document("figures", json_file, figures)
+        return
     with options.LateProgress("driving", seeds) as bar:
         figures = bench_drive(
             robot,

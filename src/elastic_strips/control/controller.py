@@ -593,8 +593,10 @@ class Controller:
             return
         if self._retreat.backs_off(t, self._begin(t), scene, stuck=self._stuck):
             return
-        if self._vantage is not None and self.keeper.path is None and self._vantage.looks(t, self._begin(t), scene):
-            return
+        if self._vantage is not None and self.keeper.path is None and self._speed:
+            speed = self._speed * params.speed_scale
+            if self._vantage.looks(t, self._begin(t), scene, speed):
+                return
         stops = self.keeper.no_way or ("the speed is set to 0" if self._speed == 0.0 else "")
         if stops:  # the strip leads to the previous goal, or nowhere for now
             executor.reject(stops)

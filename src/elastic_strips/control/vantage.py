@@ -23,7 +23,7 @@ _AWAY = 0.5  # … until it has come so far [m] from there
 _AGAIN = 20.0  # [s] after the last of them, when it begins anew
 _BACK = 0.6  # [m] that it backs off first, where it can: what is at its feet is hidden by itself
 _STEP = 0.35  # [rad] from row to row of a turn
-_SPEED = 0.5  # part of the full speed
+_SPEED = 0.5  # part of the speed of other motions
 
 
 class Vantage:
@@ -65,13 +65,14 @@ class Vantage:
             unseen = result.certificate.broken.obstacle.startswith(f"{UNSEEN_LAYER}-")
             self._since = None if not unseen else t if self._since is None else self._since
 
-    def looks(self, t: float, begin: float, scene: Scene) -> bool:
+    def looks(self, t: float, begin: float, scene: Scene, speed: float) -> bool:
         """Whether the robot goes to look from elsewhere, or looks from there.
 
         Args:
             t: time [s].
             begin: time [s] at which a motion that is planned now begins.
             scene: the obstacles.
+            speed: part of the full speed with which it may go.
         """
         executor, stands = self._executor, self._executor.at_rest(t)
         if executor.active is self._motion and not stands:
@@ -91,16 +92,16 @@ class Vantage:
         here = executor.active.coordinates[-1]
         if float(np.hypot(*(here[:2] - self._place))) > _AWAY or t - self._until > _AGAIN:
             self._place, self._heading, self._tried = here[:2].copy(), float(here[2]), 0
-        return self._goes(here, begin, scene)
+        return self._goes(here, begin, scene, _SPEED * speed)
 
-    def _goes(self, here: Array, begin: float, scene: Scene) -> bool:
+    def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
         """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
         planner, executor = self._planner, self._executor
         while self._tried < len(_TURNS):
-            turn = float(self._heading - here[2]) + _TURNS[self._tried]
+            yaw = self._heading + _TURNS[self._tried]
             self._tried += 1
             for rows in (self._backed(here), here[None]):
-                motion = self._motion_along(rows, turn, begin)
+                motion = self._motion_along(rows, yaw, begin, speed)
                 certificate = None if motion is None else planner.certify(motion, scene)
                 if motion is None or certificate is None or not certificate.certified:
                     continue
@@ -116,14 +117,15 @@ class Vantage:
         way = np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))
         return rows[: int(np.searchsorted(way, _BACK)) + 2]
 
-    def _motion_along(self, rows: Array, turn: float, begin: float) -> Trajectory | None:
-        """The motion along rows (K, nv), and then a turn [rad] in place; None where there is none."""
+    def _motion_along(self, rows: Array, yaw: float, begin: float, speed: float) -> Trajectory | None:
+        """The motion along rows (K, nv), and then a turn in place to a heading [rad]; None where there is none."""
+        turn = yaw - float(rows[-1, 2])
         turned = np.repeat(rows[-1:], int(np.ceil(abs(turn) / _STEP)), axis=0)
         turned[:, 2] += np.linspace(0.0, turn, len(turned) + 1)[1:]
         rows = np.concatenate((rows, turned))
         if len(rows) < 2:
             return None
         try:
-            return self._planner.timer.easy.full(rows, start_time=begin, speed=_SPEED)
+            return self._planner.timer.easy.full(rows, start_time=begin, speed=speed)
         except ElasticStripsError:
             return None

@@ -23,7 +23,8 @@ _LEAST_MOVED = 0.005  # [m, rad] from which on a sensor has moved
 _SAME_PLACE = 1e-4  # [m, rad] up to which it stands
 _LIVING = 0.5  # of the pixels differ between two images of a sensor that stands: it has noise
 
-_MOST_UNANSWERED = 0.6  # of the pixels that are not of the robot
+_MOST_UNANSWERED, _BLIND = 0.6, 0.95  # of the pixels that are not of the robot
+_UNANSWERED_FOR = 1.0  # [s] in a row: beside a wall, or too near to it, a camera that looks about sees as little
 _MOST_ALONE = 0.05  # of those that met something
 _ALONE = (0.1, 0.1)  # [m], and part of the range, by which a pixel is nearer than those about it
 
@@ -131,6 +132,7 @@ class ImageWatch:
         self._kept: _Surfaces | None = None
         self._kept_since = self._compared_at = -math.inf
         self._doubt, self._good = "", 0
+        self._sees = math.inf  # [s] when an image last said enough; the first one, where none did
 
     def look(
         self,
@@ -158,6 +160,8 @@ class ImageWatch:
         through = self._through(image, own)
         still = _without(kept, moving)
         slope, found = self._slope(still, T_world_sensor), self._displacement(still, T_world_sensor, places)
+        if unanswered <= _MOST_UNANSWERED or self._sees == math.inf:
+            self._sees = image.time
         reason = self._reason(image, repeated, unanswered, alone, through, slope, found)
         judged = slope.judges or found.judges
         if judged:
@@ -200,7 +204,7 @@ class ImageWatch:
         name = repr(image.sensor)
         if repeated > _SAME and (self._noisy or self._moved()):
             return f"{name} is frozen: the same image comes again and again, from {image.time:.2f} s on"
-        if unanswered > _MOST_UNANSWERED:
+        if unanswered > _BLIND or (unanswered > _MOST_UNANSWERED and image.time - self._sees > _UNANSWERED_FOR):
             return f"{name} hardly sees: {100 * unanswered:.0f} % of its pixels say nothing"
         if alone > _MOST_ALONE:
             return (

@@ -308,8 +308,8 @@ class VolumeMap:
 def filled(ranges: Image, unit: float) -> Image:
     """Ranges (H, W) with narrow holes of lost ones filled in.
 
-    A hole is as wide as the shortest run of lost pixels through a pixel of it, along its row, column and diagonals. What
-    is hidden in it is no wider than the gap between the pixels at the ends of that run.
+    A hole is as wide as the shortest run of lost pixels through a pixel of it, along its row, column and diagonals.
+    What is hidden in it is no wider than the gap between the pixels at the ends of that run.
 
     Args:
         ranges: with ``NO_ANSWER`` where they are lost [m].

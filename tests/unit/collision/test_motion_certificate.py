@@ -20,7 +20,7 @@ from elastic_strips.collision import (
 from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.native import twin
 from elastic_strips.robot import Kinematics, load_robot
-from elastic_strips.scene import Box, Cylinder, Scene, Sphere
+from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 
 ROUND = """<robot name="round"><link name="base_link"><collision><origin xyz="0 0 0.2"/><geometry>
   <cylinder radius="0.3" length="0.2"/></geometry></collision></link></robot>"""
@@ -154,6 +154,23 @@ def test_what_stays_a_micron_outside_is_given_up(tmp_path):
             assert certifier.checks < 5000
     assert found[0].certified == found[1].certified
     assert all(not each.certified and each.broken is not None and not each.broken.certain for each in found)
+
+
+def test_many_pairs_are_searched_to_the_end(silvermate):
+    """A robot that turns between walls of voxels has hundreds of pairs to look at, and each of them several times."""
+    steps = np.arange(-60, 60)
+    wall = np.array([(x, y, z) for x in steps for y in (-18, 18) for z in range(2, 50, 4)], dtype=np.int64)
+    scene = Scene([Voxels(0.05 * (wall + 0.5), 0.05, name="walls")])
+    bodies = BodySet.links(silvermate)
+    coordinates = np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], 41, axis=0)
+    coordinates[:, 2] = np.linspace(0.0, 2.0, 41)
+    v = silvermate.space.difference(coordinates[:-1], coordinates[1:])
+    ahead = forecast(np.random.default_rng(0), []).predict(np.zeros(41))
+    for other in (False, True):
+        with twin() if other else nullcontext():
+            certifier = MotionCertifier(bodies, MotionBounds(bodies), silvermate.self_pairs)
+            found = certifier.certify(coordinates, v, scene, ahead, clearance=CLEARANCE, self_clearance=1e-3)
+            assert found.certified, found.broken
 
 
 def test_links_that_meet_between_samples_are_found(silvermate, rng):

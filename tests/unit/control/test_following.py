@@ -24,11 +24,6 @@ GATE = Box((0.2, 2.5, 1.0), at=(4.3, 1.0, 0.5), name="gate")
 DT = 0.01
 
 
-@pytest.fixture(scope="module")
-def tiago_omni():
-    return load_robot("tiago", base="omni")
-
-
 def off_path(places):
     """Distance of places (N, 2) from the path, by looking at it every millimetre."""
     dense = np.vstack([np.linspace(a, b, 1500) for a, b in pairwise(PATH)])

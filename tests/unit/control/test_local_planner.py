@@ -12,7 +12,7 @@ from elastic_strips.collision import BrokenSegment, Certificate
 from elastic_strips.control import DriveParams, LocalPlanner, local_planner
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.planning import straight_line
-from elastic_strips.scene import Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
+from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Obstacle, Scene, Twist, UnknownMotion
 from elastic_strips.strip import Strip
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.trajectory import MotionLimits, RetimingError
@@ -114,6 +114,53 @@ def test_only_what_was_taken_at_speed_is_turned_to_at_speed(silvermate, beside, 
 
     monkeypatch.setattr(ride.planner.timer, "motion", none)
     assert (ride.tick().outcome is PlanOutcome.JOIN) is beside
+
+
+def test_what_was_not_seen_ends_motions_and_does_not_push(silvermate):
+    """Beside the strip and across it: the strip stays straight, and motions end before it."""
+    across = Box((0.4, 8.0, 1.5), at=(2.5, 0.0, 0.75), name=f"{UNSEEN_LAYER}-6-0-0")
+    beside = Box((1.0, 0.4, 1.5), at=(1.2, 0.55, 0.75), name=f"{UNSEEN_LAYER}-3-1-0")
+    straight = Ride(silvermate, Scene([]))
+    ride = Ride(silvermate, Scene([across, beside]))
+    for _ in range(60):
+        result = ride.tick()
+        straight.tick()
+        assert result.report.certified, "among what was seen"
+        proven = ride.planner.certify(ride.active.tail(ride.time), ride.scene)
+        assert proven.certified, proven.broken
+        assert np.abs(ride.planner.strip.coordinates[:, 1]).max() < 0.02
+    end = ride.active.coordinates[-1]
+    assert 0.5 < end[0] < 2.3
+    assert straight.active.coordinates[-1, 0] > 2.5
+
+
+def test_a_motion_from_a_narrow_place_is_held_with_the_margin_that_it_was_proven_with(silvermate):
+    """The robot stands nearer to something than its margin; that other things change is no reason to brake."""
+    ride = Ride(silvermate, Scene([]))
+    row, margins = ride.planner.strip.coordinates[0], ride.planner.margins
+    near = Box((0.5, 0.2, 1.0), at=(0.0, 0.0, 0.5), name="near")
+
+    def apart(y: float) -> float:
+        scene = Scene([near.moved(pose_at(y))])
+        return ride.planner.deformer.assess(ride.planner.strip, scene).node_clearance
+
+    low, high = 0.3, 1.2  # where its distance is between the tracking error and what the margin adds
+    for _ in range(40):
+        y = 0.5 * (low + high)
+        low, high = (y, high) if apart(y) < margins.tracking_error + 0.5 * margins.margin else (low, y)
+    held = Scene([near.moved(pose_at(high)), PILLAR])
+    first = ride.tick(held)
+    assert first.accepted, first.reason
+    assert ride.planner._still(ride.active.at(0.0)).coordinates[0] == pytest.approx(row)
+    other = Box((0.1, 0.1, 0.1), at=(2.0, 4.0, 0.05), name="pillar")
+    later = ride.tick(Scene([held.obstacle("near"), other]))
+    assert later.outcome is not PlanOutcome.BRAKE, later.reason
+
+
+def pose_at(y: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = 0.0, y, 0.5
+    return pose
 
 
 def moved(scene: Scene, name: str, by: tuple[float, float, float]) -> Scene:

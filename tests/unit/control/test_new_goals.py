@@ -30,11 +30,6 @@ ROBOTS = ("silvermate", "tiago_omni", "panda")
 
 
 @pytest.fixture(scope="module")
-def tiago_omni():
-    return load_robot("tiago", base="omni")
-
-
-@pytest.fixture(scope="module")
 def panda():
     return load_robot("panda")
 
@@ -89,7 +84,7 @@ class Ride:
     ("silvermate", BasePose(4.0, 0.0), BasePose(4.0, 1.5)),
     ("silvermate", BasePose(4.0, 0.0), BasePose(1.5, -2.5)),
     ("tiago_omni", BasePose(4.0, 0.0), BasePose(0.0, -3.0)),
-])  # fmt: skip
+], ids=["aside", "behind", "sideways"])  # fmt: skip
 def test_another_goal_at_speed_is_driven_to_without_a_stop(request, name, goal, other):
     robot = request.getfixturevalue(name)
     driven = ride(robot, goal)

@@ -1,4 +1,5 @@
-"""A touch at rest: the robot backs off along the way that it came, a few times, and only where that is free."""
+"""A robot that cannot go on: after a touch it backs off along the way that it came; what was not seen it looks at from
+elsewhere. Both only where that is free."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.control import Controller, RunState
-from elastic_strips.scene import Box, Scene
+from elastic_strips.scene import UNSEEN_LAYER, Box, Scene
 from elastic_strips.sim import KinematicPlant
 
 DT = 0.01
@@ -89,3 +90,46 @@ def test_an_emergency_stop_is_no_touch(silvermate):
             measured = replace(measured, contact="the bumper is pressed", emergency="the red button")
     assert not leavings(controller)
     assert controller.reference.v.any() == 0
+
+
+def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0):
+    """A controller, and the places of the base (K, 3), of a drive in a corridor, towards what counts as unseen until
+    the base is at a place (x, y, yaw) of which ``seen`` says that it sees it."""
+    block = Box((0.4, 4.0, 1.5), at=(2.0, 0.0, 0.75), name=name)
+    beside = [Box((8.0, 0.1, 1.0), at=(1.0, y, 0.5), name=f"wall{k}") for k, y in enumerate((-room, room))]
+    beside.append(Box((0.1, 4.0, 1.0), at=(-1.5, 0.0, 0.5), name="end"))
+    controller = Controller(robot, robot.home(), robot.home(x=3.0), Scene(beside))
+    plant = KinematicPlant(robot, controller.limits, seed=1)
+    plant.reset(robot.space.to_coordinates(robot.home()))
+    measured, places, there = None, [], True
+    for k in range(round(seconds / DT)):
+        there = there and not seen(plant.coordinates[:3])
+        scene = Scene([block, *beside] if there else beside, time=k * DT)
+        measured = plant.step(controller.step(k * DT, measured, scene), DT)
+        places.append(plant.coordinates[:3].copy())
+        if controller.ended:
+            break
+    return controller, np.array(places)
+
+
+def test_what_was_not_seen_is_looked_at_from_elsewhere(silvermate):
+    """From where it was stopped it does not see it; from further back, and turned, it does."""
+    controller, places = before_unseen(silvermate, lambda at: at[2] < -0.5, 60.0)
+    assert controller.state is RunState.REACHED, controller.reason
+    assert [event for event in controller.events if event.kind == "looking"]
+    forward = np.maximum.accumulate(places[:, 0])
+    assert (forward - places[:, 0]).max() > 0.4, "it backs off"
+    assert (forward - places[:, 0]).max() < 0.9, "and not further than that"
+
+
+def test_what_was_seen_is_not_looked_at_from_elsewhere(silvermate):
+    controller, places = before_unseen(silvermate, lambda at: False, 12.0, name="wall")
+    assert not [event for event in controller.events if event.kind == "looking"]
+    assert np.ptp(places[-300:, 0]) < 0.01
+
+
+def test_it_looks_from_nowhere_to_where_the_way_is_not_free(silvermate):
+    """Between two walls it cannot turn."""
+    controller, places = before_unseen(silvermate, lambda at: False, 14.0, room=0.55)
+    assert [event for event in controller.events if event.kind == "looking"]
+    assert np.abs(places[:, 2]).max() < 0.3

@@ -264,13 +264,13 @@ def test_a_refuted_path_stays_refuted(cart, tmp_path):
     assert verdict(cart, read, post) is Verdict.REFUTED
 
 
-def test_wheels_turn_where_they_are_round(cart, tmp_path):
+def test_wheels_turn_where_they_are_round(cart, tiago, tmp_path):
     assert cart.round_wheels == {"left_wheel"}
     turned = load_path(table(tmp_path, "x,y,yaw,left_wheel", "0,0,0,0", "1,0,0,10"), cart)
     assert turned.doubts == ()
     assert any("left_wheel" in note for note in turned.notes)
     assert len(load_path(table(tmp_path, "x,y,yaw,right_wheel", "0,0,0,0", "1,0,0,10"), cart).doubts) == 1
-    assert load_robot("tiago").round_wheels == {"wheel_left_joint", "wheel_right_joint"}
+    assert tiago.round_wheels == {"wheel_left_joint", "wheel_right_joint"}
 
 
 @each("names", ["x,y,yaw,mast", "x,y,yaw,roof_joint", "x,y,yaw,hatch [deg]"])

@@ -27,7 +27,6 @@ from elastic_strips.io import (
     without_robot,
 )
 from elastic_strips.io.nav2_map import WALL_HEIGHT, MapArea, outside_of
-from elastic_strips.robot import RobotModel
 from elastic_strips.robot.reach import highest_reach
 from elastic_strips.sim.scenarios import get_scenario
 
@@ -373,11 +372,6 @@ def test_a_map_at_a_pose_is_where_it_says(folder):
     plain = load_nav2_map(folder / "m.yaml", height=1.0, outside="free")
     turn = np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1.0]])  # heights stay the world's
     np.testing.assert_allclose(scene.obstacle("map").pose, turn @ plain.obstacle("map").pose, atol=1e-9)
-
-
-@pytest.fixture(scope="module")
-def tiago() -> RobotModel:
-    return es.load_robot("tiago")
 
 
 @each(

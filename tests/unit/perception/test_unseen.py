@@ -69,8 +69,8 @@ def test_a_robot_may_stand_where_it_stands_and_not_back_off_unseen():
 
 
 @pytest.fixture(scope="module")
-def tiago():
-    return es.load_robot("tiago", looking=["head_1_joint", "head_2_joint"])
+def tiago(looking_tiago):
+    return looking_tiago
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -389,13 +389,16 @@ SLOW = {
 """More than a second to load, or the like of another; ``python -m workshop robots`` loads them all."""
 
 
-def test_the_robots_of_example_robot_data_load():
+NAMES = sorted(set(robot_names()) - SLOW)
+
+
+@each("name", NAMES, ids=NAMES)
+def test_the_robots_of_example_robot_data_load(name):
     """All but those without links or collision geometry; Centauro has a hull with a corner of too many neighbours."""
-    for name in sorted(set(robot_names()) - SLOW):
-        if name in REFUSED:
-            with pytest.raises(RobotError, match=NOTHING):
-                load_robot(name)
-        else:
-            robot = load_robot(name)
-            assert len(robot.geometries) > 0, name
-            assert np.isfinite(robot.home()).all(), name
+    if name in REFUSED:
+        with pytest.raises(RobotError, match=NOTHING):
+            load_robot(name)
+    else:
+        robot = load_robot(name)
+        assert len(robot.geometries) > 0
+        assert np.isfinite(robot.home()).all()

@@ -16,8 +16,8 @@ HEAD = ("head_1_joint", "head_2_joint")
 
 
 @pytest.fixture(scope="module")
-def tiago():
-    return es.load_robot("tiago", looking=HEAD)
+def tiago(looking_tiago):
+    return looking_tiago
 
 
 def posed(robot, row, links):

@@ -108,17 +108,17 @@ def test_the_reference_of_wheels_moves_sideways_only_while_the_robot_stands(silv
     assert np.abs(rows.v[:-1][set_anew, 0]).max() < 0.05
 
 
-def test_without_odometry_it_stays_on_its_way(silvermate):
+@each("seed, start", [(1, 1.5), (2, 2.3), (3, 3.0)])
+def test_without_odometry_it_stays_on_its_way(silvermate, seed, start):
     """It brakes by what it was told, not by an estimate that stands still: the wheels' slip alone takes it off."""
-    for seed, start in ((1, 1.5), (2, 2.3), (3, 3.0)):
-        faults, world = [Fault("lost_odometry", start, 0.5)], World(Scene(CLUTTER))
-        runner = simulation(silvermate, world, *ends(silvermate), seed=seed, faults=faults, params=COARSE)
-        result = runner.run(time_limit=40.0)
-        rows = result.record.control
-        moving = np.abs(rows.v[np.searchsorted(rows.time, start), 0])
-        assert moving > 0.3
-        assert Displacement(silvermate)(rows.coordinates, rows.reference).max() < 0.04
-        assert result.state is RunState.REACHED
+    faults, world = [Fault("lost_odometry", start, 0.5)], World(Scene(CLUTTER))
+    runner = simulation(silvermate, world, *ends(silvermate), seed=seed, faults=faults, params=COARSE)
+    result = runner.run(time_limit=40.0)
+    rows = result.record.control
+    moving = np.abs(rows.v[np.searchsorted(rows.time, start), 0])
+    assert moving > 0.3
+    assert Displacement(silvermate)(rows.coordinates, rows.reference).max() < 0.04
+    assert result.state is RunState.REACHED
 
 
 def test_a_fault_that_stays_leaves_the_robot_at_rest(silvermate):

@@ -7,7 +7,7 @@ import pytest
 from cases import each
 
 from elastic_strips.planning import plan_report
-from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.strip import Deformer, Strip, displacement
@@ -18,12 +18,6 @@ from workshop.bench.plan import push_nearest
 
 DEPTH = 0.035  # [m] of the obstacle in the strip
 SEEDS = range(3)
-
-
-@pytest.fixture(scope="module")
-def tiago_omni() -> RobotModel:
-    """Its arm lies tucked at its body."""
-    return load_robot("tiago", base="omni")
 
 
 @pytest.fixture(scope="module")

@@ -88,6 +88,8 @@ def look(browser: Browser) -> Callable[[str | Path, str], tuple[object, np.ndarr
         browser.open(page)
         state = browser.evaluate(script)
         assert browser.errors == []
-        return state, np.asarray(Image.open(BytesIO(browser.picture())).convert("RGB")).astype(int)
+        picture = np.asarray(Image.open(BytesIO(browser.picture())).convert("RGB")).astype(int)
+        browser.evaluate("void setTimeout(() => location.replace('about:blank'))")  # else it is drawn on, for nobody
+        return state, picture
 
     return look

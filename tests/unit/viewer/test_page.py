@@ -30,6 +30,10 @@ GOAL = """() => {
 }"""
 
 
+RARELY = "window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 200);"
+"""Five pictures a second, which is enough for what these tests look at: a processor draws them."""
+
+
 def wait(condition, patience=60.0):
     end = time.monotonic() + patience
     while not condition():
@@ -44,7 +48,9 @@ def browser(chromium):
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=list(ARGUMENTS))
-        yield browser
+        context = browser.new_context(viewport={"width": 800, "height": 500})
+        context.add_init_script(RARELY)
+        yield context
         browser.close()
 
 
@@ -64,7 +70,7 @@ def opened(browser, live):
     pages, errors = [], []
 
     def open_page(how=""):
-        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page = browser.new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
         page.goto(live.viewer_of_test.url + how)
