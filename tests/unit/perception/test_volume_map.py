@@ -225,7 +225,7 @@ def test_boxes_fill_the_voxels_and_do_not_overlap():
     assert inside.sum() == len(full)
 
 
-def holed(*lost: tuple[slice | int, slice | int], far: float = 2.0) -> np.ndarray:
+def holed(*lost: tuple[slice | int, ...], far: float = 2.0) -> np.ndarray:
     """Ranges all at one distance, but for lost pixels."""
     ranges = np.full((60, 70), far, dtype=np.float32)
     for at in lost:
