@@ -593,7 +593,8 @@ class Controller:
             return
         if self._retreat.backs_off(t, self._begin(t), scene, stuck=self._stuck):
             return
-        if self._vantage is not None and self.keeper.path is None and self._speed:
+        goes = self.keeper.path is None and not (self.keeper.cancelled or executor.at_goal)
+        if self._vantage is not None and goes and self._speed:
             speed = self._speed * params.speed_scale
             if self._vantage.looks(t, self._begin(t), scene, speed):
                 return

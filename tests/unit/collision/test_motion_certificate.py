@@ -157,13 +157,13 @@ def test_what_stays_a_micron_outside_is_given_up(tmp_path):
 
 
 def test_many_pairs_are_searched_to_the_end(silvermate):
-    """A robot that turns between walls of voxels has hundreds of pairs to look at, and each of them several times."""
-    steps = np.arange(-60, 60)
-    wall = np.array([(x, y, z) for x in steps for y in (-18, 18) for z in range(2, 50, 4)], dtype=np.int64)
-    scene = Scene([Voxels(0.05 * (wall + 0.5), 0.05, name="walls")])
+    """A robot that turns among walls of voxels has a thousand pairs to look at, and each of them several times."""
+    wall = np.array([(x, y, z) for x in range(-30, 30, 2) for y in (-10, 10) for z in range(2, 40, 2)])
+    walls = np.unique(np.vstack((wall, wall[:, [1, 0, 2]])), axis=0)
+    scene = Scene([Voxels(0.05 * (walls + 0.5), 0.05, name="walls")])
     bodies = BodySet.links(silvermate)
     coordinates = np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], 41, axis=0)
-    coordinates[:, 2] = np.linspace(0.0, 2.0, 41)
+    coordinates[:, 2] = np.linspace(0.0, 6.0, 41)
     v = silvermate.space.difference(coordinates[:-1], coordinates[1:])
     ahead = forecast(np.random.default_rng(0), []).predict(np.zeros(41))
     for other in (False, True):

@@ -92,7 +92,7 @@ def test_an_emergency_stop_is_no_touch(silvermate):
     assert controller.reference.v.any() == 0
 
 
-def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0):
+def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0, cancelled=np.inf):
     """A controller, and the places of the base (K, 3), of a drive in a corridor, towards what counts as unseen until
     the base is at a place (x, y, yaw) of which ``seen`` says that it sees it."""
     block = Box((0.4, 4.0, 1.5), at=(2.0, 0.0, 0.75), name=name)
@@ -103,6 +103,8 @@ def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.
     plant.reset(robot.space.to_coordinates(robot.home()))
     measured, places, there = None, [], True
     for k in range(round(seconds / DT)):
+        if k * DT >= cancelled and not controller.keeper.cancelled:
+            controller.cancel()
         there = there and not seen(plant.coordinates[:3])
         scene = Scene([block, *beside] if there else beside, time=k * DT)
         measured = plant.step(controller.step(k * DT, measured, scene), DT)
@@ -133,3 +135,9 @@ def test_it_looks_from_nowhere_to_where_the_way_is_not_free(silvermate):
     controller, places = before_unseen(silvermate, lambda at: False, 14.0, room=0.55)
     assert [event for event in controller.events if event.kind == "looking"]
     assert np.abs(places[:, 2]).max() < 0.3
+
+
+def test_who_is_told_to_stay_does_not_go_to_look(silvermate):
+    controller, places = before_unseen(silvermate, lambda at: False, 9.0, cancelled=3.5)
+    assert not [event for event in controller.events if event.kind == "looking"]
+    assert np.ptp(places[-300:, 0]) < 0.01
