@@ -9,7 +9,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import chain
+from itertools import chain, pairwise
 from types import MappingProxyType
 from typing import Literal
 
@@ -281,6 +281,10 @@ class Scene:
                 obstacles, names = tuple(self.obstacles[k] for k in kept), tuple(self.names[k] for k in kept)
                 seen = _filled(object.__new__(Scene), obstacles, self.stamp, names, self.held_up)
                 object.__setattr__(seen, "_seen", "all")
+                ends = [k for k in range(1, len(kept)) if kept[k] != kept[k - 1] + 1]
+                runs = [(self.table, kept[a], kept[b - 1] + 1) for a, b in pairwise([0, *ends, len(kept)]) if a < b]
+                if runs:  # who asks for what was seen asks for all as well: of both tables one is made
+                    object.__setattr__(seen, "_table", _joined_table(runs))
             object.__setattr__(self, "_seen", seen)
         return self if isinstance(seen, str) else seen
 

@@ -9,7 +9,7 @@ import pytest
 from cases import each, refused
 
 from elastic_strips.errors import SceneError
-from elastic_strips.scene import Box, Cone, ConvexHull, Keyframes, Points, Scene, Sphere, Twist, Voxels
+from elastic_strips.scene import UNSEEN_LAYER, Box, Cone, ConvexHull, Keyframes, Points, Scene, Sphere, Twist, Voxels
 
 
 def test_what_is_made_of_a_scene_has_its_time():
@@ -269,3 +269,21 @@ def test_moving_one_of_many_costs_what_moving_one_of_few_does():
     assert large.table is not None
     few, many = (calls(lambda scene=scene: scene.moved("b3", pose).table) for scene in (small, large))
     assert 0 < many <= few + 5
+
+
+@each("unseen", [(), (0, 1), (2,), (1, 3), (0, 4), (0, 1, 2, 3, 4)])
+def test_what_was_seen_has_the_same_parts_as_if_it_were_alone(unseen):
+    made = [
+        Box((0.1, 0.2, 0.3), at=(k, 0.5 * k, 1.0), name=f"{UNSEEN_LAYER if k in unseen else 'box'}-{k}")
+        for k in range(5)
+    ]
+    scene = Scene(made, time=2.0)
+    kept = [o for k, o in enumerate(made) if k not in unseen]
+    alone, seen = Scene(kept, time=2.0), scene.seen
+    assert seen.obstacles == tuple(kept)
+    assert (seen is scene) == (not unseen)
+    assert seen.seen is seen
+    assert (seen.names, seen.time) == (alone.names, 2.0)
+    for name in ("obstacle_index", "offsets", "rotation", "translation", "center", "half_extents", "radius"):
+        np.testing.assert_array_equal(getattr(seen.table, name), getattr(alone.table, name))
+    assert seen.table.parts == alone.table.parts
