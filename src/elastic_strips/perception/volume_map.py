@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -27,6 +28,7 @@ _SIGMAS = 3.0  # standard deviations that count as the largest error
 _UNIT = 0.05  # of log-odds, in which the map counts
 _MOST_BLOCKS = 1 << 20
 _WIDEST_HOLE = 24  # [pixels] of the holes that are looked into
+_CORNERS = (1, 2, 4, 8, 12)  # [pixels] up to half of that: runs across its corners are short
 _STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
 Known = npt.NDArray[np.int8]
@@ -308,14 +310,17 @@ class VolumeMap:
 def filled(ranges: Image, unit: float) -> Image:
     """Ranges (H, W) with narrow holes of lost ones filled in.
 
-    A hole is as wide as the shortest run of lost pixels through a pixel of it, along its row, column and diagonals.
-    What is hidden in it is no wider than the gap between the pixels at the ends of that run.
+    A hole is as wide, at a pixel of it, as the shortest run of lost pixels through that, along its row, column and
+    diagonals, or through another one no further away than half of that one's run: across the corners of something
+    wide runs are short. What is hidden in it is no wider than the gap between the pixels at the ends of that run.
 
     Args:
         ranges: with ``NO_ANSWER`` where they are lost [m].
         unit: distance [m] at which a gap of one pixel's width is as wide as what may be overlooked; that of a gap of n
             is an n-th of it. A lost pixel is as far away as that, or as the nearer end of its run.
     """
+    from scipy.ndimage import maximum_filter  # late: slow to import
+
     lost = np.argwhere(np.isnan(ranges))
     if not len(lost) or unit == 0.0:
         return ranges
@@ -326,8 +331,14 @@ def filled(ranges: Image, unit: float) -> Image:
         wide = (one + two) * float(np.hypot(*line))
         better = (one + two <= _WIDEST_HOLE) & (wide < gap)
         gap[better], value[better] = wide[better], np.minimum(near, far)[better]
+    i, j = lost.T
+    runs = np.zeros(ranges.shape)
+    runs[i, j] = gap
+    for less, radius in pairwise((0, *_CORNERS)):
+        wide = maximum_filter(np.where(runs > 2 * less, runs, 0.0), 2 * radius + 1, mode="constant")
+        gap = np.maximum(gap, wide[i, j])
     out = ranges.copy()
-    out[lost[:, 0], lost[:, 1]] = np.minimum(value, unit / gap)
+    out[i, j] = np.minimum(value, unit / gap)
     return out
 
 

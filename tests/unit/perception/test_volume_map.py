@@ -243,6 +243,18 @@ def test_a_lost_pixel_is_as_far_as_what_is_beside_it_and_no_further_than_it_hide
     assert np.isnan(filled(ranges, 0.0)[30, 40])
 
 
+@each("width", [8.0, 11.0, 15.0])
+@each("turn", [0.0, 0.4, 0.25 * math.pi, 0.9])
+def test_a_wide_hole_is_not_seen_through_at_its_corners_either(width, turn):
+    """A board without an answer: runs across its corners are short, but it is there."""
+    u, v = np.meshgrid(np.arange(80) - 39.3, np.arange(100) - 49.8, indexing="ij")
+    across, along = math.cos(turn) * u + math.sin(turn) * v, math.cos(turn) * v - math.sin(turn) * u
+    board = (np.abs(across) < 0.5 * width) & (np.abs(along) < 25.0)
+    out = filled(np.where(board, np.nan, 2.0), 10.0)[board]
+    assert out.max() <= 10.0 / (width - 1.0)
+    assert out.min() > 0.5 * 10.0 / width
+
+
 @each("turned", [False, True])
 def test_a_hole_is_seen_through_to_where_something_wider_fits_into_it(turned):
     """A stripe, five from pixel to pixel: what is nearer than a fifth of the unit would be seen beside it."""
