@@ -348,6 +348,8 @@ def _border(ranges: Image, at: Indices, step: Indices) -> tuple[Array, Array]:
     steps, value = np.full(len(at), np.inf), np.full(len(at), np.nan)
     for k in range(1, _WIDEST_HOLE + 1):
         open_ = np.flatnonzero(np.isinf(steps))
+        if not len(open_):
+            break
         i, j = (at[open_] + k * step).T
         found = ranges[i, j]
         there = ~np.isnan(found)
