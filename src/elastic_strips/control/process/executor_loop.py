@@ -90,6 +90,9 @@ def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | No
     try:
         stream = None if log is None else LogStream(log)
         loop = _Loop(link, MotionExecutor(*task, keep=500), driver, stream)
+        opening = getattr(driver, "open", None)
+        if callable(opening):
+            opening()
     except Exception as error:
         put(link, f"{type(error).__name__}: {error}")
         driver.close()
