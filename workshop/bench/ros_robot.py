@@ -191,8 +191,12 @@ class RosRobot:
             kind, topic = kinds["std"].Float64MultiArray, "arm_velocity_controller/commands"
         self._arm = hear(kind, topic, lambda _: None, once)
 
-    def run(self, ready: Callable[[], object]) -> Figures:
-        """Live until SIGINT, SIGTERM or the end of its time; what it has seen of its drive."""
+    def run(self, note: Callable[[str], object]) -> Figures:
+        """Live until SIGINT, SIGTERM or the end of its time; what it has seen of its drive.
+
+        Args:
+            note: is told when it is ready, and when it first moves fast.
+        """
 
         def end(number: int, frame: FrameType | None) -> None:
             self._ending = True
@@ -201,13 +205,13 @@ class RosRobot:
             signal.signal(number, end)
         began = time.monotonic()
         try:
-            ready()
-            self._live(began)
+            note(f"ready at the beginning of {self.end:g} m")
+            self._live(began, note)
         finally:
             close_node(self.context, self.node)
         return self._judged()
 
-    def _live(self, began: float) -> None:
+    def _live(self, began: float, note: Callable[[str], object]) -> None:
         steps, params = 0, self.params
         next_odometry = next_joints = 0.0
         travel = Measurement(0.0, None, self._plant.coordinates)
@@ -230,6 +234,7 @@ class RosRobot:
             t = steps * _PERIOD
             if self._fast_at is None and abs(self._plant.v[0]) > _FAST_SPEED:
                 self._fast_at = t
+                note("it moves fast")
             stamp = self.node.get_clock().now().nanoseconds
             if self._wrong("clock", t):
                 stamp -= 5_000_000_000

@@ -6,7 +6,7 @@ import json
 
 import click
 
-from elastic_strips.cli import options, output
+from elastic_strips.cli import options
 
 
 @click.command(
@@ -36,7 +36,7 @@ def ros_robot(
 
     params = RosRobotParams(joints=joint_states, faults=tuple(map(TimedFault.of, faults)), **given)  # type: ignore[arg-type]
     robot = RosRobot(params, list(arguments))
-    result = robot.run(lambda: output.say(f"the robot stands at the beginning of {robot.end:g} m", err=True))
+    result = robot.run(lambda text: click.echo(text, err=True))
     text = json.dumps(result, indent=2)
     if json_file == "-":
         click.echo(text)
