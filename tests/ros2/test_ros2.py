@@ -16,6 +16,7 @@ import ros_environment
 
 ASK = Path(__file__).parents[1] / "oracle" / "ros_ask.py"
 LONGEST = 60.0  # [s] until something happens that is waited for
+EXAMPLE = Path(__file__).parents[2] / "scripts" / "examples" / "18_ros_node.py"
 NODE = "from elastic_strips.cli import main\nif __name__ == '__main__':\n    main()\n"
 
 
@@ -28,15 +29,23 @@ class Drive:
     """
 
     def __init__(
-        self, python: Path, folder: Path, told: Sequence[str], params: Sequence[str], stack: ExitStack
+        self,
+        python: Path,
+        folder: Path,
+        told: Sequence[str],
+        params: Sequence[str],
+        stack: ExitStack,
+        *,
+        example: bool = False,
     ) -> None:
         self.python, self.folder = python, folder
         self.environment = ros_environment.variables(folder, 1 + os.getpid() % 100)
         (folder / "node.py").write_text(NODE)
+        node = [str(EXAMPLE)] if example else [str(folder / "node.py"), "ros2", "--goals", "1"]
         self.result: dict[str, object] = {}
         self.robot = self._start(stack, "robot", "-m", "workshop", "ros-robot", *told, "--json", str(folder / "r.json"))
         words = [word for param in params for word in ("-p", param)]
-        self.node = self._start(stack, "node", str(folder / "node.py"), "ros2", "--goals", "1", "--ros-args", *words)
+        self.node = self._start(stack, "node", *node, "--ros-args", *words)
 
     def _start(self, stack: ExitStack, name: str, *words: str) -> subprocess.Popen[bytes]:
         with (self.folder / f"{name}.txt").open("wb") as file:
@@ -94,21 +103,24 @@ def python() -> Path:
 
 
 @contextmanager
-def driven(python: Path, folder: Path, told: Sequence[str] = (), params: Sequence[str] = ()) -> Iterator[Drive]:
+def driven(
+    python: Path, folder: Path, told: Sequence[str] = (), params: Sequence[str] = (), *, example: bool = False
+) -> Iterator[Drive]:
     before = _of_dds()
     with ExitStack() as stack:
-        yield Drive(python, folder, told, params, stack)
+        yield Drive(python, folder, told, params, stack, example=example)
     assert _of_dds() <= before
     assert _running(folder) == []
 
 
 def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
-    """Sensors of best effort at 50 Hz, as drivers have them: it arrives, touches nothing, and ends by a stop."""
-    with driven(python, tmp_path, ["--seed", "1", "--length", "3"]) as drive:
+    """By the example, with sensors of best effort at 50 Hz, as drivers have them."""
+    with driven(python, tmp_path, ["--seed", "1", "--length", "3"], example=True) as drive:
         drive.ask(3.0, 0.0, 0.0)
         assert drive.node.wait(LONGEST) == 0, drive.said("node")
         drive.end_robot()
     assert "Traceback" not in drive.said("node")
+    assert "the robot is at rest: reached" in drive.said("node")
     seen = drive.result
     assert seen["path_m"] > 2.5  # type: ignore[operator]
     assert (seen["contacts_at_speed"], seen["contacts_at_rest"]) == (0, 0)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import signal
 import time
+from array import array
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -16,13 +17,15 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from elastic_strips.arrays import Array
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.estimation import compose, exp
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ParameterError, nearest_name
-from elastic_strips.perception.readings import LaserScan
+from elastic_strips.perception.own_body import Posture, SensorMount
+from elastic_strips.perception.readings import DepthImage, LaserScan
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.ros2.driver import close_node, load, open_node, quality
 from elastic_strips.ros2.messages import MessageError, fill_pose, fill_stamp, nanoseconds, twist_of
@@ -30,12 +33,13 @@ from elastic_strips.scene import Box, Cylinder, Scene, World
 from elastic_strips.sim.closed_loop import MACHINE
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.plant import KinematicPlant
-from elastic_strips.sim.sensors import SensorConfig, SensorSuite, named_sensors
+from elastic_strips.sim.sensors import DepthParams, SensorConfig, SensorSuite, named_sensors
 from elastic_strips.trajectory import MotionLimits
 
 from .measure import Figures
 
 _PERIOD = 0.005  # [s] of the simulated motors
+_CAMERA = "camera_optical"  # frame of the depth camera
 _REST_SPEED = 0.01  # [m/s, rad/s]
 _FAST_SPEED = 0.3  # [m/s]
 _FULL_HEIGHT = 1.5  # [m] of what stands in the corridor: a laser says nothing of heights
@@ -85,6 +89,7 @@ class RosRobotParams:
         seconds: how long it runs, at most.
         faults: what goes wrong.
         length: of the corridor [m].
+        depth: whether it has a depth camera on its head, besides the laser.
     """
 
     robot: str = "silvermate"
@@ -100,6 +105,7 @@ class RosRobotParams:
     seconds: float = 60.0
     faults: tuple[TimedFault, ...] = ()
     length: float = 6.0
+    depth: bool = False
 
 
 def pillar_corridor(seed: int, length: float = 6.0) -> tuple[World, float]:
@@ -159,10 +165,17 @@ class RosRobot:
         self.world, self.end = pillar_corridor(params.seed, params.length)
         self._plant = KinematicPlant(self.robot, self.limits, MACHINE, seed=params.seed)
         self._plant.reset(self.robot.space.to_coordinates(self.robot.home()))
-        config: SensorConfig = named_sensors("laser", params.robot)
+        config: SensorConfig = named_sensors("laser,head-camera" if params.depth else "laser", params.robot)
         config = replace(config, sensors=tuple(replace(s, latency=0.0) for s in config.sensors))
-        self._laser = SensorSuite(self.robot, self.world, config, seed=params.seed)
+        self._sensors = SensorSuite(self.robot, self.world, config, seed=params.seed)
         self._frame = config.sensors[0].frame  # type: ignore[union-attr]
+        posture = Posture(self.robot)
+        posture.place(self._plant.coordinates)
+        self._imagers = [  # their poses (4, 4) on the base
+            SensorMount(posture, (s.frame,), s.T_frame_camera).poses()[1][0]
+            for s in config.sensors
+            if isinstance(s, DepthParams)
+        ]
         self._odometry = (0.0, 0.0, 0.0)
         self._odometry_error = np.zeros(3)  # variances
         self._rng = np.random.default_rng(params.seed + 1)
@@ -179,6 +192,8 @@ class RosRobot:
         self._odom_out = self.node.create_publisher(kinds["nav"].Odometry, "odom", sensed)
         self._joints_out = self.node.create_publisher(kinds["sensor"].JointState, "joint_states", sensed)
         self._scan_out = self.node.create_publisher(kinds["sensor"].LaserScan, "scan", sensed)
+        self._depth_out = self.node.create_publisher(kinds["sensor"].Image, "depth/image", quality(2))
+        self._info_out = self.node.create_publisher(kinds["sensor"].CameraInfo, "depth/camera_info", quality(2))
         kept = quality(1, reliable=True, kept=True)
         self._emergency_out = self.node.create_publisher(kinds["std"].Bool, "emergency", kept)
         self._pressed: bool | None = None
@@ -205,7 +220,7 @@ class RosRobot:
             signal.signal(number, end)
         began = time.monotonic()
         try:
-            note(f"ready at the beginning of {self.end:g} m")
+            note(f"ready at the beginning of {self.end:g} m{self._mount()}")
             self._live(began, note)
         finally:
             close_node(self.context, self.node)
@@ -245,9 +260,11 @@ class RosRobot:
             if t >= next_joints:
                 next_joints = max(next_joints + 1.0 / params.joints, t - 1.0)
                 self._tell_joints(stamp, t, travel.joints)
-            for scan in self._laser.observe(t, self._plant.coordinates):
-                assert isinstance(scan, LaserScan)
-                self._tell_scan(stamp, t, scan)
+            for reading in self._sensors.observe(t, self._plant.coordinates):
+                if isinstance(reading, LaserScan):
+                    self._tell_scan(stamp, t, reading)
+                elif isinstance(reading, DepthImage):
+                    self._tell_depth(stamp, t, reading)
             while self._late and self._late[0][0] <= now:
                 _, publisher, message = self._late.popleft()
                 publisher.publish(message)
@@ -356,6 +373,27 @@ class RosRobot:
         nan = self._wrong("scan_nan", t)
         message.ranges = np.where(nan, np.nan, scan.ranges).astype(np.float32).tolist()
         self._publish(self._scan_out, message, t)
+
+    def _mount(self) -> str:
+        """Where the depth camera is, as the node's parameter ``mounts`` has it."""
+        for camera in self._imagers:
+            x, y, z = camera[:3, 3].tolist()
+            roll, pitch, yaw = pin.rpy.matrixToRpy(camera[:3, :3]).tolist()
+            return f"; mounts:=['{_CAMERA}:{x:.6f}:{y:.6f}:{z:.6f}:{roll:.6f}:{pitch:.6f}:{yaw:.6f}']"
+        return ""
+
+    def _tell_depth(self, stamp: int, t: float, image: DepthImage) -> None:
+        sensor, (rows, columns) = self._kinds["sensor"], image.depth.shape
+        info, message = sensor.CameraInfo(height=rows, width=columns), sensor.Image(height=rows, width=columns)
+        (fx, fy), (cx, cy) = image.focal, image.center
+        info.k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+        depth = np.where(np.isfinite(image.depth), 1e3 * image.depth, np.where(np.isnan(image.depth), 0.0, 65535.0))
+        message.encoding, message.step = "16UC1", 2 * columns
+        message.data = array("B", np.rint(depth).astype("<u2").tobytes())
+        for each, publisher in ((info, self._info_out), (message, self._depth_out)):
+            fill_stamp(each.header.stamp, stamp)
+            each.header.frame_id = _CAMERA
+            self._publish(publisher, each, t)
 
     def _judged(self) -> Figures:
         times = np.array([row[0] for row in self._rows])

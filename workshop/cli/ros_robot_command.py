@@ -25,6 +25,7 @@ from elastic_strips.cli import options
 @click.option("--loss", type=options.Finite(0.0, 1.0), default=0.0, help="Part of messages that is lost.")
 @click.option("--for", "seconds", type=options.Finite(1.0, 3600.0), default=60.0, show_default=True)
 @click.option("--length", type=options.Finite(2.0, 50.0), default=6.0, show_default=True, help="Of the corridor [m].")
+@click.option("--depth/--no-depth", default=False, show_default=True, help="A depth camera on its head.")
 @click.option("--fault", "faults", multiple=True, metavar="KIND:AT[:FOR]", help="What goes wrong once it is fast.")
 @click.option("--json", "json_file", metavar="FILE", default="-", show_default=True, help="Where its result goes.")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[--ros-args …]")

@@ -20,7 +20,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control.controller import Controller
-from elastic_strips.control.interfaces import RunState
+from elastic_strips.control.interfaces import Event, RunState
 from elastic_strips.control.process import ExecutorProcess
 from elastic_strips.errors import ConfigurationError, ElasticStripsError
 from elastic_strips.robot import RobotModel, load_robot
@@ -28,7 +28,17 @@ from elastic_strips.scene import Scene
 from elastic_strips.trajectory import MotionLimits
 
 from .driver import Ros2Driver, close_node, load, open_node, quality
-from .messages import check_frame, fill_path, fill_status, joints_of, nanoseconds, path_of, place_of, planar_pose
+from .messages import (
+    MessageError,
+    check_frame,
+    fill_path,
+    fill_status,
+    joints_of,
+    nanoseconds,
+    path_of,
+    place_of,
+    planar_pose,
+)
 from .motion import MotionReader, carried, check_rate, correction_of
 from .params import Ros2Params, drive_params
 from .requests import GoalState, Request, Requests
@@ -45,6 +55,8 @@ _DIAGNOSTICS_PERIOD = 1.0  # [s]
 _RATE_SPAN = 1.0  # [s] in which the rate of odometry is measured
 _PLAN_AHEAD = 30.0  # [s] of the way that is shown, and
 _PLAN_STEP = 0.2  # [s] from pose to pose
+_NEWEST_EVENTS = 50  # that are looked at, at most
+_SAME_WARNING = 5.0  # [s] from a warning until the same is said again
 _SHOWN_EVERY = 4  # planning ticks from one shown plan to the next
 
 
@@ -75,6 +87,7 @@ class Ros2Node:
             self._clock = StampClock(self.params.oldest)
             self._clock.epoch = time.monotonic()
             self._fix: tuple[float, Array] | None = None
+            self._cameras: dict[str, Any] = {}  # the newest camera_info of each topic of depths
             self.correction: Array = np.zeros(3)
             self._subscribe()
             self._advertise()
@@ -86,7 +99,7 @@ class Ros2Node:
         """The parameters that ROS has; an empty text, or an empty list, is none."""
         kinds = load("rclpy.parameter").Parameter.Type
         values: dict[str, Any] = {}
-        lists = ("scans", "clouds", "mounts")
+        lists = ("scans", "clouds", "depths", "mounts")
         for name, default in Ros2Params.names().items():
             if name in lists:
                 value = (
@@ -114,6 +127,10 @@ class Ros2Node:
             self._hear(sensor.LaserScan, topic, quality(5), lambda m, topic=topic: self._on_seen("scan", topic, m))
         for topic in params.clouds or ():
             self._hear(sensor.PointCloud2, topic, quality(5), lambda m, topic=topic: self._on_seen("cloud", topic, m))
+        for topic in params.depths or ():
+            beside = f"{topic.rpartition('/')[0]}/camera_info" if "/" in topic else "camera_info"
+            self._hear(sensor.CameraInfo, beside, quality(1), lambda m, topic=topic: self._cameras.update({topic: m}))
+            self._hear(sensor.Image, topic, quality(2), lambda m, topic=topic: self._on_depth(topic, m))
         once = quality(1, reliable=True)
         if params.map is not None:
             topic = params.map
@@ -150,6 +167,8 @@ class Ros2Node:
 
             self.node.create_service(trigger, f"~/{kind}", answer)
         self._told_state = ""
+        self._warned: dict[str, float] = {}  # what was said, and when it happened [s]
+        self._warned_until = -math.inf
 
     # what comes, in the thread of ROS
 
@@ -175,6 +194,12 @@ class Ros2Node:
     def _on_seen(self, kind: str, topic: str, message: Any) -> None:
         with self._lock:
             self.sensing.offer(kind, topic, message, self._time(message))
+
+    def _on_depth(self, topic: str, message: Any) -> None:
+        if topic not in self._cameras:
+            raise MessageError("no camera_info has come yet")
+        with self._lock:
+            self.sensing.offer("depth", topic, (message, self._cameras[topic]), self._time(message))
 
     def _on_goal(self, message: Any) -> None:
         check_frame(message, self.params.world_frame or "")
@@ -244,6 +269,12 @@ class Ros2Node:
         return ", ".join(part for part in parts if part) or "more messages of odometry and joint states"
 
     @property
+    def wrong(self) -> str:
+        """What was wrong with messages most often, to be added to a sentence."""
+        found = ", ".join(f"{what} ({count} times)" for what, count in self.sensing.counts.most_common(3))
+        return f"; wrong was: {found}" if found else ""
+
+    @property
     def period(self) -> float:
         """Median time from one message of odometry, or of joint states, to the next [s]."""
         with self._lock:
@@ -280,11 +311,23 @@ class Ros2Node:
         """Say something in ROS' log."""
         self.node.get_logger().info(text)
 
+    def warn(self, events: list[Event]) -> None:
+        """Say what went wrong since the last call; of what goes wrong all the time, once in a while."""
+        news = [
+            event for event in events[-_NEWEST_EVENTS:] if event.time > self._warned_until and event.kind == "fault"
+        ]
+        for event in news:
+            if event.time > self._warned.get(event.reason, -math.inf) + _SAME_WARNING:
+                self._warned[event.reason] = event.time
+                self.node.get_logger().warning(event.reason)
+        if news:
+            self._warned_until = news[-1].time
+
     def show(self, controller: Controller) -> None:
         """Publish the way ahead."""
-        rows = controller.ahead(_PLAN_AHEAD, _PLAN_STEP)
         if not self.robot.space.planar:
             return
+        rows = controller.ahead(_PLAN_AHEAD, _PLAN_STEP)
         nav, geometry = load("nav_msgs.msg"), load("geometry_msgs.msg")
         message = nav.Path()
         now = self.node.get_clock().now().nanoseconds
@@ -365,6 +408,7 @@ def run_node(arguments: Sequence[str] = (), params: Ros2Params | None = None, *,
         executor.begin(epoch)
         _see(node, stack)
         time.sleep(_LEAD_TIME)
+        _wait_for_scene(node, executor)
         node.log("ready for goals")
         _plan(node, controller, executor, rate, goals)
     return controller.state
@@ -381,14 +425,24 @@ def _wait(node: Ros2Node) -> tuple[Array, float]:
             if now > since + _RATE_SPAN:
                 return row, check_rate(node.period)
         elif now > began + node.params.patience:
-            wrong = ", ".join(f"{what} ({count} times)" for what, count in node.sensing.counts.most_common(3))
-            raise ConfigurationError(
-                f"after {node.params.patience:g} s this is missing: {node.missing}"
-                + (f"; wrong was: {wrong}" if wrong else "")
-            )
+            raise ConfigurationError(f"after {node.params.patience:g} s this is missing: {node.missing}{node.wrong}")
         elif now > told + _TELL_AFTER:
             told = now
             node.log(f"waiting for {node.missing}")
+        time.sleep(0.02)
+
+
+def _wait_for_scene(node: Ros2Node, executor: ExecutorProcess) -> None:
+    """Wait for the first scene; the robot stands.
+
+    Raises:
+        ConfigurationError: none comes.
+    """
+    while node.sensing.scene is None:
+        if executor.now > node.params.patience:
+            raise ConfigurationError(
+                f"nothing is seen on {', '.join(node.params.scans)} after {node.params.patience:g} s{node.wrong}"
+            )
         time.sleep(0.02)
 
 
@@ -420,6 +474,7 @@ def _plan(node: Ros2Node, controller: Controller, executor: ExecutorProcess, rat
         seen = scene
         controller.plan(t, newer)
         node.tell_state(controller)
+        node.warn(list(controller.events))
         if ticks % _SHOWN_EVERY == 0 and node.requests.state is GoalState.DRIVING:
             node.show(controller)
         if t > told + _DIAGNOSTICS_PERIOD:

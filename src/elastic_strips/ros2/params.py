@@ -28,6 +28,8 @@ class Ros2Params(Checked):
         odom, joint_states, cmd_vel, goal_pose, plan_in: topics.
         scans: topics of lasers.
         clouds: topics of point clouds.
+        depths: topics of depth images, rectified; each has its ``camera_info`` beside it.
+        depth_near, depth_far: shortest and longest depth that these cameras can tell.
         map: topic of an occupancy grid; None: none.
         fix: topic of a ``PoseWithCovarianceStamped`` of the base in the world; None: none.
         emergency: topic of a ``Bool`` that is true while the emergency stop is pressed; None: none. Where one is
@@ -57,6 +59,9 @@ class Ros2Params(Checked):
     joint_states: str = "joint_states"
     scans: tuple[str, ...] = ("scan",)
     clouds: tuple[str, ...] | None = None
+    depths: tuple[str, ...] | None = None
+    depth_near: Positive = 0.3
+    depth_far: Positive = 4.0
     map: str | None = None
     fix: str | None = None
     emergency: str | None = None

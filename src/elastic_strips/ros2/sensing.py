@@ -21,7 +21,7 @@ from elastic_strips.perception.readings import NO_ANSWER, LaserScan
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Obstacle, Scene
 
-from .messages import MessageError, laser_scan, map_obstacles
+from .messages import MessageError, depth_image, laser_scan, map_obstacles
 from .params import Ros2Params, mount_of
 
 _LASER_PLANE = 0.3  # [m] pieces that reach below this height are in the plane of a base's laser
@@ -100,7 +100,9 @@ class Sensing:
         self._robot, self._params = robot, params
         radius = PlanarFootprint.of(robot, robot.home()).inner_below(_LASER_PLANE)
         self._estimator = SceneEstimator(
-            SceneEstimatorParams(body_radius=radius), robot=robot.seeing, required=params.scans
+            SceneEstimatorParams(body_radius=radius),
+            robot=robot.seeing,
+            required=(*params.scans, *(params.depths or ())),
         )
         self.mounts: Mounts = Mounts(robot, params)
         self._filters: dict[str, tuple[Array, SelfFilter, Rays]] = {}
@@ -116,7 +118,8 @@ class Sensing:
         self.counts[f"{topic}: {str(error).split(':')[0][:_SHORT_NAME]}"] += 1
 
     def offer(self, kind: str, topic: str, message: Any, t: float) -> None:
-        """Hand over a ``"scan"`` or ``"cloud"`` of a time [s], or a ``"map"``; in any thread."""
+        """Hand over a ``"scan"`` or ``"cloud"`` of a time [s], a ``"depth"`` with its camera, or a ``"map"``; in any
+        thread."""
         if len(self._waiting) == _WAITING:
             self.counts[f"{topic}: not looked at in time"] += 1
         self._waiting.append(_Waiting(kind, topic, message, t))
@@ -159,11 +162,18 @@ class Sensing:
         row = row_at(waiting.time)
         posture = self.mounts.posture
         posture.place(row)
-        frame = str(waiting.message.header.frame_id)
+        message, info = waiting.message if waiting.kind == "depth" else (waiting.message, None)
+        frame = str(message.header.frame_id)
         T_base_sensor = self.mounts.on_base(frame)
+        place = row[:3] if self._robot.space.planar else np.zeros(3)
+        if waiting.kind == "depth":
+            reach = self._params.depth_near, self._params.depth_far
+            q = self._robot.space.from_coordinates(row)
+            image = depth_image(message, info, waiting.topic, waiting.time, T_base_sensor, reach, q)
+            self._estimator.update(image, place)
+            return
         if waiting.kind == "scan":
             scan = laser_scan(waiting.message, waiting.topic, waiting.time, T_base_sensor)
-            place = row[:3] if self._robot.space.planar else np.zeros(3)
             self._estimator.update(self._without_robot(scan, frame), place)
             return
         cloud = cloud_of(waiting.message)

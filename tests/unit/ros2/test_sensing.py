@@ -7,11 +7,13 @@ from dataclasses import replace
 from types import SimpleNamespace as Fields
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from cases import refused
 
 import elastic_strips as es
 from elastic_strips.errors import ParameterError
+from elastic_strips.perception import DepthImage
 from elastic_strips.robot import RobotModel
 from elastic_strips.ros2 import MessageError, Ros2Params
 from elastic_strips.ros2.sensing import Mounts, Sensing
@@ -74,6 +76,33 @@ def test_what_is_wrong_is_counted_and_the_rest_goes_on(sensing: Sensing, silverm
     assert sensing.counts.total() == 3
     assert sensing.scene is not None
     assert sensing.scene.time == pytest.approx(times[4])
+
+
+def test_depth_images_with_their_camera_are_seen(silvermate: RobotModel, row: np.ndarray):
+    (camera,) = named_sensors("head-camera", silvermate.name).sensors
+    config = SensorConfig(sensors=(replace(camera, latency=0.0),))
+    suite = SensorSuite(silvermate, es.World(es.Scene([CRATE])), config, seed=1)
+    sensing: Sensing | None = None
+    for t in (0.0, 0.1, 0.2):
+        (image,) = suite.observe(t, row)
+        assert isinstance(image, DepthImage)
+        if sensing is None:
+            values = [*image.T_base_sensor[:3, 3], *pin.rpy.matrixToRpy(image.T_base_sensor[:3, :3])]
+            mount = ":".join(["optical", *(f"{value:.9f}" for value in values)])
+            sensing = Sensing(silvermate, Ros2Params(depths=("depth/image",), mounts=(mount,)))
+        rows, columns = image.depth.shape
+        (fx, fy), (cx, cy) = image.focal, image.center
+        info = Fields(height=rows, width=columns, k=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
+        depth = np.where(np.isfinite(image.depth), image.depth, np.nan).astype("<f4")
+        message = Fields(header=Fields(frame_id="optical"), height=rows, width=columns, encoding="32FC1")
+        message.step, message.is_bigendian, message.data = 4 * columns, 0, depth.tobytes()
+        sensing.offer("depth", "depth/image", (message, info), t)
+        sensing.work(lambda _: row, ALWAYS)
+    assert sensing is not None
+    assert not sensing.counts
+    assert sensing.scene is not None
+    seen = [part.center for obstacle in sensing.scene for part in obstacle.parts]
+    assert any(1.3 < x < 1.9 and 0.1 < y < 0.6 for x, y, _ in seen)
 
 
 def test_a_pose_that_is_not_known_is_counted(sensing: Sensing, silvermate: RobotModel, row: np.ndarray):
