@@ -411,6 +411,7 @@ class RosRobot:
             "end_m": self.end,
             "moved_from_s": first,
             "moved_until_s": last,
+            "fast_from_s": self._fast_at,
             "path_m": seen.path_m,
             "top_speed_mps": float(np.abs(v[:, 0]).max()),
             "at_rest": bool(speed[-1] < _REST_SPEED),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import signal
 import threading
 import time
@@ -57,6 +58,7 @@ _PLAN_AHEAD = 30.0  # [s] of the way that is shown, and
 _PLAN_STEP = 0.2  # [s] from pose to pose
 _NEWEST_EVENTS = 50  # that are looked at, at most
 _SAME_WARNING = 5.0  # [s] from a warning until the same is said again
+_NUMBER = re.compile(r"-?[0-9.]+")  # by which alone what is said again and again differs
 _SHOWN_EVERY = 4  # planning ticks from one shown plan to the next
 
 
@@ -167,7 +169,7 @@ class Ros2Node:
 
             self.node.create_service(trigger, f"~/{kind}", answer)
         self._told_state = ""
-        self._warned: dict[str, float] = {}  # what was said, and when it happened [s]
+        self._warned: dict[str, float] = {}  # what was said, without numbers, and when it happened [s]
         self._warned_until = -math.inf
 
     # what comes, in the thread of ROS
@@ -317,8 +319,9 @@ class Ros2Node:
             event for event in events[-_NEWEST_EVENTS:] if event.time > self._warned_until and event.kind == "fault"
         ]
         for event in news:
-            if event.time > self._warned.get(event.reason, -math.inf) + _SAME_WARNING:
-                self._warned[event.reason] = event.time
+            same = _NUMBER.sub("", event.reason)
+            if event.time > self._warned.get(same, -math.inf) + _SAME_WARNING:
+                self._warned[same] = event.time
                 self.node.get_logger().warning(event.reason)
         if news:
             self._warned_until = news[-1].time

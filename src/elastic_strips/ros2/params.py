@@ -40,7 +40,8 @@ class Ros2Params(Checked):
         arm: one of `ARMS`. Most controllers of velocities have no watchdog: where this program is killed the arm
             would go on.
         arm_topic: topic of the arm's commands.
-        oldest: largest age of odometry and joint states; of scans it is the drive's ``max_scene_age``.
+        oldest: largest age of a message that is still used.
+        oldest_scene: a scene that is older is not driven on: it is as old as the sensor that is behind all others.
         tracking_error, silence: as `DriveParams` and `MonitorParams` have them; 0: by the rate of odometry.
         speed: part of the speeds that the robot's limits allow.
         backward: whether the robot may plan backwards: something has to look there.
@@ -73,6 +74,7 @@ class Ros2Params(Checked):
     arm: str = "trajectory"
     arm_topic: str = "arm_controller/joint_trajectory"
     oldest: Positive = 0.5
+    oldest_scene: Positive = 0.25
     tracking_error: NonNegative = 0.0
     silence: NonNegative = 0.0
     speed: Annotated[float, Bound(above=0.0, high=1.0)] = _LASER_EASE
@@ -128,6 +130,7 @@ def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> Dri
         assumptions=ObstacleAssumptions(position_error=0.04, velocity_error=0.2),
         monitor=replace(monitor, silence=silence, longest_arc=max(monitor.longest_arc, 2.0 * silence)),
         tracking_error=error,
+        max_scene_age=params.oldest_scene,
         speed_scale=min(params.speed, usual.speed_scale),
         backward=params.backward,
         goal_position=params.goal_position,
