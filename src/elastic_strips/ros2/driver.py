@@ -10,6 +10,7 @@ import logging
 import time
 from collections import Counter
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from elastic_strips.trajectory import MotionLimits
 
 from .messages import (
     MessageError,
+    RosObject,
     check_frame,
     ending_at_rest,
     fill_stamp,
@@ -45,7 +47,7 @@ _LAST_WORDS = 5  # commands of rest at the end, and
 _LAST_PERIOD = 0.02  # [s] from one to the next
 
 
-def load(module: str) -> Any:
+def load(module: str) -> ModuleType:
     """A module of ROS 2's.
 
     Raises:
@@ -58,7 +60,7 @@ def load(module: str) -> Any:
         raise type(wanted)(f"{wanted}; or source a ROS 2 installation for this Python ({error})") from None
 
 
-def open_node(name: str, arguments: list[str] | None = None) -> tuple[Any, Any]:
+def open_node(name: str, arguments: list[str] | None = None) -> tuple[RosObject, RosObject]:
     """A context that leaves signals alone, and a node in it.
 
     Raises:
@@ -70,13 +72,13 @@ def open_node(name: str, arguments: list[str] | None = None) -> tuple[Any, Any]:
     return context, load("rclpy.node").Node(name, context=context)
 
 
-def close_node(context: Any, node: Any) -> None:
+def close_node(context: RosObject, node: RosObject) -> None:
     """Destroy a node, and shut its context down."""
     node.destroy_node()
     context.try_shutdown()
 
 
-def quality(depth: int, *, reliable: bool = False, kept: bool = False) -> Any:
+def quality(depth: int, *, reliable: bool = False, kept: bool = False) -> RosObject:
     """Quality of service: of best effort, which hears everybody, or reliable; ``kept`` for who comes later."""
     qos = load("rclpy.qos")
     return qos.QoSProfile(

@@ -6,7 +6,7 @@ Nothing here needs rclpy. What cannot be used raises a `MessageError`; who reads
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -31,11 +31,12 @@ class MessageError(InputError):
     """A message cannot be used; the text says why."""
 
 
-class Stamp(Protocol):
-    """``builtin_interfaces/Time``."""
+class RosObject(Protocol):
+    """A message, or another object of rclpy's, or whatever has the same attributes."""
 
-    sec: int
-    nanosec: int
+    def __getattr__(self, name: str, /) -> Any: ...
+
+    def __setattr__(self, name: str, value: Any, /) -> None: ...
 
 
 class BasePlace(NamedTuple):
@@ -50,12 +51,12 @@ class BasePlace(NamedTuple):
     covariance: Array | None
 
 
-def nanoseconds(stamp: Stamp) -> int:
+def nanoseconds(stamp: RosObject) -> int:
     """A time stamp as whole nanoseconds: as a float it would be off by up to 0.1 µs."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def check_frame(message: Any, wanted: str) -> None:
+def check_frame(message: RosObject, wanted: str) -> None:
     """Check that a message is in a frame; an empty name is any frame.
 
     Raises:
@@ -66,7 +67,7 @@ def check_frame(message: Any, wanted: str) -> None:
         raise MessageError(f"the frame is {frame!r}, and {wanted!r} is wanted")
 
 
-def planar_pose(pose: Any) -> Array:
+def planar_pose(pose: RosObject) -> Array:
     """(3,) x, y [m], yaw [rad] of a ``geometry_msgs/Pose`` of something that stands upright.
 
     Raises:
@@ -103,7 +104,7 @@ def covariance_of(values: Sequence[float], yaw: float) -> Array | None:
     return None if np.linalg.eigvalsh(part)[0] < 0.0 else part
 
 
-def place_of(message: Any) -> BasePlace:
+def place_of(message: RosObject) -> BasePlace:
     """Where the base is by an ``Odometry`` or a ``PoseWithCovarianceStamped``.
 
     Raises:
@@ -113,7 +114,7 @@ def place_of(message: Any) -> BasePlace:
     return BasePlace(pose, covariance_of(message.pose.covariance, float(pose[2])))
 
 
-def joints_of(message: Any) -> dict[str, float]:
+def joints_of(message: RosObject) -> dict[str, float]:
     """Positions [rad or m] by name of a ``JointState``; one without positions says nothing of them.
 
     Raises:
@@ -130,7 +131,7 @@ def joints_of(message: Any) -> dict[str, float]:
     return dict(zip(names, values, strict=True))
 
 
-def laser_scan(message: Any, sensor: str, time: float, T_base_sensor: Array) -> LaserScan:
+def laser_scan(message: RosObject, sensor: str, time: float, T_base_sensor: Array) -> LaserScan:
     """The scan of a ``LaserScan``, with ranges as in REP 117; one of whose ranges none is a number says nothing.
 
     Args:
@@ -156,8 +157,8 @@ def laser_scan(message: Any, sensor: str, time: float, T_base_sensor: Array) -> 
 
 
 def depth_image(
-    message: Any,
-    info: Any,
+    message: RosObject,
+    info: RosObject,
     sensor: str,
     time: float,
     T_base_sensor: Array,
@@ -205,7 +206,9 @@ def depth_image(
     return DepthImage(sensor, time, T_base_sensor, depth, (k[0], k[4]), (k[2], k[5]), near, far, q)
 
 
-def map_obstacles(message: Any, *, lethal: int = _FULL, unknown: str = "free", name: str = "map") -> list[Obstacle]:
+def map_obstacles(
+    message: RosObject, *, lethal: int = _FULL, unknown: str = "free", name: str = "map"
+) -> list[Obstacle]:
     """The occupied cells of an ``OccupancyGrid`` as one obstacle of upright boxes, as `io.load_nav2_map` makes them.
 
     Args:
@@ -238,7 +241,7 @@ def map_obstacles(message: Any, *, lethal: int = _FULL, unknown: str = "free", n
     return [Voxels(centers, (cell, cell, WALL_HEIGHT), at=(x, y, 0.5 * WALL_HEIGHT), quat=quat, name=name)]
 
 
-def path_of(message: Any, frame: str = "") -> Array:
+def path_of(message: RosObject, frame: str = "") -> Array:
     """Waypoints (K, 3) x, y [m], yaw [rad] of a ``Path``.
 
     Raises:
@@ -253,18 +256,18 @@ def path_of(message: Any, frame: str = "") -> Array:
 # and back
 
 
-def fill_stamp(stamp: Any, time: int) -> None:
+def fill_stamp(stamp: RosObject, time: int) -> None:
     """Write whole nanoseconds into a ``builtin_interfaces/Time`` or ``Duration``."""
     stamp.sec, stamp.nanosec = divmod(time, 1_000_000_000)
 
 
-def fill_twist(twist: Any, velocity: ArrayLike) -> None:
+def fill_twist(twist: RosObject, velocity: ArrayLike) -> None:
     """Write a planar velocity x, y [m/s], yaw [rad/s] into a ``geometry_msgs/Twist``."""
     x, y, turn = (float(value) for value in np.asarray(velocity, dtype=float))
     twist.linear.x, twist.linear.y, twist.angular.z = x, y, turn
 
 
-def twist_of(twist: Any) -> Array:
+def twist_of(twist: RosObject) -> Array:
     """(3,) planar velocity of a ``geometry_msgs/Twist``.
 
     Raises:
@@ -276,7 +279,7 @@ def twist_of(twist: Any) -> Array:
     return found
 
 
-def fill_pose(pose: Any, place: ArrayLike) -> None:
+def fill_pose(pose: RosObject, place: ArrayLike) -> None:
     """Write x, y [m], yaw [rad] into a ``geometry_msgs/Pose``."""
     x, y, yaw = (float(value) for value in np.asarray(place, dtype=float))
     pose.position.x, pose.position.y = x, y
@@ -308,7 +311,9 @@ def ending_at_rest(q: Array, rates: Array, acceleration: Array, hold: float) -> 
     ]
 
 
-def fill_trajectory(message: Any, make_point: Any, names: Iterable[str], points: Iterable[TrajectoryPoint]) -> None:
+def fill_trajectory(
+    message: RosObject, make_point: Callable[[], RosObject], names: Iterable[str], points: Iterable[TrajectoryPoint]
+) -> None:
     """Write points into a ``JointTrajectory``, whose own are made by ``make_point``. It starts when it arrives."""
     message.joint_names = list(names)
     for time, positions, velocities in points:
@@ -318,7 +323,7 @@ def fill_trajectory(message: Any, make_point: Any, names: Iterable[str], points:
         message.points.append(point)
 
 
-def fill_polygon(polygon: Any, make_point: Any, corners: ArrayLike) -> None:
+def fill_polygon(polygon: RosObject, make_point: Callable[[], RosObject], corners: ArrayLike) -> None:
     """Write corners (K, 2) [m] into a ``geometry_msgs/Polygon``, whose own points are made by ``make_point``."""
     for x, y in np.asarray(corners, dtype=float).tolist():
         point = make_point()
@@ -326,7 +331,7 @@ def fill_polygon(polygon: Any, make_point: Any, corners: ArrayLike) -> None:
         polygon.points.append(point)
 
 
-def fill_path(path: Any, make_pose: Any, places: ArrayLike, frame: str, time: int) -> None:
+def fill_path(path: RosObject, make_pose: Callable[[], RosObject], places: ArrayLike, frame: str, time: int) -> None:
     """Write places (K, 3) into a ``Path`` whose ``PoseStamped`` are made by ``make_pose``; stamped [ns], in a frame."""
     path.header.frame_id = frame
     fill_stamp(path.header.stamp, time)
@@ -338,7 +343,14 @@ def fill_path(path: Any, make_pose: Any, places: ArrayLike, frame: str, time: in
         path.poses.append(pose)
 
 
-def fill_status(status: Any, make_value: Any, name: str, trouble: str, said: str, values: dict[str, object]) -> None:
+def fill_status(
+    status: RosObject,
+    make_value: Callable[[], RosObject],
+    name: str,
+    trouble: str,
+    said: str,
+    values: dict[str, object],
+) -> None:
     """Write a ``DiagnosticStatus``: a warning where there is trouble. ``make_value`` makes a ``KeyValue``."""
     level = _WARN if trouble else _OK
     status.name, status.message = name, trouble or said

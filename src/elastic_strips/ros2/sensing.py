@@ -21,7 +21,7 @@ from elastic_strips.perception.readings import NO_ANSWER, LaserScan
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Obstacle, Scene
 
-from .messages import MessageError, depth_image, laser_scan, map_obstacles
+from .messages import MessageError, RosObject, depth_image, laser_scan, map_obstacles
 from .params import Ros2Params, mount_of
 
 _LASER_PLANE = 0.3  # [m] pieces that reach below this height are in the plane of a base's laser
@@ -117,7 +117,7 @@ class Sensing:
         """Count what is wrong with a message."""
         self.counts[f"{topic}: {str(error).split(':')[0][:_SHORT_NAME]}"] += 1
 
-    def offer(self, kind: str, topic: str, message: Any, t: float) -> None:
+    def offer(self, kind: str, topic: str, message: RosObject | tuple[RosObject, RosObject], t: float) -> None:
         """Hand over a ``"scan"`` or ``"cloud"`` of a time [s], a ``"depth"`` with its camera, or a ``"map"``; in any
         thread."""
         if len(self._waiting) == _WAITING:
@@ -162,7 +162,7 @@ class Sensing:
         row = row_at(waiting.time)
         posture = self.mounts.posture
         posture.place(row)
-        message, info = waiting.message if waiting.kind == "depth" else (waiting.message, None)
+        message, info = waiting.message if waiting.kind == "depth" else (waiting.message, waiting.message)
         frame = str(message.header.frame_id)
         T_base_sensor = self.mounts.on_base(frame)
         place = row[:3] if self._robot.space.planar else np.zeros(3)
