@@ -104,6 +104,14 @@ class MotionReader:
         return min([*times, self.odometry.newest] if self._planar else times)
 
     @property
+    def oldest(self) -> float:
+        """The oldest time [s] of which everything is still known; inf where something is missing."""
+        if self.missing:
+            return math.inf
+        times = [self.joints[group].oldest for group in set(self._group.values())]
+        return max([*times, self.odometry.oldest] if self._planar else times)
+
+    @property
     def period(self) -> float:
         """Median time [s] from one message to the next, of what comes most seldom; inf before ten have come."""
         if self.missing:

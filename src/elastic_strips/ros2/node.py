@@ -234,7 +234,7 @@ class Ros2Node:
     def known(self) -> tuple[float, float]:
         """From when to when it is known where the robot is [s]."""
         with self._lock:
-            return -math.inf, self._reader.newest
+            return self._reader.oldest, self._reader.newest
 
     def correct(self, measured: float, estimate: Array) -> None:
         """Learn where the frame of odometry is, from an estimate of a time [s]."""
@@ -325,6 +325,9 @@ class Ros2Node:
                 self.node.get_logger().warning(event.reason)
         if news:
             self._warned_until = news[-1].time
+        for what in [what for what in list(self.sensing.counts) if what not in self._warned]:
+            self._warned[what] = math.inf  # it is counted from now on
+            self.node.get_logger().warning(f"left out: {what}")
 
     def show(self, controller: Controller) -> None:
         """Publish the way ahead."""
@@ -405,13 +408,13 @@ def run_node(arguments: Sequence[str] = (), params: Ros2Params | None = None, *,
         )
         stack.callback(controller.close)
         executor.start(Ros2Driver(node.robot, node.limits, node.params, node.arguments))
-        controller.warm_up()
         epoch = time.monotonic() + _LEAD_TIME
         node.begin(epoch)
         executor.begin(epoch)
         _see(node, stack)
         time.sleep(_LEAD_TIME)
-        _wait_for_scene(node, executor)
+        controller.scene = _first_scene(node, executor)
+        controller.warm_up()  # by what there is to plan among
         node.log("ready for goals")
         _plan(node, controller, executor, rate, goals)
     return controller.state
@@ -435,18 +438,19 @@ def _wait(node: Ros2Node) -> tuple[Array, float]:
         time.sleep(0.02)
 
 
-def _wait_for_scene(node: Ros2Node, executor: ExecutorProcess) -> None:
-    """Wait for the first scene; the robot stands.
+def _first_scene(node: Ros2Node, executor: ExecutorProcess) -> Scene:
+    """The first scene, once there is one; the robot stands.
 
     Raises:
         ConfigurationError: none comes.
     """
-    while node.sensing.scene is None:
+    while (scene := node.sensing.scene) is None:
         if executor.now > node.params.patience:
             raise ConfigurationError(
                 f"nothing is seen on {', '.join(node.params.scans)} after {node.params.patience:g} s{node.wrong}"
             )
         time.sleep(0.02)
+    return scene
 
 
 def _see(node: Ros2Node, stack: ExitStack) -> None:

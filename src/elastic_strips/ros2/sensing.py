@@ -27,6 +27,7 @@ from .params import Ros2Params, mount_of
 _LASER_PLANE = 0.3  # [m] pieces that reach below this height are in the plane of a base's laser
 _OWN_PADDING = 0.02  # [m] by which the robot is thicker for its own lasers
 _WAITING = 20  # messages that wait to be looked at, at most; the oldest are dropped
+_TOO_LATE = "not looked at in time"
 _VOXEL = 0.05  # [m] edge of the cells of a cloud
 _SHORT_NAME = 40  # of what is counted
 
@@ -121,7 +122,7 @@ class Sensing:
         """Hand over a ``"scan"`` or ``"cloud"`` of a time [s], a ``"depth"`` with its camera, or a ``"map"``; in any
         thread."""
         if len(self._waiting) == _WAITING:
-            self.counts[f"{topic}: not looked at in time"] += 1
+            self.counts[f"{topic}: {_TOO_LATE}"] += 1
         self._waiting.append(_Waiting(kind, topic, message, t))
 
     def forget(self) -> None:
@@ -129,6 +130,8 @@ class Sensing:
         kept = [waiting for waiting in self._waiting if waiting.kind == "map"]
         self._waiting.clear()
         self._waiting.extend(kept)
+        for what in [what for what in self.counts if what.endswith(_TOO_LATE)]:
+            del self.counts[what]  # nobody looked yet
 
     def work(self, row_at: Callable[[float], Array], known: tuple[float, float]) -> bool:
         """Take in what can be by now; whether ``scene`` is a new one.
@@ -144,6 +147,8 @@ class Sensing:
             if waiting.kind != "map" and waiting.time > known[1]:
                 later.append(waiting)
                 continue
+            if waiting.kind != "map" and self.scene is None and waiting.time < known[0]:
+                continue  # from before it was known where the robot is
             try:
                 self._take(waiting, row_at)
                 changed = True
