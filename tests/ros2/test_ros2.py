@@ -58,8 +58,8 @@ class Drive:
     def said(self, name: str) -> str:
         return (self.folder / f"{name}.txt").read_text()
 
-    def ask(self, *goal: float) -> None:
-        words = [self.python, ASK, *(str(value) for value in goal)]
+    def ask(self, *what: str) -> None:
+        words = [self.python, ASK, *what]
         subprocess.run(words, env=self.environment, cwd=self.folder, check=True, timeout=2.0 * LONGEST)
 
     def until(self, name: str, text: str) -> None:
@@ -116,7 +116,7 @@ def driven(
 def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
     """By the example, with sensors of best effort at 50 Hz, as drivers have them."""
     with driven(python, tmp_path, ["--seed", "1", "--length", "3"], example=True) as drive:
-        drive.ask(3.0, 0.0, 0.0)
+        drive.ask("3,0,0")
         assert drive.node.wait(LONGEST) == 0, drive.said("node")
         drive.end_robot()
     assert "Traceback" not in drive.said("node")
@@ -130,7 +130,7 @@ def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
 
 def test_ctrl_c_at_speed_brings_the_robot_to_rest(python: Path, tmp_path: Path):
     with driven(python, tmp_path, ["--seed", "1"]) as drive:
-        drive.ask(6.0, 0.0, 0.0)
+        drive.ask("6,0,0")
         drive.until("robot", "it moves fast")
         drive.node.send_signal(signal.SIGINT)
         assert drive.node.wait(LONGEST) == 130, drive.said("node")
@@ -141,3 +141,19 @@ def test_ctrl_c_at_speed_brings_the_robot_to_rest(python: Path, tmp_path: Path):
     assert seen["last_command_was_rest"]
     assert seen["contacts_at_speed"] == 0
     assert 0.0 < seen["path_m"] < 4.0  # type: ignore[operator]
+
+
+def test_a_goal_gives_way_to_another_and_a_stop_can_be_taken_back(python: Path, tmp_path: Path):
+    """All of it asked for at speed, over topics and services."""
+    with driven(python, tmp_path, ["--seed", "2"]) as drive:
+        drive.ask("6,0,0")
+        drive.until("robot", "it moves fast")
+        drive.ask("4,0,0", "stop")
+        drive.until("robot", "it stands again")
+        assert drive.node.poll() is None, "a robot that was stopped waits"
+        drive.ask("resume")
+        assert drive.node.wait(LONGEST) == 0, drive.said("node")
+        drive.end_robot()
+    x, y, _ = drive.result["at"]  # type: ignore[misc]
+    assert abs(x - 4.0) + abs(y) < 0.5, "by odometry that slips"
+    assert drive.result["contacts_at_speed"] == 0

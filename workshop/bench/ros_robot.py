@@ -184,7 +184,7 @@ class RosRobot:
         self._rows: list[tuple[float, Array, Array]] = []
         self._ending = False
         self._fast_at: float | None = None
-        self._brakes_at: float | None = None
+        self._stood = False
         self.context, self.node = open_node("robot", arguments)
         self._kinds = {name: load(f"{name}_msgs.msg") for name in ("nav", "sensor", "geometry", "std", "trajectory")}
         kinds, sensed = self._kinds, quality(5, reliable=params.reliable)
@@ -210,7 +210,7 @@ class RosRobot:
         """Live until SIGINT, SIGTERM or the end of its time; what it has seen of its drive.
 
         Args:
-            note: is told when it is ready, and when it first moves fast.
+            note: is told when it is ready, when it first moves fast, and when it first stands after that.
         """
 
         def end(number: int, frame: FrameType | None) -> None:
@@ -250,6 +250,9 @@ class RosRobot:
             if self._fast_at is None and abs(self._plant.v[0]) > _FAST_SPEED:
                 self._fast_at = t
                 note("it moves fast")
+            if self._fast_at is not None and not self._stood and np.abs(self._plant.v).max() < _REST_SPEED:
+                self._stood = True
+                note("it stands again")
             stamp = self.node.get_clock().now().nanoseconds
             if self._wrong("clock", t):
                 stamp -= 5_000_000_000
