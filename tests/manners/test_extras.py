@@ -95,6 +95,12 @@ def _png(robot: es.RobotModel) -> object:
         return es.io.load_nav2_map(Path(folder) / "map.yaml")
 
 
+def _ros2(robot: es.RobotModel) -> object:
+    from elastic_strips.ros2 import run_node
+
+    return run_node()
+
+
 @each(
     ("package", "extra", "use"),
     [
@@ -108,6 +114,7 @@ def _png(robot: es.RobotModel) -> object:
         ("rosbags", "ros", _mcap),
         ("xacro", "ros", _xacro),
         ("pillow", "ros", _png),
+        ("rclpy", "ros2", _ros2),
     ],
 )
 def test_a_missing_extra_is_said_with_the_command_that_installs_it(monkeypatch, silvermate, package, extra, use):

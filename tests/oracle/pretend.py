@@ -94,6 +94,18 @@ class Unmakeable(Machine):
         raise OSError("the serial port is taken")
 
 
+class Opened(Machine):
+    """One that takes its time to open; what it says of its bus where that is missing."""
+
+    missing = ""
+
+    def open(self) -> None:
+        time.sleep(0.3)
+        if self.missing:
+            raise OSError(self.missing)
+        self.ended.with_suffix(".opened").write_text("opened")
+
+
 def straight(robot: RobotModel, far: float, begin: float, *, near: float = 0.0) -> Trajectory:
     """From rest at ``near`` [m] straight ahead to ``far`` [m], from time ``begin`` [s] on."""
     line = straight_line(robot, robot.home(x=near), robot.home(x=far), spacing=0.1)

@@ -10,6 +10,7 @@ from . import bench_driving as driving
 from . import bench_planning as planning
 from .base_command import base
 from .carve_command import carve
+from .ros_robot_command import ros_robot
 from .study_command import study
 
 
@@ -46,6 +47,7 @@ for _command in (
     driving.house,
     planning.page,
     carve,
+    ros_robot,
     base,
     study,
 ):

@@ -52,6 +52,7 @@ _COMMANDS = {
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
     "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
     "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not checked."),
+    "ros2": ("ros2_command", "ros2", "Drive a robot that speaks ROS 2: topics in, velocities out."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
     "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),
     "teleop": ("teleop_command", "teleop", "Drive with keys or a stick in the browser, through the guard."),

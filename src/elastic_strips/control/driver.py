@@ -30,6 +30,10 @@ class Driver(Protocol):
       ``Measurement.emergency`` for as long as it is pressed. So is a felt contact in ``Measurement.contact``, in one
       measurement at least.
     - No NaN. A command of the wrong size, or one that is not finite, is refused and not passed on.
+
+    A driver may have a method ``open()`` besides: an executor's process calls it once, before time begins. What takes
+    long, such as opening a bus and waiting for its first word, belongs there; in the first ``measure`` it would cost
+    control periods.
     """
 
     def measure(self, t: float) -> Measurement | None:

@@ -30,7 +30,7 @@ def exp(twist: Pose) -> Pose:
     return s * vx - k * vy, k * vx + s * vy, turn
 
 
-def _log(pose: Pose) -> Pose:
+def log(pose: Pose) -> Pose:
     """The twist that leads to a pose in unit time, by the shorter turn."""
     x, y, turn = pose
     turn = math.atan2(math.sin(turn), math.cos(turn))
@@ -45,7 +45,7 @@ def compose(a: Pose, b: Pose) -> Pose:
     return a[0] + cos * b[0] - sin * b[1], a[1] + sin * b[0] + cos * b[1], a[2] + b[2]
 
 
-def _inverse(a: Pose) -> Pose:
+def inverse(a: Pose) -> Pose:
     """The pose of the world in the frame of ``a``."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     return -cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], -a[2]
@@ -223,7 +223,7 @@ class StateEstimator:
             P[:3, :3] = np.eye(3)
             self._forget()
         _, pose, _ = past
-        error = np.array(_log(compose(_inverse(pose), (fix[0], fix[1], fix[2]))))
+        error = np.array(log(compose(inverse(pose), (fix[0], fix[1], fix[2]))))
         noise = np.diag([p.fix_noise**2, p.fix_noise**2, p.fix_angle_noise**2]) if covariance is None else covariance
         self.slipped, self.localized = 0.0, True
         beyond = bool(self.contradiction) or error @ np.linalg.solve(P[:3, :3] + noise, error) > p.gate**2
@@ -245,7 +245,7 @@ class StateEstimator:
         self._slip = [max(-0.1, min(0.1, s + d)) for s, d in zip(self._slip, delta[3:], strict=True)]
         # carry the correction along the odometry since: all later poses move rigidly with the one corrected
         moved = compose(pose, exp((delta[0], delta[1], delta[2])))
-        shift = compose(moved, _inverse(pose))
+        shift = compose(moved, inverse(pose))
         self._pose = compose(shift, self._pose)
         self._past = deque(
             ((t, compose(shift, q), s) for t, q, s in self._past if t >= at - 2.0 * TIME_SLACK), _KEPT_POSES
@@ -267,8 +267,8 @@ class StateEstimator:
         if self._seen is None:
             return self._watch.add(past[0], np.zeros(3), np.zeros(self._k), sigma)
         last, before = self._seen
-        by_odometry = compose(_inverse(last[1]), past[1])
-        by_fixes = compose(_inverse((before[0], before[1], before[2])), (fix[0], fix[1], fix[2]))
+        by_odometry = compose(inverse(last[1]), past[1])
+        by_fixes = compose(inverse((before[0], before[1], before[2])), (fix[0], fix[1], fix[2]))
         turned = math.remainder(by_fixes[2] - by_odometry[2], 2.0 * math.pi)
         # the heading goes wrong evenly, and the base moves along its mean heading, however far
         seen = compose((0.0, 0.0, -0.5 * (turned + by_odometry[2])), by_fixes)
@@ -284,7 +284,7 @@ class StateEstimator:
         back = np.zeros(3)
         back[drift.axis] = error[drift.axis] - shifted
         moved = compose(past[1], exp((float(back[0]), float(back[1]), float(back[2]))))
-        shift = compose(moved, _inverse(past[1]))
+        shift = compose(moved, inverse(past[1]))
         self._pose = compose(shift, self._pose)
         self._past = deque(((t, compose(shift, q), s) for t, q, s in self._past), _KEPT_POSES)
         self._at_fix = (self._at_fix[0], compose(shift, self._at_fix[1]), self._at_fix[2])
@@ -321,7 +321,7 @@ class StateEstimator:
                 if later is None or at - entry[0] <= TIME_SLACK:
                     return entry
                 s = (at - entry[0]) / (later[0] - entry[0])
-                travel = _log(compose(_inverse(entry[1]), later[1]))
+                travel = log(compose(inverse(entry[1]), later[1]))
                 pose = compose(entry[1], exp((s * travel[0], s * travel[1], s * travel[2])))
                 return at, pose, tuple(a + s * (b - a) for a, b in zip(entry[2], later[2], strict=True))
             later = entry
@@ -331,7 +331,7 @@ class StateEstimator:
         """Covariance of pose and slip at a time after the last fix; errors live in the base's own frame."""
         p, k = self.params, self._k
         dt = max(past[0] - self._at_fix[0], 0.0)
-        x, y, turn = compose(_inverse(self._at_fix[1]), past[1])
+        x, y, turn = compose(inverse(self._at_fix[1]), past[1])
         cos, sin = math.cos(turn), math.sin(turn)
         F = np.eye(3 + k)
         F[:2, :3] = [[cos, sin, sin * x - cos * y], [-sin, cos, cos * x + sin * y]]

@@ -164,6 +164,7 @@ class MotionExecutor:
         estimator, monitor, supervisor, tracker: the parts.
         period: how long a control period lasts.
         contact: what the robot touches by its last measurement; empty without a contact.
+        measured: [s] time of the measurement that the estimate is by.
         proven: tracking error [m] that the active trajectory was certified with.
         other attributes: see :class:`ExecutorLink`.
     """
@@ -207,7 +208,7 @@ class MotionExecutor:
         self._power_cut: float | None = None  # since when [s]
         self._braked: Trajectory | None = None  # for the contact
         self._speed = 0.0
-        self._measured = 0.0  # [s] time of the estimate
+        self.measured: float = 0.0
         self._steps = 0
 
     @property
@@ -364,7 +365,7 @@ class MotionExecutor:
             before, self.estimate = self.estimate, self.estimator.update(measurement)
             step = self.robot.space.difference(before, self.estimate)
             self._speed = float(np.abs(step).max(initial=0.0)) / max(t - began, 1e-9)
-            self._measured = measurement.time
+            self.measured = measurement.time
             if measurement.drive is None:
                 self.log("fault", "odometry lost")
             if self.estimator.doubt:
@@ -415,7 +416,7 @@ class MotionExecutor:
     def _check_proof(self, t: float) -> None:
         """Brake where what the active trajectory was proven with holds no longer."""
         monitor, supervisor, params = self.monitor, self.supervisor, self.params
-        then = self.reference(min(self._measured, t)).coordinates
+        then = self.reference(min(self.measured, t)).coordinates
         monitor.follow(then, self.estimate, self.estimator)
         if monitor.motor_fault and self._power_cut is None:
             self.log("fault", monitor.motor_fault)
@@ -507,8 +508,8 @@ class MotionExecutor:
         base = space.base_nv
         if self._power_cut is not None or (self._emergency and self.run.state is RunState.STOPPED):
             return replace(self.tracker.rest, stop=True)
-        if self._measured < t - 1e-6:  # since then it has moved about as the reference has
-            then = self.reference(self._measured).coordinates
+        if self.measured < t - 1e-6:  # since then it has moved about as the reference has
+            then = self.reference(self.measured).coordinates
             estimate = space.integrate(estimate, space.difference(then, reference.coordinates))
         if self.estimator.lost_for > 0.0:  # feedback on a frozen estimate would drive the base away
             estimate = np.concatenate((reference.coordinates[:base], estimate[base:]))

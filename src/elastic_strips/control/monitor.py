@@ -76,10 +76,10 @@ class Monitor:
             The rest of the measurement, None where nothing can be used; and what is wrong with it.
         """
         last, faults = self._last, []
-        before = t - self._dt if last is None else last.time
         if not math.isfinite(raw.time) or raw.time > t + self.params.clock_skew:
             faults.append(f"a measurement has the time {raw.time:g} s, which is still to come")
             raw = replace(raw, time=t)
+        before = raw.time - self._dt if last is None else last.time  # the first may come late, as all after it
         if raw.time <= before:
             self._silence(t)
             return None, (*faults, f"a measurement of time {raw.time:g} s is no newer than the last")

@@ -272,3 +272,24 @@ def test_a_program_that_starts_it_when_it_is_read_is_told_so(tmp_path: Path):
     assert ended.returncode == 1
     assert "it ended at once" in ended.stderr.splitlines()[-1]
     assert "__name__" in ended.stderr.splitlines()[-1]
+
+
+def test_a_driver_is_opened_before_time_begins(jackal_box: RobotModel, tmp_path: Path):
+    machine, log = pretend.Opened(jackal_box, tmp_path / "closed"), tmp_path / "log.jsonl"
+    with ExecutorProcess(jackal_box, jackal_box.home(), jackal_box.home(x=FAR), log=log) as executor:
+        executor.start(machine)
+        assert (tmp_path / "closed.opened").exists()
+        executor.begin(time.monotonic())
+        until(lambda: executor._status.time > 0.05)
+    assert machine.ended.exists()
+
+
+def test_a_driver_that_cannot_be_opened_is_named(jackal_box: RobotModel, tmp_path: Path):
+    machine = pretend.Opened(jackal_box, tmp_path / "closed")
+    machine.missing = "no bus can0"
+    with (
+        ExecutorProcess(jackal_box, jackal_box.home(), jackal_box.home(x=FAR)) as executor,
+        pytest.raises(ConfigurationError, match="can0"),
+    ):
+        executor.start(machine)
+    assert machine.ended.exists()

@@ -89,6 +89,17 @@ def test_times_are_checked(monitor, home):
     assert "silent for 0.99 s" in faults[0]
 
 
+def test_measurements_may_all_come_late(monitor, home):
+    """By more than a control period, as over a network: the first of them, too, is one."""
+    joints = home[3:]
+    for k in range(20):
+        t = k * DT
+        kept, faults = monitor.measurement(t, Measurement(t - 0.05, np.zeros(2), joints), home)
+        assert kept is not None
+        assert not faults
+    assert monitor.silent is None
+
+
 def test_a_scene_of_the_future_is_refused():
     monitor = SceneMonitor(MonitorParams())
     assert monitor.doubt(1.0, Scene(time=1.01), at_rest=False) == ""

@@ -50,6 +50,7 @@ class Status:
         time: [s] on the executor's clock.
         serial: number of the active trajectory: as it was submitted with, or negative where it is the executor's own.
         samples: its samples, sent now and then and whenever planning may not know them.
+        measured: [s] of the measurement that the estimate is by.
         coordinates, v: (nv,) of the reference.
         events, stops: new ones since the last status that could be sent.
     """
@@ -61,6 +62,7 @@ class Status:
     samples: _Samples | None
     at_goal: bool
     estimate: Array
+    measured: float
     settled: bool
     lost_for: float
     waits: str
@@ -90,6 +92,9 @@ def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | No
     try:
         stream = None if log is None else LogStream(log)
         loop = _Loop(link, MotionExecutor(*task, keep=500), driver, stream)
+        opening = getattr(driver, "open", None)
+        if callable(opening):
+            opening()
     except Exception as error:
         put(link, f"{type(error).__name__}: {error}")
         driver.close()
@@ -313,6 +318,7 @@ class _Loop:
             samples=samples,
             at_goal=executor.at_goal,
             estimate=executor.estimate,
+            measured=executor.measured,
             settled=executor.settled,
             lost_for=executor.lost_for,
             waits=executor.waits,

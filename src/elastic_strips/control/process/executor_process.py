@@ -106,6 +106,7 @@ class ExecutorProcess:
             samples=None,
             at_goal=False,
             estimate=row,
+            measured=0.0,
             settled=True,
             lost_for=0.0,
             waits="",
@@ -225,6 +226,12 @@ class ExecutorProcess:
     @property
     def estimate(self) -> Array:
         return self._status.estimate
+
+    @property
+    def estimated(self) -> tuple[float, Array]:
+        """The estimate (nv,), and the time [s] of the measurement that it is by."""
+        status = self._status
+        return status.measured, status.estimate
 
     @property
     def settled(self) -> bool:

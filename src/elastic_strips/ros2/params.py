@@ -1,0 +1,138 @@
+"""Parameters of the node: each is a ROS parameter of the same name; and what odometry's rate makes of a drive's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Annotated
+
+from elastic_strips.control import DriveParams, MonitorParams, ObstacleAssumptions
+from elastic_strips.errors import ParameterError
+from elastic_strips.trajectory import MotionLimits
+from elastic_strips.validation import Bound, Checked, Finite, NonNegative, Positive, check_choice
+
+ARMS = ("none", "trajectory", "velocity")
+"""How the arm is commanded: not at all, by trajectories that end at rest, or by velocities."""
+_LOST_MESSAGES = 4.0  # so many periods of odometry may pass without one before that counts as silence
+_STEP = 0.005  # [m] tracking errors are multiples of this
+_LASER_EASE = 0.6  # part of the largest speeds for a robot that sees movers by a laser alone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ros2Params(Checked):
+    """What the node is told; lengths [m], angles [rad], times [s].
+
+    Attributes:
+        robot: name or URDF file of the robot.
+        world_frame: frame of goals, paths and maps; that of odometry where no ``fix`` is taken.
+        odom_frame, base_frame: frames that odometry has to be in; None: any.
+        odom, joint_states, cmd_vel, goal_pose, plan_in: topics.
+        scans: topics of lasers.
+        clouds: topics of point clouds.
+        depths: topics of depth images, rectified; each has its ``camera_info`` beside it.
+        depth_near, depth_far: shortest and longest depth that these cameras can tell.
+        map: topic of an occupancy grid; None: none.
+        fix: topic of a ``PoseWithCovarianceStamped`` of the base in the world; None: none.
+        emergency: topic of a ``Bool`` that is true while the emergency stop is pressed; None: none. Where one is
+            named and nothing has come, the stop counts as pressed.
+        mounts: poses of sensors that no link of the robot has the name of: frame, x, y, z, roll, pitch, yaw, with
+            colons between.
+        stamped: whether velocities are TwistStamped rather than Twist.
+        arm: one of `ARMS`. Most controllers of velocities have no watchdog: where this program is killed the arm
+            would go on.
+        arm_topic: topic of the arm's commands.
+        oldest: largest age of a message that is still used.
+        oldest_scene: a scene that is older is not driven on: it is as old as the sensor that is behind all others.
+        tracking_error, silence: as `DriveParams` and `MonitorParams` have them; 0: by the rate of odometry.
+        speed: part of the speeds that the robot's limits allow.
+        backward: whether the robot may plan backwards: something has to look there.
+        within: largest distance of the base from a path of others.
+        goal_position, goal_angle: how near counts as reached.
+        low, high: heights between which the points of clouds count.
+        patience: how long the node waits for the robot's topics.
+        log: file that the executor writes; None: none.
+    """
+
+    robot: str = "silvermate"
+    world_frame: str | None = None
+    odom_frame: str | None = None
+    base_frame: str | None = None
+    odom: str = "odom"
+    joint_states: str = "joint_states"
+    scans: tuple[str, ...] = ("scan",)
+    clouds: tuple[str, ...] | None = None
+    depths: tuple[str, ...] | None = None
+    depth_near: Positive = 0.3
+    depth_far: Positive = 4.0
+    map: str | None = None
+    fix: str | None = None
+    emergency: str | None = None
+    mounts: tuple[str, ...] | None = None
+    goal_pose: str = "goal_pose"
+    plan_in: str = "plan_in"
+    cmd_vel: str = "cmd_vel"
+    stamped: bool = True
+    arm: str = "trajectory"
+    arm_topic: str = "arm_controller/joint_trajectory"
+    oldest: Positive = 0.5
+    oldest_scene: Positive = 0.25
+    tracking_error: NonNegative = 0.0
+    silence: NonNegative = 0.0
+    speed: Annotated[float, Bound(above=0.0, high=1.0)] = _LASER_EASE
+    backward: bool = False
+    within: Positive = 0.3
+    goal_position: Positive = 0.05
+    goal_angle: Positive = 0.05
+    low: Finite = 0.1
+    high: Finite = 1.6
+    patience: Positive = 30.0
+    log: str | None = None
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        check_choice("arm", self.arm, ARMS)
+        for mount in self.mounts or ():
+            mount_of(mount)
+
+    @staticmethod
+    def names() -> dict[str, object]:
+        """The parameters' names and defaults."""
+        return {field.name: field.default for field in fields(Ros2Params)}
+
+
+def mount_of(text: str) -> tuple[str, tuple[float, ...]]:
+    """Frame, and x, y, z [m], roll, pitch, yaw [rad] of a sensor on the base.
+
+    Raises:
+        ParameterError: the text has another form.
+    """
+    frame, *values = text.split(":")
+    try:
+        numbers = tuple(float(value) for value in values)
+    except ValueError:
+        numbers = ()
+    if not frame or len(numbers) != 6:
+        raise ParameterError(f"mounts: {text!r} is not frame:x:y:z:roll:pitch:yaw")
+    return frame, numbers
+
+
+def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> DriveParams:
+    """How the robot is driven where odometry comes every ``period`` [s].
+
+    What is not said follows from it: some messages may be lost, and between two of them the robot goes on unseen.
+    """
+    usual, monitor = DriveParams(), MonitorParams()
+    top = float(limits.drive_speed.max(initial=0.0))
+    silence = params.silence or max(monitor.silence, _LOST_MESSAGES * period)
+    unseen = _STEP * round(top * period / _STEP)
+    error = params.tracking_error or max(usual.tracking_error, min(unseen, monitor.largest))
+    return replace(
+        usual,
+        assumptions=ObstacleAssumptions(position_error=0.04, velocity_error=0.2),
+        monitor=replace(monitor, silence=silence, longest_arc=max(monitor.longest_arc, 2.0 * silence)),
+        tracking_error=error,
+        max_scene_age=params.oldest_scene,
+        speed_scale=min(params.speed, usual.speed_scale),
+        backward=params.backward,
+        goal_position=params.goal_position,
+        goal_angle=params.goal_angle,
+    )

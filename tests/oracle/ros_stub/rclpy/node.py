@@ -1,5 +1,0 @@
-"""``rclpy.node``, as far as it is used."""
-
-from . import Node
-
-__all__ = ["Node"]

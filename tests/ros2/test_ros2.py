@@ -1,0 +1,159 @@
+"""Over ROS 2 for real: node and simulated robot in processes of their own, that share nothing but DDS."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import pytest
+import ros_environment
+
+ASK = Path(__file__).parents[1] / "oracle" / "ros_ask.py"
+LONGEST = 60.0  # [s] until something happens that is waited for
+EXAMPLE = Path(__file__).parents[2] / "scripts" / "examples" / "18_ros_node.py"
+NODE = "from elastic_strips.cli import main\nif __name__ == '__main__':\n    main()\n"
+
+
+class Drive:
+    """A robot and a node that drives it.
+
+    Attributes:
+        node, robot: their processes.
+        result: what the robot has seen, once it has ended.
+    """
+
+    def __init__(
+        self,
+        python: Path,
+        folder: Path,
+        told: Sequence[str],
+        params: Sequence[str],
+        stack: ExitStack,
+        *,
+        example: bool = False,
+    ) -> None:
+        self.python, self.folder = python, folder
+        self.environment = ros_environment.variables(folder, 1 + os.getpid() % 100)
+        (folder / "node.py").write_text(NODE)
+        node = [str(EXAMPLE)] if example else [str(folder / "node.py"), "ros2", "--goals", "1"]
+        self.result: dict[str, object] = {}
+        self.robot = self._start(stack, "robot", "-m", "workshop", "ros-robot", *told, "--json", str(folder / "r.json"))
+        words = [word for param in params for word in ("-p", param)]
+        self.node = self._start(stack, "node", *node, "--ros-args", *words)
+
+    def _start(self, stack: ExitStack, name: str, *words: str) -> subprocess.Popen[bytes]:
+        with (self.folder / f"{name}.txt").open("wb") as file:
+            process = subprocess.Popen(
+                [self.python, *words], stdout=file, stderr=file, env=self.environment, cwd=self.folder
+            )
+        stack.callback(_end, process)
+        return process
+
+    def said(self, name: str) -> str:
+        return (self.folder / f"{name}.txt").read_text()
+
+    def ask(self, *what: str) -> None:
+        words = [self.python, ASK, *what]
+        subprocess.run(words, env=self.environment, cwd=self.folder, check=True, timeout=2.0 * LONGEST)
+
+    def until(self, name: str, text: str) -> None:
+        end = time.monotonic() + LONGEST
+        while text not in self.said(name):
+            assert time.monotonic() < end, f"nothing like {text!r} in: {self.said('node')}\n{self.said('robot')}"
+            time.sleep(0.02)
+
+    def end_robot(self) -> None:
+        self.robot.send_signal(signal.SIGINT)
+        assert self.robot.wait(LONGEST) == 0, self.said("robot")
+        self.result = json.loads((self.folder / "r.json").read_text())
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    with suppress(ProcessLookupError):
+        process.kill()
+    process.wait()
+
+
+def _of_dds() -> set[str]:
+    return {path.name for path in Path("/dev/shm").glob("*fastdds*")}
+
+
+def _running(folder: Path) -> list[str]:
+    """Processes that have to do with a folder."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if str(folder).encode() in (place / "environ").read_bytes():
+                found.append((place / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+    return found
+
+
+@pytest.fixture(scope="module")
+def python() -> Path:
+    found, why = ros_environment.python()
+    if why:
+        pytest.skip(why)
+    return found
+
+
+@contextmanager
+def driven(
+    python: Path, folder: Path, told: Sequence[str] = (), params: Sequence[str] = (), *, example: bool = False
+) -> Iterator[Drive]:
+    before = _of_dds()
+    with ExitStack() as stack:
+        yield Drive(python, folder, told, params, stack, example=example)
+    assert _of_dds() <= before
+    assert _running(folder) == []
+
+
+def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
+    """By the example, with sensors of best effort at 50 Hz, as drivers have them."""
+    with driven(python, tmp_path, ["--seed", "1", "--length", "3"], example=True) as drive:
+        drive.ask("3,0,0")
+        assert drive.node.wait(LONGEST) == 0, drive.said("node")
+        drive.end_robot()
+    assert "Traceback" not in drive.said("node")
+    assert "the robot is at rest: reached" in drive.said("node")
+    seen = drive.result
+    assert seen["path_m"] > 2.5  # type: ignore[operator]
+    assert (seen["contacts_at_speed"], seen["contacts_at_rest"]) == (0, 0)
+    assert seen["at_rest"]
+    assert seen["last_command_was_rest"]
+
+
+def test_ctrl_c_at_speed_brings_the_robot_to_rest(python: Path, tmp_path: Path):
+    with driven(python, tmp_path, ["--seed", "1"]) as drive:
+        drive.ask("6,0,0")
+        drive.until("robot", "it moves fast")
+        drive.node.send_signal(signal.SIGINT)
+        assert drive.node.wait(LONGEST) == 130, drive.said("node")
+        drive.end_robot()
+    assert "Traceback" not in drive.said("node")
+    seen = drive.result
+    assert seen["at_rest"]
+    assert seen["last_command_was_rest"]
+    assert seen["contacts_at_speed"] == 0
+    assert 0.0 < seen["path_m"] < 4.0  # type: ignore[operator]
+
+
+def test_a_goal_gives_way_to_another_and_a_stop_can_be_taken_back(python: Path, tmp_path: Path):
+    """All of it asked for at speed, over topics and services."""
+    with driven(python, tmp_path, ["--seed", "2"]) as drive:
+        drive.ask("6,0,0")
+        drive.until("robot", "it moves fast")
+        drive.ask("4,0,0", "stop")
+        drive.until("robot", "it stands again")
+        assert drive.node.poll() is None, "a robot that was stopped waits"
+        drive.ask("resume")
+        assert drive.node.wait(LONGEST) == 0, drive.said("node")
+        drive.end_robot()
+    x, y, _ = drive.result["at"]  # type: ignore[misc]
+    assert abs(x - 4.0) + abs(y) < 0.5, "by odometry that slips"
+    assert drive.result["contacts_at_speed"] == 0

@@ -1,0 +1,46 @@
+"""``python -m workshop ros-robot``: a simulated robot on the other side of ROS 2."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from elastic_strips.cli import options
+
+
+@click.command(
+    name="ros-robot",
+    context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
+    short_help="A simulated robot as a ROS 2 node, which judges how it is driven.",
+)
+@options.robot_option("silvermate")
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Seed of corridor, slip and noise.")
+@click.option("--odometry", type=options.Finite(1.0, 200.0), default=50.0, show_default=True, help="Rate [Hz].")
+@click.option("--joint-states", type=options.Finite(1.0, 200.0), default=50.0, show_default=True, help="Rate [Hz].")
+@click.option("--reliable/--best-effort", default=False, show_default=True, help="How its sensors are published.")
+@click.option("--stamped/--twist", default=True, show_default=True, help="TwistStamped or Twist for velocities.")
+@click.option("--arm", type=click.Choice(["trajectory", "velocity"]), default="trajectory", show_default=True)
+@click.option("--delay", type=options.Finite(0.0, 1.0), default=0.0, help="By so much all comes late [s].")
+@click.option("--loss", type=options.Finite(0.0, 1.0), default=0.0, help="Part of messages that is lost.")
+@click.option("--for", "seconds", type=options.Finite(1.0, 3600.0), default=60.0, show_default=True)
+@click.option("--length", type=options.Finite(2.0, 50.0), default=6.0, show_default=True, help="Of the corridor [m].")
+@click.option("--depth/--no-depth", default=False, show_default=True, help="A depth camera on its head.")
+@click.option("--fault", "faults", multiple=True, metavar="KIND:AT[:FOR]", help="What goes wrong once it is fast.")
+@click.option("--json", "json_file", metavar="FILE", default="-", show_default=True, help="Where its result goes.")
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[--ros-args …]")
+def ros_robot(
+    json_file: str, joint_states: float, faults: tuple[str, ...], arguments: tuple[str, ...], **given: object
+) -> None:
+    """A simulated robot in a corridor with pillars, as a ROS 2 node; Ctrl-C ends it, and it tells what it touched."""
+    from workshop.bench.ros_robot import RosRobot, RosRobotParams, TimedFault
+
+    params = RosRobotParams(joints=joint_states, faults=tuple(map(TimedFault.of, faults)), **given)  # type: ignore[arg-type]
+    robot = RosRobot(params, list(arguments))
+    result = robot.run(lambda text: click.echo(text, err=True))
+    text = json.dumps(result, indent=2)
+    if json_file == "-":
+        click.echo(text)
+    else:
+        with open(json_file, "w", encoding="utf-8") as file:
+            file.write(text + "\n")
