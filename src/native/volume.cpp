@@ -303,14 +303,14 @@ void VolumeMap::carve(const Sight& sight) {
     low[k] = std::max(corner_[k], static_cast<std::int64_t>(std::floor((o[k] - reach) / edge)));
     high[k] = std::min(corner_[k] + blocks_[k] - 1, static_cast<std::int64_t>(std::floor((o[k] + reach) / edge)));
   }
-  // A cube of a block, `edge` voxels wide, from voxel `first` of space on: as a whole where one answer does for all.
-  const auto within = [&](const auto& self, const Block& block, std::size_t at, const int* first, int edge) -> void {
+  // A cube of a block, `wide` voxels wide, from voxel `first` of space on: as a whole where one answer does for all.
+  const auto within = [&](const auto& self, const Block& block, std::size_t at, const int* first, int wide) -> void {
     double middle[3], c[3];
     for (int k = 0; k < 3; ++k) {
-      middle[k] = (static_cast<double>(block[k] * kEdge + first[k]) + 0.5 * edge) * cell_;
+      middle[k] = (static_cast<double>(block[k] * kEdge + first[k]) + 0.5 * wide) * cell_;
     }
     seen_from(middle, c);
-    if (edge == 1) {
+    if (wide == 1) {
       const int voxel = 64 * first[0] + 8 * first[1] + first[2];
       const Cover one = cover(optics, c, small);
       if (!one.known || one.near < sight.nearest || one.far >= farthest) return;
@@ -322,19 +322,19 @@ void VolumeMap::carve(const Sight& sight) {
       }
       return;
     }
-    const Cover all = cover(optics, c, edge * small);
+    const Cover all = cover(optics, c, wide * small);
     if (all.near > farthest || all.far < sight.nearest) return;
-    if (settled(at, first, edge, all.near > sight.sure)) return;
+    if (settled(at, first, wide, all.near > sight.sure)) return;
     bool every = false;
     if (all.known) {
       const Seen pixels = seen(pyramid, optics, all);
       if (pixels.most < all.near) return;
       every = all.near >= sight.nearest && pixels.least > all.far && all.far <= sight.sure;
     }
-    const int half = edge / 2;
-    for (int x = 0; x < edge; x += every ? 1 : half) {
-      for (int y = 0; y < edge; y += every ? 1 : half) {
-        for (int z = 0; z < edge; z += every ? 1 : half) {
+    const int half = wide / 2;
+    for (int x = 0; x < wide; x += every ? 1 : half) {
+      for (int y = 0; y < wide; y += every ? 1 : half) {
+        for (int z = 0; z < wide; z += every ? 1 : half) {
           const int place[3] = {first[0] + x, first[1] + y, first[2] + z};
           if (every) {
             pass(at, 64 * place[0] + 8 * place[1] + place[2], true);
