@@ -60,7 +60,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_collection_finish() -> None:
     gc.freeze()  # thousands of tests and all modules need not be looked through again and again
-    gc.set_threshold(20_000)  # nor what a test makes every 700 objects: that took some of the time
 
 
 @pytest.hookimpl(wrapper=True)
