@@ -14,11 +14,12 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision.bounds import Displacement
+from elastic_strips.errors import RobotError
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.summary import Summary
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.limits import sliding_joints
-from elastic_strips.validation import named_arguments
+from elastic_strips.validation import check_type, named_arguments, shown
 
 from .motor_fit import SpeedLoop, fit_speed_loops
 from .params import DriveParams
@@ -105,6 +106,13 @@ def calibrate(
     Raises:
         RecordError: the record is of another robot, has too few rows, or rows that do not fit.
     """
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("limits", limits, MotionLimits, none=True)
+    check_type("params", params, DriveParams, none=True)
+    if not isinstance(record, Record) and not (
+        isinstance(record, (list, tuple)) and all(isinstance(row, Mapping) for row in record)
+    ):
+        raise RecordError(f"record={shown(record)} is neither a Record nor the rows of a log")
     params = DriveParams() if params is None else params
     limits = MotionLimits.for_robot(robot) if limits is None else limits
     drive = _recorded(record, robot) if isinstance(record, Record) else _logged(record, robot)

@@ -34,7 +34,7 @@ from elastic_strips.files import atomic_write, check_writable, open_input, read_
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_choice, check_number, check_type, named_arguments
+from elastic_strips.validation import check_choice, check_number, check_type, named_arguments, shown
 
 from .nodes import MAX_JSON_BYTES, Source, load_json
 from .npy_source import NpyError, NpzArrays, read_npy
@@ -138,7 +138,10 @@ def load_path(
         check_choice("angles", angles, ("rad", "deg"))
     if starts_at is not None:
         starts_at = check_number("starts_at", starts_at, low=-1e9, high=1e9, unit="s")
-    ignore = (ignore,) if isinstance(ignore, str) else tuple(ignore)
+    ignore = (ignore,) if isinstance(ignore, str) else ignore
+    if not isinstance(ignore, Collection) or not all(isinstance(name, str) for name in ignore):
+        raise ConfigurationError(f"ignore={shown(ignore)} must be names of columns, arrays or keys")
+    ignore = tuple(ignore)
     if isinstance(path, (str, os.PathLike)):
         table, ignore = _file_table(Path(path), robot, ignore)
     else:

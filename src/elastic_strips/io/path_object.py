@@ -13,7 +13,7 @@ Drake           trajectories with ``value``
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -73,7 +73,8 @@ def object_table(
     elif _has(result, "positions", "joint_names"):
         names, rows = list(result.joint_names), _array(result.positions, source)
         times = _column(getattr(result, "times", None), source)
-        notes = (RATES,) if len(getattr(result, "velocities", ())) else ()
+        rates = getattr(result, "velocities", None)
+        notes = (RATES,) if rates is not None and len(rates) else ()
         rows, names = _roboplan_columns(rows, names, robot, source)
     elif _has(result, "position", "joint_names"):
         names, rows = result.joint_names, _array(result.position, source)
@@ -99,7 +100,8 @@ def with_names(table: PathTable, names: Sequence[str] | None) -> PathTable:
     """
     if names is None:
         return table
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+    named = isinstance(names, Iterable) and not isinstance(names, (str, bytes, Mapping))
+    if not named or not all(isinstance(name, str) for name in names):
         table.source.fail(f"joint_names={shown(names)} must be the columns' names, one for each")
     if table.names not in (None, tuple(names)):
         table.source.fail(
@@ -285,13 +287,15 @@ def _ompl(result: Any, space: Any, source: Source) -> tuple[list[str] | None, Ar
         names = []
         _read_state(state, space, names, row, source)
         rows.append(row)
+    if not rows:
+        source.fail("has no states")
     kind = type(space).__name__
     doubts = (
         (f"{kind}: its ways between states are no straight lines; interpolate(), and hand over rows of the states",)
         if kind.startswith(_CURVED)
         else ()
     )
-    return (names if all(names) and names else None), np.array(rows, dtype=float).reshape(len(rows), -1), doubts
+    return (names if all(names) and names else None), np.array(rows, dtype=float), doubts
 
 
 def _read_state(state: Any, space: Any, names: list[str], row: list[float], source: Source) -> None:
@@ -334,6 +338,7 @@ def _roboplan_columns(rows: Array, names: list[str], robot: RobotModel, source: 
     """
     space = robot.space
     turning = {name for name, turns in zip(robot.joint_names, space.turning[space.base_nv :], strict=True) if turns}
+    turning |= robot.round_wheels
     own = [n for n in names if n not in robot.followers and not robot.held.get(n, "").startswith("mimics ")]
     widths = [2 if name in turning else 1 for name in own]
     if rows.shape[1] == sum(widths):

@@ -9,10 +9,11 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.collision import BodySet
 from elastic_strips.collision.path_rows import PathLike, as_arcs, path_rows
+from elastic_strips.errors import RobotError, SceneError
 from elastic_strips.robot import BaseKind, Kinematics, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_count, named_arguments
+from elastic_strips.validation import check_count, check_type, named_arguments
 
 from .deformer import Deformer
 from .params import DeformParams
@@ -68,16 +69,20 @@ def repair(
         max_ticks: largest number of ticks.
 
     Raises:
+        RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: the path does not fit the robot.
         ParameterError: ``max_ticks`` below 1.
     """
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("scene", scene, Scene, SceneError)
+    check_type("params", params, DeformParams, none=True)
+    check_count("max_ticks", max_ticks, low=1)
     params = DeformParams() if params is None else params
     before = _as_strip(robot, path, params.max_nodes)
     start = before
     if robot.base_kind is BaseKind.DIFF_DRIVE and float(before.lateral_slip.max(initial=0.0)) > 0.0:
         rows, _ = project_rolling(robot.space, before.coordinates)
         start = Strip.from_coordinates(robot, rows, ends=before.q[[0, -1]])
-    check_count("max_ticks", max_ticks, low=1)
     deformer = Deformer(robot, params)
     report = deformer.assess(start, scene)
     if not report.usable:

@@ -269,6 +269,8 @@ def test_what_ompl_has_and_cannot_be_read(panda, silvermate, rows):
     space, states = reals(rows)
     with refused(ConfigurationError, "space="):
         load_path(geometric(space, states), panda)  # a state does not know where it ends
+    with refused(ConfigurationError, "no states"):
+        load_path(og.PathGeometric(ob.SpaceInformation(space)), panda, space=space)
     turns: Any = ob.SO3StateSpace()
     with refused(ConfigurationError, "SO3"):
         load_path(geometric(turns, [turns.allocState()] * 2), panda, space=turns)
