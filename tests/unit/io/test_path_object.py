@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import each, refused
-from ompl import base as ob
-from ompl import geometric as og
 
 from elastic_strips.collision import Verdict, certify
 from elastic_strips.errors import ConfigurationError
@@ -140,12 +138,21 @@ def pose(x: float, y: float, yaw: float) -> SimpleNamespace:
     return SimpleNamespace(translation=SimpleNamespace(x=x, y=y, z=0.0), rotation=turn)
 
 
-def geometric(space: ob.StateSpace, states: list[Any]) -> Any:
+def ompl() -> tuple[Any, Any]:
+    """OMPL's ``base`` and ``geometric``; a test's module that held them would make them count as leaked in the end."""
+    from ompl import base, geometric
+
+    return base, geometric
+
+
+def geometric(space: Any, states: list[Any]) -> Any:
+    ob, og = ompl()
     return og.PathGeometric(ob.SpaceInformation(space), states)
 
 
 def reals(rows: np.ndarray) -> tuple[Any, list[Any]]:
     """A space of real vectors, and states in it."""
+    ob, _ = ompl()
     space = ob.RealVectorStateSpace(rows.shape[1])
     bounds = ob.RealVectorBounds(rows.shape[1])
     bounds.setLow(-4.0)
@@ -162,6 +169,7 @@ def reals(rows: np.ndarray) -> tuple[Any, list[Any]]:
 
 def handed_over(rows: np.ndarray) -> dict[str, tuple[Any, dict[str, Any]]]:
     """The same path by each, with the arguments that it takes; names in another order where they are given."""
+    ob, _ = ompl()
     back, other = NAMES[::-1], rows[:, ::-1]
     space, states = reals(rows)
     joint_state = SimpleNamespace(position=Tensor(other[None]), joint_names=list(back))  # a batch of one
@@ -223,6 +231,7 @@ def test_times_come_along(panda, rows):
 
 
 def test_ompl_plans_and_its_setup_is_handed_over(panda):
+    ob, og = ompl()
     goal = panda.home(panda_joint1=1.0)
     space, (start, end) = reals(np.array([panda.home_q, goal]))
     bounds = ob.RealVectorBounds(7)
@@ -245,6 +254,7 @@ def test_ompl_plans_and_its_setup_is_handed_over(panda):
 
 
 def test_states_of_a_base_and_joints(silvermate):
+    ob, _ = ompl()
     plane: Any = ob.SE2StateSpace()
     joints = ob.RealVectorStateSpace(silvermate.nv - 3)
     space: Any = ob.CompoundStateSpace()
@@ -265,6 +275,7 @@ def test_states_of_a_base_and_joints(silvermate):
 
 
 def test_what_ompl_has_and_cannot_be_read(panda, silvermate, rows):
+    ob, og = ompl()
     space, states = reals(rows)
     with refused(ConfigurationError, "space="):
         load_path(geometric(space, states), panda)  # a state does not know where it ends
