@@ -120,11 +120,11 @@ def calibrate(
         raise RecordError(f"the record has {len(drive.time)} control rows; at least {_FEWEST_ROWS} are needed")
     names = (*DRIVE_NAMES[robot.base_kind], *robot.joint_names)
     loops = _loops(drive, limits)
-    k, most = limits.drive_dim, _MOST_LEFT_NOISY if drive.true is None else _MOST_LEFT
+    k, noisy = limits.drive_dim, drive.true is None
     findings = [
         *_tracking(drive, robot, params),
-        *_motors("the drive", "wheel_lag", loops[:k], names[:k], limits, robot, params, most),
-        *_motors("the joints", "joint_lag", loops[k:], names[k:], limits, robot, params, most),
+        *_motors("the drive", "wheel_lag", loops[:k], names[:k], limits, robot, params, noisy),
+        *_motors("the joints", "joint_lag", loops[k:], names[k:], limits, robot, params, noisy),
         *_slip(drive, robot, limits, params),
         *_noise(drive, robot, params),
     ]
@@ -274,7 +274,7 @@ def _motors(
     limits: MotionLimits,
     robot: RobotModel,
     params: DriveParams,
-    most_left: float,
+    noisy: bool,
 ) -> list[Finding]:
     """Lag, dead time and greatest acceleration of the worst of some motors.
 
@@ -282,6 +282,7 @@ def _motors(
     """
     if not loops:
         return []
+    most_left = _MOST_LEFT_NOISY if noisy else _MOST_LEFT
     drives = field == "wheel_lag"
     accelerations = (limits.drive_acceleration if drives else limits.joint_acceleration).tolist()
     named = [one for one in zip(loops, names, accelerations, strict=True) if one[0] is not None]
@@ -294,20 +295,23 @@ def _motors(
     slowest, name, _ = max(clear, key=lambda one: one[0].lag + one[0].dead)
     late = slowest.lag + slowest.dead > lag + dead + _LAG_ROOM
     fields = f"TrackingGains.{field}" + (", MonitorParams.wheel_lag" if drives else "")
-    value, held = (_to(slowest.lag, 0.001), _to(slowest.dead + half, 0.001)) if late else (None, None)
+    longer, later = (late and apart > 0.5 * _LAG_ROOM for apart in (slowest.lag - lag, slowest.dead - dead))
+    value = _to(slowest.lag, 0.001) if longer else None
+    held = _to(slowest.dead + half, 0.001) if later else None
     note = f"{name}; with the time below {1e3 * (slowest.lag + slowest.dead):.0f} ms, which counts"
     found = [
-        Finding(f"lag of {of}", "s", slowest.lag, lag, fields, value, late and slowest.lag > lag, note),
+        Finding(f"lag of {of}", "s", slowest.lag, lag, fields, value, longer, note),
         Finding(
             f"commands to {of} act after", "s", slowest.dead, dead, "TrackingGains.hold", held,
-            late and slowest.dead > dead, "hold has half a control period on top",
+            later, "hold has half a control period on top",
         ),
     ]  # fmt: skip
     loop, name, limit = min(clear, key=lambda one: (one[0].push or math.inf) / one[2])
     what, where = f"greatest acceleration of {of}", "drive_acceleration" if drives else "joint_acceleration"
     if loop.push is None:
         loop, name, limit = max(clear, key=lambda one: one[0].reached / one[2])
-        note = f"{name} had {loop.reached:.3g}, and more was not asked for: brake once at full speed to see it"
+        had = "" if noisy else f" {name} had {loop.reached:.3g}, and"
+        note = f"not at its limit:{had} more was not asked for. Brake once at full speed to see it"
         found.append(Finding(what, _unit(name, robot), None, limit, f"MotionLimits.{where}", note=note))
     else:
         weak = loop.push < _WEAK * limit
