@@ -285,7 +285,7 @@ void VolumeMap::carve(const Sight& sight) {
     const double x[3] = {point[0] - o[0], point[1] - o[1], point[2] - o[2]};
     for (int k = 0; k < 3; ++k) c[k] = R[k] * x[0] + R[3 + k] * x[1] + R[6 + k] * x[2];
   };
-  const double edge = kEdge * cell_, ball = kHalfDiagonal * edge, small = kHalfDiagonal * cell_;
+  const double edge = kEdge * cell_, small = kHalfDiagonal * cell_;
   // Of a camera's depth the corners of its image are further away than what it is deep.
   double reach = farthest;
   if (optics.camera) {
@@ -302,45 +302,72 @@ void VolumeMap::carve(const Sight& sight) {
     low[k] = std::max(corner_[k], static_cast<std::int64_t>(std::floor((o[k] - reach) / edge)));
     high[k] = std::min(corner_[k] + blocks_[k] - 1, static_cast<std::int64_t>(std::floor((o[k] + reach) / edge)));
   }
-  Block block;
-  for (block[0] = low[0]; block[0] <= high[0]; ++block[0]) {
-    for (block[1] = low[1]; block[1] <= high[1]; ++block[1]) {
-      for (block[2] = low[2]; block[2] <= high[2]; ++block[2]) {
-        double middle[3], c[3];
-        for (int k = 0; k < 3; ++k) middle[k] = (static_cast<double>(block[k]) + 0.5) * edge;
-        seen_from(middle, c);
-        const Cover all = cover(optics, c, ball);
-        if (all.near > farthest || all.far < sight.nearest) continue;
-        bool every = false;
-        if (all.known) {
-          const Seen pixels = seen(pyramid, optics, all);
-          if (pixels.most < all.near) continue;
-          every = all.near >= sight.nearest && pixels.least > all.far && all.far <= sight.sure;
-        }
-        const std::size_t at = slot(block);
-        if (every) {
-          for (int voxel = 0; voxel < VOLUME; ++voxel) pass(at, voxel, true);
-          continue;
-        }
-        for (int voxel = 0; voxel < VOLUME; ++voxel) {
-          const int place[3] = {voxel / 64, voxel / 8 % 8, voxel % 8};
-          double point[3];
-          for (int k = 0; k < 3; ++k) {
-            point[k] = (static_cast<double>(block[k] * kEdge + place[k]) + 0.5) * cell_;
-          }
-          seen_from(point, c);
-          const Cover one = cover(optics, c, small);
-          if (!one.known || one.near < sight.nearest || one.far >= farthest) continue;
-          const float least = seen(pyramid, optics, one).least;
-          if (least > one.far) {
-            pass(at, voxel, one.far <= sight.sure);
-          } else if (least > 0.5 * (one.near + one.far) && one.far <= sight.sure) {
-            grant(at, voxel);
+  // A cube of a block, `edge` voxels wide, from voxel `first` of space on: as a whole where one answer does for all.
+  const auto within = [&](const auto& self, const Block& block, std::size_t at, const int* first, int edge) -> void {
+    double middle[3], c[3];
+    for (int k = 0; k < 3; ++k) {
+      middle[k] = (static_cast<double>(block[k] * kEdge + first[k]) + 0.5 * edge) * cell_;
+    }
+    seen_from(middle, c);
+    if (edge == 1) {
+      const int voxel = 64 * first[0] + 8 * first[1] + first[2];
+      const Cover one = cover(optics, c, small);
+      if (!one.known || one.near < sight.nearest || one.far >= farthest) return;
+      const float least = seen(pyramid, optics, one).least;
+      if (least > one.far) {
+        pass(at, voxel, one.far <= sight.sure);
+      } else if (least > 0.5 * (one.near + one.far) && one.far <= sight.sure) {
+        grant(at, voxel);
+      }
+      return;
+    }
+    const Cover all = cover(optics, c, edge * small);
+    if (all.near > farthest || all.far < sight.nearest) return;
+    if (settled(at, first, edge, all.near > sight.sure)) return;
+    bool every = false;
+    if (all.known) {
+      const Seen pixels = seen(pyramid, optics, all);
+      if (pixels.most < all.near) return;
+      every = all.near >= sight.nearest && pixels.least > all.far && all.far <= sight.sure;
+    }
+    const int half = edge / 2;
+    for (int x = 0; x < edge; x += every ? 1 : half) {
+      for (int y = 0; y < edge; y += every ? 1 : half) {
+        for (int z = 0; z < edge; z += every ? 1 : half) {
+          const int place[3] = {first[0] + x, first[1] + y, first[2] + z};
+          if (every) {
+            pass(at, 64 * place[0] + 8 * place[1] + place[2], true);
+          } else if (half > 1 || !settled(at, place, half, false)) {
+            self(self, block, at, place, half);
           }
         }
       }
     }
+  };
+  Block block;
+  const int corner[3] = {0, 0, 0};
+  for (block[0] = low[0]; block[0] <= high[0]; ++block[0]) {
+    for (block[1] = low[1]; block[1] <= high[1]; ++block[1]) {
+      for (block[2] = low[2]; block[2] <= high[2]; ++block[2]) {
+        within(within, block, slot(block), corner, kEdge);
+      }
+    }
   }
+}
+
+// Whether a look through a cube of voxels of a block says nothing new: they are as free as voxels can be, or were never
+// seen, where it is too far away to be sure of anything.
+bool VolumeMap::settled(std::size_t at, const int* first, int edge, bool far) const {
+  const std::int8_t* known = known_.data() + at * VOLUME;
+  for (int x = first[0]; x < first[0] + edge; ++x) {
+    for (int y = first[1]; y < first[1] + edge; ++y) {
+      const std::int8_t* row = known + 64 * x + 8 * y + first[2];
+      for (int z = 0; z < edge; ++z) {
+        if (row[z] != evidence_.floor && !(far && row[z] == UNSEEN)) return false;
+      }
+    }
+  }
+  return true;
 }
 
 void VolumeMap::grant(std::size_t at, int voxel) {

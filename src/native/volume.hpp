@@ -81,6 +81,7 @@ class VolumeMap {
   void put(std::size_t at, int voxel, int known);
   void pass(std::size_t at, int voxel, bool sure);
   void grant(std::size_t at, int voxel);
+  bool settled(std::size_t at, const int* first, int edge, bool far) const;
   struct Noted {
     std::vector<Block> blocks;
     std::vector<std::uint8_t> among;  // which blocks are among them

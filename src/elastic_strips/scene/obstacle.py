@@ -426,8 +426,12 @@ class Voxels(Obstacle):
             cell: edge of a voxel [m].
             name: name of the obstacle.
         """
-        cells = [np.indices(size).reshape(3, -1).T + first for first, size in zip(low, high - low, strict=True)]
-        edges, centers = np.full(3, cell), (np.concatenate(cells) + 0.5) * cell
+        size = high - low
+        count = size.prod(axis=1)
+        box = np.repeat(np.arange(len(low)), count)
+        number, (_, wide, tall) = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count), size[box].T
+        cells = low[box] + np.stack((number // (wide * tall), number // tall % wide, number % tall), axis=1)
+        edges, centers = np.full(3, cell), (cells + 0.5) * cell
         centers.flags.writeable = edges.flags.writeable = False
         made = cls.__new__(cls)
         solid = boxes_solid(cell * low.astype(float), cell * high.astype(float))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import permutations
 
 import coal
@@ -258,8 +258,12 @@ def _blocks(lows: Array, highs: Array, block: _Index) -> list[Part]:
 
 def _boxes(sizes: Array) -> list[coal.Box]:
     """Coal boxes of ``sizes`` (m, 3) [m]; equal ones (to 1e-12 m) are one object."""
-    keys = list(map(tuple, np.round(sizes, 12).tolist()))
-    boxes = {key: coal.Box(*key) for key in dict.fromkeys(keys)}
-    for box in boxes.values():
-        box.computeLocalAABB()
-    return [boxes[key] for key in keys]
+    return [_box(*size) for size in np.round(sizes, 12).tolist()]
+
+
+@lru_cache(maxsize=4096)
+def _box(x: float, y: float, z: float) -> coal.Box:
+    """The Coal box of edges [m]; nobody changes it. Those of grids are of few sizes."""
+    box = coal.Box(x, y, z)
+    box.computeLocalAABB()
+    return box

@@ -175,8 +175,6 @@ class SensorPerception:
         self._observed = t
         looks = self._robot.looking
         readings = self.suite.observe(t, self._robot.seeing_row(coordinates, self.head) if looks else coordinates)
-        if self._touched:  # an obstacle on the sensors would stay in the map
-            return
         if not readings:
             return
         began = self.computing.reading()
