@@ -807,7 +807,8 @@ void bind_volume(nb::module_& m) {
     require(std::all_of(n, n + 3, [](std::int64_t each) { return each > 0 && each < 4096; }) && cell > 0.0 &&
                 n[0] * n[1] * n[2] < std::int64_t{1} << 24,
             "a map of no voxels, or of too many");
-    require(miss > 0 && miss <= 127 && -128 < floor && floor < emptied && emptied < filled && filled < top && top < 128,
+    require(miss > 0 && miss <= 127 && VolumeMap::PASSED < floor && floor < emptied && emptied < filled &&
+                filled < top && top < 128,
             "evidence that is out of order");
     new (self) VolumeMap(n, corner.data(), cell, {miss, floor, top, filled, emptied});
   });

@@ -217,8 +217,8 @@ void VolumeMap::put(std::size_t at, int voxel, int known) {
   std::uint64_t& sure = sure_[at][static_cast<std::size_t>(voxel / 64)];
   const std::uint64_t bit = std::uint64_t{1} << (voxel % 64);
   const bool was = (word & bit) != 0;
-  const bool is = known != UNSEEN && (was ? known >= evidence_.emptied : known > evidence_.filled);
-  if (((sure & bit) != 0) != (is || (known != UNSEEN && known <= 0))) {
+  const bool is = known > PASSED && (was ? known >= evidence_.emptied : known > evidence_.filled);
+  if (((sure & bit) != 0) != (is || (known > PASSED && known <= 0))) {
     sure ^= bit;
     note(cleared_, at);
   }
@@ -230,8 +230,9 @@ void VolumeMap::put(std::size_t at, int voxel, int known) {
 void VolumeMap::pass(std::size_t at, int voxel, bool sure) {
   if (hit_[at][static_cast<std::size_t>(voxel / 64)] >> (voxel % 64) & 1) return;
   const int now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
-  if (now == evidence_.floor || (now == UNSEEN && !sure)) return;
-  const int next = std::max((now == UNSEEN ? 0 : now) - evidence_.miss, evidence_.floor);
+  if (now == evidence_.floor || (now == PASSED && !sure)) return;
+  if (now == UNSEEN && !sure) return put(at, voxel, PASSED);
+  const int next = std::max((now <= PASSED ? 0 : now) - evidence_.miss, evidence_.floor);
   put(at, voxel, !sure && now >= evidence_.emptied && next < evidence_.emptied ? UNSEEN : next);
 }
 
@@ -263,7 +264,7 @@ void VolumeMap::hit(const double* points, const std::int8_t* weight, std::size_t
     if (weight[i] <= 0 || !locate(points + 3 * i, at, voxel)) continue;
     std::uint64_t& word = hit_[at][static_cast<std::size_t>(voxel / 64)];
     const std::uint64_t bit = std::uint64_t{1} << (voxel % 64);
-    const int was = before[i] == UNSEEN ? 0 : std::max<int>(before[i], 0);
+    const int was = before[i] <= PASSED ? 0 : std::max<int>(before[i], 0);
     const int now = std::min(was + weight[i], evidence_.top);
     if (word & bit) {  // by several pixels: the most counts
       if (now > known_[at * VOLUME + static_cast<std::size_t>(voxel)]) put(at, voxel, now);
@@ -302,14 +303,14 @@ void VolumeMap::carve(const Sight& sight) {
     low[k] = std::max(corner_[k], static_cast<std::int64_t>(std::floor((o[k] - reach) / edge)));
     high[k] = std::min(corner_[k] + blocks_[k] - 1, static_cast<std::int64_t>(std::floor((o[k] + reach) / edge)));
   }
-  // A cube of a block, `edge` voxels wide, from voxel `first` of space on: as a whole where one answer does for all.
-  const auto within = [&](const auto& self, const Block& block, std::size_t at, const int* first, int edge) -> void {
+  // A cube of a block, `wide` voxels wide, from voxel `first` of space on: as a whole where one answer does for all.
+  const auto within = [&](const auto& self, const Block& block, std::size_t at, const int* first, int wide) -> void {
     double middle[3], c[3];
     for (int k = 0; k < 3; ++k) {
-      middle[k] = (static_cast<double>(block[k] * kEdge + first[k]) + 0.5 * edge) * cell_;
+      middle[k] = (static_cast<double>(block[k] * kEdge + first[k]) + 0.5 * wide) * cell_;
     }
     seen_from(middle, c);
-    if (edge == 1) {
+    if (wide == 1) {
       const int voxel = 64 * first[0] + 8 * first[1] + first[2];
       const Cover one = cover(optics, c, small);
       if (!one.known || one.near < sight.nearest || one.far >= farthest) return;
@@ -321,19 +322,19 @@ void VolumeMap::carve(const Sight& sight) {
       }
       return;
     }
-    const Cover all = cover(optics, c, edge * small);
+    const Cover all = cover(optics, c, wide * small);
     if (all.near > farthest || all.far < sight.nearest) return;
-    if (settled(at, first, edge, all.near > sight.sure)) return;
+    if (settled(at, first, wide, all.near > sight.sure)) return;
     bool every = false;
     if (all.known) {
       const Seen pixels = seen(pyramid, optics, all);
       if (pixels.most < all.near) return;
       every = all.near >= sight.nearest && pixels.least > all.far && all.far <= sight.sure;
     }
-    const int half = edge / 2;
-    for (int x = 0; x < edge; x += every ? 1 : half) {
-      for (int y = 0; y < edge; y += every ? 1 : half) {
-        for (int z = 0; z < edge; z += every ? 1 : half) {
+    const int half = wide / 2;
+    for (int x = 0; x < wide; x += every ? 1 : half) {
+      for (int y = 0; y < wide; y += every ? 1 : half) {
+        for (int z = 0; z < wide; z += every ? 1 : half) {
           const int place[3] = {first[0] + x, first[1] + y, first[2] + z};
           if (every) {
             pass(at, 64 * place[0] + 8 * place[1] + place[2], true);
@@ -355,15 +356,15 @@ void VolumeMap::carve(const Sight& sight) {
   }
 }
 
-// Whether a look through a cube of voxels of a block says nothing new: they are as free as voxels can be, or were never
-// seen, where it is too far away to be sure of anything.
+// Whether a look through a cube of voxels of a block says nothing new: they are as free as voxels can be, or have been
+// passed, where it is too far away to be sure of anything.
 bool VolumeMap::settled(std::size_t at, const int* first, int edge, bool far) const {
   const std::int8_t* known = known_.data() + at * VOLUME;
   for (int x = first[0]; x < first[0] + edge; ++x) {
     for (int y = first[1]; y < first[1] + edge; ++y) {
       const std::int8_t* row = known + 64 * x + 8 * y + first[2];
       for (int z = 0; z < edge; ++z) {
-        if (row[z] != evidence_.floor && !(far && row[z] == UNSEEN)) return false;
+        if (row[z] != evidence_.floor && !(far && row[z] == PASSED)) return false;
       }
     }
   }
@@ -371,7 +372,7 @@ bool VolumeMap::settled(std::size_t at, const int* first, int edge, bool far) co
 }
 
 void VolumeMap::grant(std::size_t at, int voxel) {
-  if (known_[at * VOLUME + static_cast<std::size_t>(voxel)] == UNSEEN) put(at, voxel, 0);
+  if (known_[at * VOLUME + static_cast<std::size_t>(voxel)] <= PASSED) put(at, voxel, 0);
 }
 
 void VolumeMap::grant(const double* points, std::size_t count) {
@@ -440,7 +441,10 @@ std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at, bool doubtful
 }
 
 std::size_t VolumeMap::count(bool unseen) const {
-  if (unseen) return static_cast<std::size_t>(std::count(known_.begin(), known_.end(), UNSEEN));
+  if (unseen) {
+    return static_cast<std::size_t>(
+        std::count_if(known_.begin(), known_.end(), [](std::int8_t known) { return known <= PASSED; }));
+  }
   std::size_t all = 0;
   for (const Bits& bits : filled_) {
     for (std::uint64_t word : bits) {

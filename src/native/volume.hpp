@@ -36,6 +36,7 @@ class VolumeMap {
   static constexpr int EDGE = 8;  // voxels along a block
   static constexpr int VOLUME = EDGE * EDGE * EDGE;
   static constexpr std::int8_t UNSEEN = -128;
+  static constexpr std::int8_t PASSED = -127;  // seen through, by pixels that are too far apart to see what is thin
   using Block = std::array<std::int64_t, 3>;
 
   // A window of so many blocks (3) of voxels that are `cell` wide [m], from block `corner` (3) of space on.
@@ -49,7 +50,8 @@ class VolumeMap {
   void hit(const double* points, const std::int8_t* weight, std::size_t count, std::int8_t* before);
 
   // Free what is surely seen through, but not what the last `hit` hit. Where pixels are too far apart, obstacles only
-  // become what was never seen. Of what was never seen, what is seen beyond the middle of is neither.
+  // become what was never seen, and what was never seen has been passed, which is as unknown. Of what was never seen,
+  // what is seen beyond the middle of is neither.
   void carve(const Sight& sight);
 
   // What is known of the voxels that points (n, 3) [m] lie in; UNSEEN outside of the window.

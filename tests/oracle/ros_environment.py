@@ -40,11 +40,14 @@ def python() -> tuple[Path, str]:
         return found, ""
     if sys.platform != "linux" or os.uname().machine != "x86_64":
         return found, f"ROS 2 has no wheels for {sys.platform} on {os.uname().machine}"
-    subprocess.run([sys.executable, "-m", "venv", "--clear", FOLDER], check=True, timeout=_LONGEST)
-    got = subprocess.run(
-        [found, "-m", "pip", "install", "--quiet", "--only-binary", ",".join(WHEELS), *WHEELS],
-        capture_output=True, text=True, timeout=_LONGEST,
-    )  # fmt: skip
+    subprocess.run([sys.executable, "-m", "venv", "--clear", FOLDER], check=True)
+    try:
+        got = subprocess.run(
+            [found, "-m", "pip", "install", "--quiet", "--only-binary", ",".join(WHEELS), *WHEELS],
+            capture_output=True, text=True, timeout=_LONGEST,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return found, f"the wheels of ROS 2 have not come within {_LONGEST:g} s"
     if got.returncode:
         return found, f"the wheels of ROS 2 are not to be had: {got.stderr.strip().splitlines()[-1]}"
     own = FOLDER / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"

@@ -17,6 +17,7 @@ from .local_planner import LocalPlanner
 _KEPT_ROWS, _ROW_SPACING = 60, 0.01
 """References that are kept, and their distance at least [m or rad]."""
 _TOUCH_WAIT = 1.0  # [s] at rest, after which the robot backs off
+_UNKNOWN_WAIT = 2.0  # [s] the same, from something that nobody has seen: who came goes on, and what stands does not
 _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 """How far it goes at once [m in the metric of motions], and with which part of its speed."""
 _MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
@@ -39,6 +40,7 @@ class Retreat:
         self._since: float | None = None  # [s] when it stood, touching something
         self._backs = False  # whether it backs off
         self._free = True  # whether it has touched nothing since
+        self._ran = False  # whether it moved when it began to touch something
 
     def note(self, row: Array) -> None:
         """Take note of a reference (nv,) that the robot followed on its way."""
@@ -51,7 +53,8 @@ class Retreat:
         """Whether the robot backs off, or touches something.
 
         Where it has stood so for a while, or so near to something that no motion is certified, it backs off along the
-        way that it came, proven to be free of all else.
+        way that it came, proven to be free of all else. From what is not in the scene it does so only where it ran into
+        that itself, and later: who ran into the robot may be on that way.
 
         Args:
             t: time [s].
@@ -69,7 +72,8 @@ class Retreat:
         near = executor.contact
         if not near and stands and stuck:
             near = planner.cramped(executor.active.at(begin), scene)
-        due = self.due(t, touching=bool(near), stands=stands) and executor.settled
+        unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
+        due = self.due(t, touching=bool(near), stands=stands, unknown=unknown) and executor.settled
         motion = self.motion(executor.active.coordinates[-1], begin) if due else None
         if motion is None:
             return bool(executor.contact)
@@ -84,21 +88,23 @@ class Retreat:
         executor.log("refused", f"cannot back off: {certificate.broken}")
         return bool(executor.contact)
 
-    def due(self, t: float, *, touching: bool, stands: bool) -> bool:
-        """Whether the robot, which touches something or stands or not, is to back off at the time ``t`` [s]."""
+    def due(self, t: float, *, touching: bool, stands: bool, unknown: bool = False) -> bool:
+        """Whether the robot, which touches something, known or not, or stands or not, is to back off at the time ``t``
+        [s]."""
         if not touching:
             self._since, self._free, self._backs = None, True, False
             return False
         if self._free:
             self._touches.append(t)
-            self._free = False
+            self._free, self._ran = False, not stands
         if not stands:
             self._since = None
             return False
         if self._since is None:
             self._since = t
         often = len(self._touches) == _MOST_TOUCHES and t - self._touches[0] < _TOUCHES_TIME
-        return t - self._since >= _TOUCH_WAIT and not often
+        wait = _UNKNOWN_WAIT if unknown else _TOUCH_WAIT
+        return t - self._since >= wait and not often and (self._ran or not unknown)
 
     def motion(self, here: Array, begin: float) -> Trajectory | None:
         """A slow motion from the reference (nv,) at which the robot rests back along the way that it came; None where

@@ -23,7 +23,7 @@ from elastic_strips.validation import Bound, NonNegative, Positive, check_fields
 from elastic_strips.work import count_work
 
 from .readings import DepthImage, RangeImage
-from .volume_twin import BLOCK, UNSEEN, VolumeTwin
+from .volume_twin import BLOCK, PASSED, VolumeTwin
 
 _SIGMAS = 3.0  # standard deviations that count as the largest error
 _UNIT = 0.05  # of log-odds, in which the map counts
@@ -137,7 +137,7 @@ class SeenPoints:
     Attributes:
         pixels: (H, W) which pixels do, n of them.
         points: (n, 3) where, in the world [m].
-        fresh: (n,) which of them end where it was surely free before: something has come.
+        fresh: (n,) which of them end where it was free before, of all that is not thin at least: something has come.
         standing: (n,) which of them end where something has been seen several times.
     """
 
@@ -194,7 +194,7 @@ class VolumeMap:
         points = np.ascontiguousarray(points[over])
         before = np.empty(len(points), dtype=np.int8)
         self._map.look(points, before)
-        free = (before != UNSEEN) & (before <= -round(p.floor / _UNIT))
+        free = (before == PASSED) | ((before > PASSED) & (before <= -round(p.floor / _UNIT)))
         return SeenPoints(pixels, points, free, before >= round(_STANDING_HITS * p.hit / _UNIT))
 
     def add(
@@ -237,13 +237,13 @@ class VolumeMap:
         self._map.look(np.ascontiguousarray(points, dtype=float), found)
         p = self.params
         free, full = found <= -round(0.5 * p.floor / _UNIT), found > round(p.occupied / _UNIT)
-        return np.where(found == UNSEEN, -1, np.where(free, 0, np.where(full, 1, -1))).astype(np.int8)
+        return np.where(found <= PASSED, -1, np.where(free, 0, np.where(full, 1, -1))).astype(np.int8)
 
     def doubtful(self, points: Array) -> Mask:
         """(n,) whether voxels that points (n, 3) [m] lie in are in doubt: never seen, or hit and no obstacle yet."""
         found = np.empty(len(points), dtype=np.int8)
         self._map.look(np.ascontiguousarray(points, dtype=float), found)
-        return (found == UNSEEN) | ((found > 0) & (found <= round(self.params.occupied / _UNIT)))
+        return (found <= PASSED) | ((found > 0) & (found <= round(self.params.occupied / _UNIT)))
 
     def grant(self, points: Array) -> None:
         """Take it that the voxels of points (n, 3) [m] were seen, and are neither obstacles nor surely free, where they

@@ -13,6 +13,9 @@ BLOCK = 8
 """Voxels along the edge of a block."""
 UNSEEN = -128
 """What is known of a voxel of which nothing is known."""
+PASSED = -127
+"""… and of one that was seen through by pixels that are too far apart to see what is thin: as little, but that nothing
+larger was there."""
 
 _FARTHEST = 1e4  # [m] that an image may see
 _HALF_DIAGONAL = 0.5 * math.sqrt(3.0)
@@ -66,7 +69,7 @@ class VolumeTwin:
         at, inside = self._cells(points)
         mine = inside & (weight > 0)
         at = at[mine]
-        was = np.where(before[mine] == UNSEEN, 0, np.maximum(before[mine], 0)).astype(int)
+        was = np.where(before[mine] <= PASSED, 0, np.maximum(before[mine], 0)).astype(int)
         new = np.full(self._shape, UNSEEN, dtype=int)
         np.maximum.at(new, tuple(at.T), np.minimum(was + weight[mine], self._top))
         cells = np.unique(at, axis=0)
@@ -87,7 +90,8 @@ class VolumeTwin:
     ) -> None:
         """Free the voxels of which every pixel over the ball about them sees further; but not what was hit last.
 
-        From ``sure`` [m] on pixels are too far apart to see all: obstacles there only become what was never seen. Of
+        From ``sure`` [m] on pixels are too far apart to see all: obstacles there only become what was never seen, and
+        what was never seen has been passed. Of
         what was never seen, what is seen beyond the middle of is neither.
         """
         sight = _Sight(clear, camera, closed, scale, middle)
@@ -168,7 +172,7 @@ class VolumeTwin:
 
     def count(self, unseen: bool) -> int:
         """How many voxels are obstacles, or were never seen."""
-        return int((self._known == UNSEEN).sum() if unseen else self._full.sum())
+        return int((self._known <= PASSED).sum() if unseen else self._full.sum())
 
     def _cells(self, points: Array) -> tuple[Indices, Mask]:
         at = np.floor(points / self._cell).astype(np.intp) - self._corner
@@ -178,22 +182,23 @@ class VolumeTwin:
     def _pass(self, voxels: Indices, sure: Mask | bool) -> None:
         at, surely = voxels - self._corner, np.broadcast_to(sure, len(voxels))
         now = self._known[tuple(at.T)].astype(int)
-        changes = ~self._hit[tuple(at.T)] & (surely | (now != UNSEEN))
+        changes = ~self._hit[tuple(at.T)]
         at, now, surely = at[changes], now[changes], surely[changes]
-        then = np.maximum(np.where(now == UNSEEN, 0, now) - self._miss, self._floor)
+        then = np.maximum(np.where(now <= PASSED, 0, now) - self._miss, self._floor)
+        then = np.where(~surely & (now <= PASSED), PASSED, then)
         self._put(at, np.where(~surely & (now >= self._emptied) & (then < self._emptied), UNSEEN, then))
 
     def _grant(self, at: Indices) -> None:
         """Have voxels (n, 3) of the window that were never seen be neither."""
-        new = at[self._known[tuple(at.T)] == UNSEEN]
+        new = at[self._known[tuple(at.T)] <= PASSED]
         self._put(new, np.zeros(len(new), dtype=int))
 
     def _put(self, at: Indices, known: npt.NDArray[np.int_]) -> None:
         """Have it known of voxels (n, 3) of the window, none of them twice."""
         index = tuple(at.T)
         full = self._full[index]
-        now = (known != UNSEEN) & np.where(full, known >= self._emptied, known > self._filled)
-        sure = now | ((known != UNSEEN) & (known <= 0))
+        now = (known > PASSED) & np.where(full, known >= self._emptied, known > self._filled)
+        sure = now | ((known > PASSED) & (known <= 0))
         self._note(False, at[full != now] + self._corner)
         self._note(True, at[sure != self._sure[index]] + self._corner)
         self._known[index], self._full[index], self._sure[index] = known, now, sure

@@ -175,6 +175,8 @@ class SensorPerception:
         self._observed = t
         looks = self._robot.looking
         readings = self.suite.observe(t, self._robot.seeing_row(coordinates, self.head) if looks else coordinates)
+        if self._touched:  # it would back off, and run into what it has not seen once more
+            return
         if not readings:
             return
         began = self.computing.reading()

@@ -57,6 +57,21 @@ def test_it_does_not_go_on_touching_for_ever(silvermate):
     assert touching[-500:].all()
 
 
+def test_who_is_run_into_by_something_that_nobody_sees_stays(silvermate):
+    """It may have come from behind."""
+    walls = [Box((0.2, 5.0, 1.0), at=(x, 0.0, 0.5), name=f"x{x}") for x in (-2.2, 2.2)]  # they come down about it
+    walls += [Box((5.0, 0.2, 1.0), at=(0.0, y, 0.5), name=f"y{y}") for y in (-2.2, 2.2)]
+
+    def scene(t):
+        return Scene(walls if t > 1.5 else [], time=t)
+
+    controller, places, touching = driven(silvermate, scene, 14.0, bumper=lambda t, x: 7.0 < t < 13.0)
+    assert places[600, 0] > 0.2
+    assert np.ptp(places[600:700], axis=0).max() < 0.01
+    assert not leavings(controller)
+    assert np.ptp(places[touching], axis=0).max() < 0.01
+
+
 def test_it_goes_on_where_what_it_touched_is_gone(silvermate):
     controller, places, _ = driven(
         silvermate, lambda t: Scene([], time=t), 60.0, bumper=lambda t, x: t < 6.0 and x > UNSEEN

@@ -150,6 +150,23 @@ def test_what_comes_where_it_was_free_has_moved():
     assert not moved[~new].any()
 
 
+@each("make", [VolumeMap, "twin"])
+def test_who_comes_where_only_thin_things_could_be_is_seen_to_move(make):
+    """Pixels too far apart to call anything free: it is in doubt what is there, but it is none of people."""
+    with twin() if make == "twin" else nullcontext():
+        volume = VolumeMap(replace(SMALL, thinnest=0.01))
+        wall, person = Box((0.1, 9.0, 2.4), at=(3.6, 0.0, 1.2)), Cylinder(0.25, 1.7, at=(2.0, 0.3, 0.85))
+        for _ in range(2):
+            volume.add(depth_image(Scene([wall]), pose()), np.eye(4))
+        place = np.array([[1.9, 0.3, 1.0]])
+        assert volume.known(place) == [-1]
+        assert volume.doubtful(place).all()
+        seen = volume.seen_by(depth_image(Scene([wall, person]), pose()), np.eye(4))
+        near = np.hypot(*(seen.points[:, :2] - person.pose[:2, 3]).T) < 0.3
+        assert seen.fresh[near].mean() > 0.8
+        assert not seen.fresh[~near].any()
+
+
 def test_what_is_forgotten_was_not_seen_and_is_no_obstacle():
     volume = VolumeMap(SMALL)
     image = depth_image(ROOM, VIEWS[0])
