@@ -1,11 +1,13 @@
-"""Asks the node of elastic_strips for goals "x,y,yaw" [m, rad], once it is ready for one; to stop, resume, cancel."""
+"""Asks the node of elastic_strips for goals "x,y,yaw" [m, rad], once it is ready for one; to stop, resume, cancel; and
+for its footprint, whose corners it prints."""
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PolygonStamped, PoseStamped
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -45,10 +47,23 @@ def call(context, node, what: str) -> None:
     executor.shutdown()
 
 
+def hear_footprint(node) -> None:
+    heard = node.create_subscription(PolygonStamped, "footprint", lambda _: None, quality(1))
+    end, taken = time.monotonic() + LONGEST, None
+    while taken is None:
+        assert time.monotonic() < end, "no footprint comes"
+        with heard.handle:
+            taken = heard.handle.take_message(PolygonStamped, False)
+        time.sleep(0.02)
+    print(json.dumps([taken[0].header.frame_id, [[point.x, point.y] for point in taken[0].polygon.points]]))
+
+
 context, node = open_node("asker")
 for word in sys.argv[1:]:
     if "," in word:
         ask_for_goal(node, [float(number) for number in word.split(",")])
+    elif word == "footprint":
+        hear_footprint(node)
     else:
         call(context, node, word)
 close_node(context, node)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 import ros_environment
 
@@ -58,9 +59,16 @@ class Drive:
     def said(self, name: str) -> str:
         return (self.folder / f"{name}.txt").read_text()
 
-    def ask(self, *what: str) -> None:
-        words = [self.python, ASK, *what]
-        subprocess.run(words, env=self.environment, cwd=self.folder, check=True, timeout=2.0 * LONGEST)
+    def ask(self, *what: str) -> str:
+        return self.call(ASK, *what)
+
+    def call(self, *words: str | Path) -> str:
+        """What another program of this environment prints."""
+        done = subprocess.run(
+            [self.python, *words], env=self.environment, cwd=self.folder, check=True, timeout=2.0 * LONGEST,
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        return done.stdout
 
     def until(self, name: str, text: str) -> None:
         end = time.monotonic() + LONGEST
@@ -157,3 +165,25 @@ def test_a_goal_gives_way_to_another_and_a_stop_can_be_taken_back(python: Path, 
     x, y, _ = drive.result["at"]  # type: ignore[misc]
     assert abs(x - 4.0) + abs(y) < 0.5, "by odometry that slips"
     assert drive.result["contacts_at_speed"] == 0
+
+
+def test_somebody_elses_velocities_are_guarded(python: Path, tmp_path: Path):
+    """Full speed at pillars and walls, mixed with what is no command; and the footprint that others are told."""
+    with driven(python, tmp_path, ["--seed", "4"], ["mode:=guard"]) as drive:
+        drive.until("node", "ready for commands")
+        frame, corners = json.loads(drive.ask("footprint"))
+        drive.call("-m", "workshop", "ros-pilot", "--seed", "4", "--for", "6", "--spoilt")
+        drive.node.send_signal(signal.SIGINT)
+        assert drive.node.wait(LONGEST) == 130, drive.said("node")
+        drive.end_robot()
+    assert "Traceback" not in drive.said("node")
+    assert "left out: cmd_vel_in" in drive.said("node")
+    seen = drive.result
+    assert seen["path_m"] > 0.5  # type: ignore[operator]
+    assert seen["contacts_at_speed"] == 0
+    assert seen["at_rest"]
+    assert seen["last_command_was_rest"]
+    assert frame == "base_link"
+    x, y = np.array(corners).T
+    area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    assert 0.2 < area < 0.35

@@ -37,6 +37,10 @@ class StampClock:
         """Learn the epoch where nobody says it: what is to be done at ``t`` [s] is done then, or late."""
         self.epoch = min(self.epoch, monotonic - t)
 
+    def now(self, monotonic: float) -> float:
+        """The time of what has no stamp [s]: that of the monotonic clock."""
+        return monotonic - self.epoch
+
     def time(self, stamp: int, now: int, monotonic: float) -> float:
         """The time of a stamp on the executor's clock [s]; never later than now.
 
