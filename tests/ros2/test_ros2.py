@@ -9,13 +9,17 @@ import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 import ros_environment
 
+from elastic_strips.ros2.shared_memory import clear_left
+
 ASK = Path(__file__).parents[1] / "oracle" / "ros_ask.py"
+DOMAIN = 1 + os.getpid() % 100
 LONGEST = 60.0  # [s] until something happens that is waited for
 EXAMPLE = Path(__file__).parents[2] / "scripts" / "examples" / "18_ros_node.py"
 NODE = "from elastic_strips.cli import main\nif __name__ == '__main__':\n    main()\n"
@@ -40,7 +44,7 @@ class Drive:
         example: bool = False,
     ) -> None:
         self.python, self.folder = python, folder
-        self.environment = ros_environment.variables(folder, 1 + os.getpid() % 100)
+        self.environment = ros_environment.variables(folder, DOMAIN)
         (folder / "node.py").write_text(NODE)
         node = [str(EXAMPLE)] if example else [str(folder / "node.py"), "ros2", "--goals", "1"]
         self.result: dict[str, object] = {}
@@ -89,7 +93,10 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _of_dds() -> set[str]:
-    return {path.name for path in Path("/dev/shm").glob("*fastdds*")}
+    """Ports in shared memory of the domain of these tests: others on this machine may have theirs."""
+    first = 7400 + 250 * DOMAIN
+    ports = {f"fastdds_port{number}" for number in range(first, first + 250)}
+    return {path.name for path in Path("/dev/shm").glob("fastdds_port*") if path.name in ports}
 
 
 def _running(folder: Path) -> list[str]:
@@ -112,11 +119,20 @@ def python() -> Path:
 
 @contextmanager
 def driven(
-    python: Path, folder: Path, told: Sequence[str] = (), params: Sequence[str] = (), *, example: bool = False
+    python: Path,
+    folder: Path,
+    told: Sequence[str] = (),
+    params: Sequence[str] = (),
+    *,
+    example: bool = False,
+    killed: bool = False,
 ) -> Iterator[Drive]:
     before = _of_dds()
     with ExitStack() as stack:
         yield Drive(python, folder, told, params, stack, example=example)
+    if killed:  # the robot has made ports of the dead anew, and the next start removes them
+        time.sleep(2.5)
+        clear_left()
     assert _of_dds() <= before
     assert _running(folder) == []
 
@@ -137,8 +153,10 @@ def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
 
 
 def test_ctrl_c_at_speed_brings_the_robot_to_rest(python: Path, tmp_path: Path):
-    with driven(python, tmp_path, ["--seed", "1"]) as drive:
-        drive.ask("6,0,0")
+    """One with mass and contacts, on the way to where its hand is to be."""
+    plant = ["--plant", "mujoco"] if find_spec("mujoco") else []
+    with driven(python, tmp_path, ["--seed", "1", *plant], ["hand:=palm_link"]) as drive:
+        drive.ask("hand:5,0,1")
         drive.until("robot", "it moves fast")
         drive.node.send_signal(signal.SIGINT)
         assert drive.node.wait(LONGEST) == 130, drive.said("node")
@@ -149,6 +167,25 @@ def test_ctrl_c_at_speed_brings_the_robot_to_rest(python: Path, tmp_path: Path):
     assert seen["last_command_was_rest"]
     assert seen["contacts_at_speed"] == 0
     assert 0.0 < seen["path_m"] < 4.0  # type: ignore[operator]
+
+
+def test_a_killed_node_leaves_a_robot_at_rest_and_nothing_else(python: Path, tmp_path: Path):
+    """The executor's process brings it to rest."""
+    with driven(python, tmp_path, ["--seed", "1"], killed=True) as drive:
+        drive.ask("6,0,0")
+        drive.until("robot", "it moves fast")
+        drive.node.kill()
+        drive.node.wait()
+        drive.until("robot", "it stands again")
+        end = time.monotonic() + LONGEST
+        while any("spawn_main" in line for line in _running(tmp_path)):
+            assert time.monotonic() < end, "the executor's process goes on"
+            time.sleep(0.05)
+        drive.end_robot()
+    seen = drive.result
+    assert seen["at_rest"]
+    assert seen["contacts_at_speed"] == 0
+    assert seen["last_command_was_rest"]
 
 
 def test_a_goal_gives_way_to_another_and_a_stop_can_be_taken_back(python: Path, tmp_path: Path):

@@ -40,6 +40,7 @@ from .measure import Figures
 
 _PERIOD = 0.005  # [s] of the simulated motors
 _CAMERA = "camera_optical"  # frame of the depth camera
+_WAY_STEP = 0.1  # [s] from one place that is told to the next
 _REST_SPEED = 0.01  # [m/s, rad/s]
 _FAST_SPEED = 0.3  # [m/s]
 _FULL_HEIGHT = 1.5  # [m] of what stands in the corridor: a laser says nothing of heights
@@ -93,6 +94,7 @@ class RosRobotParams:
         faults: what goes wrong.
         length: of the corridor [m].
         depth: whether it has a depth camera on its head, besides the laser.
+        magnified: each pixel of its images comes as so many by so many: 4 makes 640 × 480.
         cloud: whether what the laser sees comes as a cloud, too, up to a height.
         fix: rate of its localization [Hz]; 0: none.
         plant: ``"kinematic"`` or ``"mujoco"``.
@@ -112,6 +114,7 @@ class RosRobotParams:
     faults: tuple[TimedFault, ...] = ()
     length: float = 6.0
     depth: bool = False
+    magnified: int = 1
     cloud: bool = False
     fix: float = 0.0
     plant: str = "kinematic"
@@ -439,13 +442,16 @@ class RosRobot:
         return ""
 
     def _tell_depth(self, stamp: int, t: float, image: DepthImage) -> None:
-        sensor, (rows, columns) = self._kinds["sensor"], image.depth.shape
+        by = self.params.magnified
+        sensor, (rows, columns) = self._kinds["sensor"], (by * image.depth.shape[0], by * image.depth.shape[1])
         info, message = sensor.CameraInfo(height=rows, width=columns), sensor.Image(height=rows, width=columns)
         (fx, fy), (cx, cy) = image.focal, image.center
-        info.k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+        cx, cy = by * (cx + 0.5) - 0.5, by * (cy + 0.5) - 0.5
+        info.k = [by * fx, 0.0, cx, 0.0, by * fy, cy, 0.0, 0.0, 1.0]
         depth = np.where(np.isfinite(image.depth), 1e3 * image.depth, np.where(np.isnan(image.depth), 0.0, 65535.0))
         message.encoding, message.step = "16UC1", 2 * columns
-        message.data = array("B", np.rint(depth).astype("<u2").tobytes())
+        pixels = np.repeat(np.repeat(np.rint(depth).astype("<u2"), by, axis=0), by, axis=1)
+        message.data = array("B", pixels.tobytes())
         for each, publisher in ((info, self._info_out), (message, self._depth_out)):
             fill_stamp(each.header.stamp, stamp)
             each.header.frame_id = _CAMERA
@@ -457,6 +463,8 @@ class RosRobot:
         seen = evaluate([times, coordinates, v], self.robot, self.world)
         speed = np.abs(v).max(axis=1)
         gaps = np.diff(self._heard.times)
+        stands = speed < _REST_SPEED
+        stops = np.flatnonzero(stands[1:] & ~stands[:-1])
         first = next((t for t, fast in zip(times, speed > _REST_SPEED, strict=True) if fast), None)
         moves = np.flatnonzero(speed > _REST_SPEED)
         last = float(times[moves[-1]]) if len(moves) else None
@@ -465,11 +473,13 @@ class RosRobot:
             "seed": self.params.seed,
             "at": coordinates[-1, :3].tolist(),
             "end_m": self.end,
+            "way": np.round(coordinates[:: round(_WAY_STEP / _PERIOD), :3], 4).tolist(),
             "moved_from_s": first,
             "moved_until_s": last,
             "fast_from_s": self._fast_at,
             "path_m": seen.path_m,
             "top_speed_mps": float(np.abs(v[:, 0]).max()),
+            "stops": len(stops),
             "at_rest": bool(speed[-1] < _REST_SPEED),
             "contacts_at_speed": len(seen.collisions),
             "contacts_at_rest": len(seen.rest_contacts),

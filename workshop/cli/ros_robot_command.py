@@ -27,6 +27,7 @@ from workshop.bench.pilots import PILOTS
 @click.option("--for", "seconds", type=options.Finite(1.0, 3600.0), default=60.0, show_default=True)
 @click.option("--length", type=options.Finite(2.0, 50.0), default=6.0, show_default=True, help="Of the corridor [m].")
 @click.option("--depth/--no-depth", default=False, show_default=True, help="A depth camera on its head.")
+@click.option("--magnified", type=click.IntRange(1, 8), default=1, help="Each pixel of it as so many by so many.")
 @click.option("--cloud/--no-cloud", default=False, show_default=True, help="What the laser sees as a cloud, too.")
 @click.option("--fix", type=options.Finite(0.0, 50.0), default=0.0, help="Rate of its localization [Hz]; 0: none.")
 @click.option("--plant", type=click.Choice(["kinematic", "mujoco"]), default="kinematic", show_default=True)

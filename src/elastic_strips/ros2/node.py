@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ElasticStripsError
+from elastic_strips.errors import ElasticStripsError, ParameterError, nearest_name
 from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.trajectory import MotionLimits
 
 from .driver import close_node, load, open_node, quality
@@ -27,6 +28,7 @@ from .messages import (
     path_of,
     place_of,
     planar_pose,
+    spatial_pose,
 )
 from .motion import MotionReader, carried, correction_of
 from .params import Ros2Params
@@ -130,6 +132,11 @@ class Ros2Node:
         if params.fix is not None:
             self._hear(geometry.PoseWithCovarianceStamped, params.fix, once, self._on_fix)
         self._hear(geometry.PoseStamped, params.goal_pose, once, self._on_goal)
+        if params.hand is not None:
+            if find_frame(self.robot.model, params.hand) is None:
+                names = [str(frame.name) for frame in self.robot.model.frames]
+                raise ParameterError(f"hand: there is no frame {params.hand!r}{nearest_name(params.hand, names)}")
+            self._hear(geometry.PoseStamped, params.hand_pose, once, self._on_hand)
         self._hear(nav.Path, params.plan_in, once, self._on_path)
         if not self.node.has_parameter("speed"):
             self.node.declare_parameter("speed", params.speed)
@@ -190,6 +197,10 @@ class Ros2Node:
     def _on_goal(self, message: Any) -> None:
         check_frame(message, self.params.world_frame or "")
         self.requests.ask(Request("goal", planar_pose(message.pose)))
+
+    def _on_hand(self, message: Any) -> None:
+        check_frame(message, self.params.world_frame or "")
+        self.requests.ask(Request("hand", spatial_pose(message.pose), self.params.hand or ""))
 
     def _on_path(self, message: Any) -> None:
         self.requests.ask(Request("path", path_of(message, self.params.world_frame or "")))

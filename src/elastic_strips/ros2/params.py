@@ -9,7 +9,7 @@ from elastic_strips.control import DriveParams, MonitorParams
 from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ParameterError
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import Bound, Checked, Finite, NonNegative, Positive, check_choice
+from elastic_strips.validation import Bound, Checked, Count, Finite, NonNegative, Positive, check_choice
 
 ARMS = ("none", "trajectory", "velocity")
 """How the arm is commanded: not at all, by trajectories that end at rest, or by velocities."""
@@ -29,11 +29,13 @@ class Ros2Params(Checked):
         mode: one of `MODES`.
         world_frame: frame of goals, paths and maps; that of odometry where no ``fix`` is taken.
         odom_frame, base_frame: frames that odometry has to be in; None: any.
-        odom, joint_states, cmd_vel, goal_pose, plan_in: topics.
+        odom, joint_states, cmd_vel, goal_pose, plan_in, hand_pose: topics.
+        hand: frame of the robot that goals on ``hand_pose`` are for; None: none are taken.
         scans: topics of lasers; None, or one empty name: none.
         clouds: topics of point clouds.
         depths: topics of depth images, rectified; each has its ``camera_info`` beside it.
         depth_near, depth_far: shortest and longest depth that these cameras can tell.
+        depth_pixels: of images with more pixels, squares of some are taken as one.
         map: topic of an occupancy grid; None: none.
         fix: topic of a ``PoseWithCovarianceStamped`` of the base in the world; None: none.
         emergency: topic of a ``Bool`` that is true while the emergency stop is pressed; None: none. Where one is
@@ -74,11 +76,14 @@ class Ros2Params(Checked):
     depths: tuple[str, ...] | None = None
     depth_near: Positive = 0.3
     depth_far: Positive = 4.0
+    depth_pixels: Count = 20_000
     map: str | None = None
     fix: str | None = None
     emergency: str | None = None
     mounts: tuple[str, ...] | None = None
     goal_pose: str = "goal_pose"
+    hand_pose: str = "hand_pose"
+    hand: str | None = None
     plan_in: str = "plan_in"
     cmd_vel: str = "cmd_vel"
     stamped: bool = True

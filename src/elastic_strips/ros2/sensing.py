@@ -28,6 +28,7 @@ _LASER_PLANE = 0.3  # [m] pieces that reach below this height are in the plane o
 _OWN_PADDING = 0.02  # [m] by which the robot is thicker for its own lasers
 _WAITING = 20  # messages that wait to be looked at, at most; the oldest are dropped
 _TOO_LATE = "not looked at in time"
+_NEWER = "a newer one had come"
 _VOXEL = 0.05  # [m] edge of the cells of a cloud
 _SHORT_NAME = 40  # of what is counted
 
@@ -150,6 +151,9 @@ class Sensing:
                 continue
             if waiting.kind != "map" and self.scene is None and waiting.time < known[0]:
                 continue  # from before it was known where the robot is
+            if waiting.kind == "depth" and any(self._passes(later, waiting, known[1]) for later in self._waiting):
+                self.counts[f"{waiting.topic}: {_NEWER}"] += 1
+                continue
             try:
                 self._take(waiting, row_at)
                 changed = True
@@ -162,6 +166,11 @@ class Sensing:
         if changed and (self._estimator.times or self._clouds):
             self._publish()
         return changed
+
+    @staticmethod
+    def _passes(later: _Waiting, one: _Waiting, known: float) -> bool:
+        """Whether a later image makes another one needless: one takes longer to look at than to come, maybe."""
+        return later.topic == one.topic and one.time < later.time <= known
 
     def _take(self, waiting: _Waiting, row_at: Callable[[float], Array]) -> None:
         if waiting.kind == "map":
@@ -177,7 +186,8 @@ class Sensing:
         if waiting.kind == "depth":
             reach = self._params.depth_near, self._params.depth_far
             q = self._robot.space.from_coordinates(row)
-            image = depth_image(message, info, waiting.topic, waiting.time, T_base_sensor, reach, q)
+            most = self._params.depth_pixels
+            image = depth_image(message, info, waiting.topic, waiting.time, T_base_sensor, reach, q, most)
             self._estimator.update(image, place)
             return
         if waiting.kind == "scan":
