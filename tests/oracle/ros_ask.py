@@ -1,5 +1,5 @@
-"""Asks the node of elastic_strips for goals "x,y,yaw" [m, rad], or "hand:x,y,z" of its hand, once it is ready for one; to
-follow "path:x,y,yaw;x,y,yaw"; to stop, resume, cancel; and for its footprint, whose corners it prints."""
+"""Asks the node of elastic_strips for goals "x,y,yaw" [m, rad], or "hand:x,y,z" of its hand, once it is ready for one;
+to follow "path:x,y,yaw;x,y,yaw"; to stop, resume, cancel; and for its footprint, whose corners it prints."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def _removed(folder: Path, name: str, *, used: bool) -> bool:
     files = [folder / each for each in (name, f"{name}_el", f"{name}_sl", f"sem.{name}_mutex")]
     files = [path for path in files if path.exists()]
     with suppress(OSError):
-        if time.time() - max(path.stat().st_ctime for path in files) < _NEW:
+        if not files or time.time() - max(path.stat().st_ctime for path in files) < _NEW:
             return False
         locks = [os.open(path, os.O_RDONLY) for path in files if path.name.endswith(("_el", "_sl"))]
         try:

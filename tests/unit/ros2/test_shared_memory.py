@@ -38,3 +38,9 @@ def test_only_what_nobody_holds_is_removed(tmp_path: Path, monkeypatch: pytest.M
         assert clear_left(tmp_path) == 3
         assert set(os.listdir(tmp_path)) == {*LIVING, *MAPPED, *OTHERS}
     assert clear_left(tmp_path / "nothing") == 0
+
+
+def test_what_somebody_else_removes_meanwhile_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / DEAD[0]).write_bytes(b"")
+    monkeypatch.setattr(Path, "exists", lambda _: False)
+    assert clear_left(tmp_path) == 0
