@@ -148,6 +148,7 @@ def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
     seen = drive.result
     assert seen["path_m"] > 2.5  # type: ignore[operator]
     assert (seen["contacts_at_speed"], seen["contacts_at_rest"]) == (0, 0)
+    assert seen["top_speed_mps"] < 0.65, "0.6 of its speeds"  # type: ignore[operator]
     assert seen["at_rest"]
     assert seen["last_command_was_rest"]
 

@@ -73,6 +73,7 @@ class Ros2Node:
             self.params: Ros2Params = self._declared() if params is None else params
             self.robot: RobotModel = load_robot(self.params.robot)
             self.limits: MotionLimits = MotionLimits.for_robot(self.robot)
+            self.slower: MotionLimits = self.limits.scaled(self.params.speed, 1.0)  # that it is driven with
             self.sensing: Sensing = Sensing(self.robot, self.params)
             self.requests: Requests = Requests(self.params.within)
             self._lock = threading.Lock()

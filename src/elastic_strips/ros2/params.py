@@ -53,8 +53,8 @@ class Ros2Params(Checked):
         oldest: largest age of a message that is still used.
         oldest_scene: a scene that is older is not driven on: it is as old as the sensor that is behind all others.
         tracking_error, silence: as `DriveParams` and `MonitorParams` have them; 0: by the rate of odometry.
-        speed: part of the speeds that the robot's limits allow; where it drives to goals it may be set to less, and
-            back, while it runs. At 0 it stands.
+        speed: part of the speeds that the robot's limits allow, which nothing exceeds; where it drives to goals it may
+            be set to less, and back, while it runs. At 0 it stands.
         backward: whether the robot may plan, or be commanded, backwards: something has to look there.
         within: largest distance of the base from a path of others.
         goal_position, goal_angle: how near counts as reached.
@@ -158,7 +158,6 @@ def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> Dri
         monitor=replace(monitor, silence=silence, longest_arc=_LONGEST_GAP),
         tracking_error=error,
         max_scene_age=params.oldest_scene,
-        speed_scale=min(params.speed, usual.speed_scale),
         backward=params.backward,
         goal_position=params.goal_position,
         goal_angle=params.goal_angle,

@@ -82,10 +82,10 @@ def _drive(
 ) -> RunState:
     """Drive to goals."""
     q = node.robot.space.from_coordinates(start)
-    executor = ExecutorProcess(node.robot, q, q, params=drive, limits=node.limits, log=node.params.log)
+    executor = ExecutorProcess(node.robot, q, q, params=drive, limits=node.slower, log=node.params.log)
     stack.enter_context(executor)
     controller = Controller(
-        node.robot, q, q, None, params=drive, limits=node.limits, executor=executor, meter=time.monotonic
+        node.robot, q, q, None, params=drive, limits=node.slower, executor=executor, meter=time.monotonic
     )
     stack.callback(controller.close)
     controller.scene = _begin(node, stack, executor)
@@ -98,8 +98,8 @@ def _drive(
 def _guard(node: Ros2Node, stack: ExitStack, start: Array, rate: float, drive: DriveParams, _: int | None) -> RunState:
     """Guard what somebody else commands, until the process is lost."""
     params = node.params
-    own = GuardParams(drive=drive, speed=min(drive.speed_scale, GuardParams().speed), oldest=params.oldest_command)
-    guard = GuardProcess(node.robot, node.robot.space.from_coordinates(start), own, limits=node.limits, log=params.log)
+    own = GuardParams(drive=drive, oldest=params.oldest_command)
+    guard = GuardProcess(node.robot, node.robot.space.from_coordinates(start), own, limits=node.slower, log=params.log)
     stack.enter_context(guard)
     seen: Scene | None = None
     told = diagnosed = -math.inf
