@@ -1,5 +1,6 @@
 """Asks the node of elastic_strips for goals "x,y,yaw" [m, rad], or "hand:x,y,z" of its hand, once it is ready for one;
-to follow "path:x,y,yaw;x,y,yaw"; to stop, resume, cancel; and for its footprint, whose corners it prints."""
+to follow "path:x,y,yaw;x,y,yaw"; to stop, resume, cancel; for "speed:0.3"; and for its footprint, whose corners it
+prints."""
 
 from __future__ import annotations
 
@@ -60,6 +61,22 @@ def call(context, node, what: str) -> None:
     executor.shutdown()
 
 
+def set_speed(context, node, value: float) -> None:
+    import rclpy.executors
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+
+    client = node.create_client(SetParameters, "elastic_strips/set_parameters")
+    assert client.wait_for_service(LONGEST)
+    executor = rclpy.executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    wanted = Parameter("speed", value=value).to_parameter_msg()
+    answer = client.call_async(SetParameters.Request(parameters=[wanted]))
+    executor.spin_until_future_complete(answer, LONGEST)
+    print(answer.result().results[0].successful)
+    executor.shutdown()
+
+
 def hear_footprint(node) -> None:
     heard = node.create_subscription(PolygonStamped, "footprint", lambda _: None, quality(1))
     end, taken = time.monotonic() + LONGEST, None
@@ -78,6 +95,8 @@ for word in sys.argv[1:]:
     elif "," in word:
         numbers = word.removeprefix("hand:").split(",")
         ask_for_goal(node, [float(number) for number in numbers], hand=word.startswith("hand:"))
+    elif word.startswith("speed:"):
+        set_speed(context, node, float(word.removeprefix("speed:")))
     elif word == "footprint":
         hear_footprint(node)
     else:

@@ -197,7 +197,7 @@ def test_a_goal_gives_way_to_another_and_a_stop_can_be_taken_back(python: Path, 
         drive.ask("4,0,0", "stop")
         drive.until("robot", "it stands again")
         assert drive.node.poll() is None, "a robot that was stopped waits"
-        drive.ask("resume")
+        assert drive.ask("speed:0.9", "speed:0.5", "resume").split() == ["False", "True"], "it was started with 0.6"
         assert drive.node.wait(LONGEST) == 0, drive.said("node")
         drive.end_robot()
     x, y, _ = drive.result["at"]  # type: ignore[misc]

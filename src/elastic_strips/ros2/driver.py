@@ -162,7 +162,7 @@ class Ros2Driver:
         if self._robot.space.planar:
             kind = geometry.TwistStamped if params.stamped_in else geometry.Twist
             self._hear(kind, params.cmd_vel_in, quality(1), self._on_velocity)
-        if self._robot.joint_names:
+        if self._robot.joint_names and params.arm != "none":
             kind = load("std_msgs.msg").Float64MultiArray
             self._hear(kind, params.joint_velocities_in, quality(1), self._on_rates)
 

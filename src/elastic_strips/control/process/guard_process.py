@@ -48,7 +48,7 @@ def _warmed(task: GuardTask) -> Guard:
     """A guard that has not begun, in a process where one has worked already."""
     robot, limits, params, q = task
     wall = Box((0.1, 4.0, 1.0), at=(2.0, 0.0, 0.5), name="wall")
-    trial = Guard(robot, limits, params)
+    trial = Guard(robot, limits, params, start=q)
     for k in range(_WARM_PERIODS):
         twist = [0.1, 0.0, 0.0] if robot.space.base_nv else None
         rates = 0.1 * limits.joint_speed
