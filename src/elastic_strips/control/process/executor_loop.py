@@ -54,6 +54,7 @@ class Status:
         coordinates, v: (nv,) of the reference.
         events, stops: new ones since the last status that could be sent.
         pilot: what became of the last command of a pilot, where one is guarded.
+        scene: number of the last scene that was taken, where one is guarded.
     """
 
     time: float
@@ -77,6 +78,7 @@ class Status:
     events: tuple[Event, ...]
     stops: tuple[tuple[float, str], ...]
     pilot: str = ""
+    scene: int = 0
 
 
 def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | None) -> None:
@@ -139,6 +141,7 @@ class Loop:
         self.logged: Event | None = None
         self.log_error = ""
         self.pilot = ""
+        self.taken = 0
         self.notes: Callable[[], Iterable[str]] = tuple  # of the driver
 
     def end(self, *_: object) -> None:
@@ -348,6 +351,7 @@ class Loop:
             events=events,
             stops=stops,
             pilot=self.pilot,
+            scene=self.taken,
         )
         if put(self.link, status):
             self.event = events[-1] if events else self.event

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import socket
+from collections import deque
+from itertools import count
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +27,7 @@ from .executor_loop import Loop, run_loop
 from .executor_process import ExecutorProcess
 from .log_stream import LogStream
 
+_REMEMBERED_SCENES = 20  # that another one may refer to
 _WARM_PERIODS = 5  # that a guard steps through before the first one that counts: it loads modules, and makes tables
 
 GuardTask = tuple[RobotModel, MotionLimits, GuardParams, npt.NDArray[np.float64]]
@@ -64,7 +67,8 @@ class _GuardLoop(Loop):
     def __init__(self, link: socket.socket, guard: Guard, driver: PilotedDriver, log: LogStream | None) -> None:
         super().__init__(link, guard.executor, driver, log)
         self.guard = guard
-        self.scene: Scene | None = None  # the newest one, until it is taken
+        self.newest: Scene | None = None  # until it is taken
+        self.scenes: dict[int, Scene] = {}  # the last ones, by number
 
     def command(self, t: float, measurement: Measurement | None) -> Command:
         desired: Desired | None = None
@@ -73,17 +77,22 @@ class _GuardLoop(Loop):
         except Exception as error:
             self.executor.log("fault", f"driver exception: {type(error).__name__}: {error}")
         self.check_planner(t)
-        scene, self.scene = self.scene, None
+        scene, self.newest = self.newest, None
         answer = self.guard.step(t, measurement, scene, None if self.closing or self.gone else desired)
         what = answer.outcome.value + ("" if answer.share in (0.0, 1.0) else f" ({100.0 * answer.share:.0f} %)")
         self.pilot = f"{what}: {answer.reason}" if answer.reason else what
         return answer.command
 
     def obey(self, message: object) -> None:
-        if isinstance(message, tuple) and len(message) == 2 and isinstance(message[1], Scene):
-            self.scene = message[1]
-        else:
+        if not isinstance(message, tuple) or message[:1] != ("scene",):
             super().obey(message)
+            return
+        _, number, base, stamp, held_up, things = message
+        known = self.scenes[base].obstacles if base else ()
+        scene = Scene([known[o] if isinstance(o, int) else o for o in things], time=stamp, held_up=held_up)
+        self.newest = self.scenes[number] = scene
+        self.taken = number
+        self.scenes = {k: each for k, each in self.scenes.items() if k > number - _REMEMBERED_SCENES}
 
 
 class GuardProcess(ExecutorProcess):
@@ -110,7 +119,19 @@ class GuardProcess(ExecutorProcess):
     ) -> None:
         super().__init__(robot, start, start, params=params.drive, limits=limits, log=log)
         self._task = (robot, self.limits, params, robot.check_q(start, what="start"))
+        self._numbers = count(1)
+        self._scenes: deque[tuple[int, Scene]] = deque(maxlen=_REMEMBERED_SCENES - 1)  # sent last, by number
 
     def see(self, scene: Scene) -> bool:
-        """Hand over a newer scene; False where it was too large, or the process is behind."""
-        return put(self._link, ("scene", scene))
+        """Hand over a newer scene; False where it was too large, or the process is behind.
+
+        What was in the last one that is known to have come is not sent again, if it is the same object.
+        """
+        number = next(self._numbers)
+        base, before = next(((k, s) for k, s in self._scenes if k == self._status.scene), (0, None))
+        known = {id(o): k for k, o in enumerate(before or ())}
+        things = [known.get(id(o), o) for o in scene]
+        if not put(self._link, ("scene", number, base, scene.stamp, scene.held_up, things)):
+            return False
+        self._scenes.append((number, scene))
+        return True
