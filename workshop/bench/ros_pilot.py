@@ -23,7 +23,7 @@ _LONGEST_WAIT = 60.0  # [s] until somebody hears it
 _SPOILT = 0.3  # part of the commands of a kind that is no command
 
 
-def fly(kind: str, seed: int, seconds: float, *, spoilt: bool, arguments: list[str]) -> int:
+def fly(kind: str, seed: int, seconds: float, *, spoilt: bool, stamped: bool, arguments: list[str]) -> int:
     """Command for so many seconds, once somebody listens; how many commands went out.
 
     Args:
@@ -31,6 +31,7 @@ def fly(kind: str, seed: int, seconds: float, *, spoilt: bool, arguments: list[s
         seed: of the corridor and of the pilot.
         seconds: how long [s].
         spoilt: whether some come in unknown frames, with NaN, of long ago, of too many joints, or not at all.
+        stamped: whether velocities are TwistStamped rather than Twist.
         arguments: arguments of ROS.
     """
     robot = load_robot("silvermate")
@@ -41,7 +42,8 @@ def fly(kind: str, seed: int, seconds: float, *, spoilt: bool, arguments: list[s
     row: Array = robot.space.to_coordinates(robot.home())
     odometry = node.create_subscription(load("nav_msgs.msg").Odometry, "odom", lambda _: None, quality(5))
     once = quality(1, reliable=True)
-    twists = node.create_publisher(load("geometry_msgs.msg").TwistStamped, "cmd_vel_in", once)
+    geometry = load("geometry_msgs.msg")
+    twists = node.create_publisher(geometry.TwistStamped if stamped else geometry.Twist, "cmd_vel_in", once)
     rates = node.create_publisher(load("std_msgs.msg").Float64MultiArray, "joint_velocities_in", once)
     sent, trick, until = 0, 0, -math.inf
     try:
@@ -71,12 +73,14 @@ def fly(kind: str, seed: int, seconds: float, *, spoilt: bool, arguments: list[s
 
 def _send(node: Any, twists: Any, rates: Any, desired: Desired, trick: int) -> None:
     message, joints = twists.msg_type(), rates.msg_type()
-    stamp = node.get_clock().now().nanoseconds - (3_000_000_000 if trick == 2 else 0)
-    fill_stamp(message.header.stamp, stamp)
-    message.header.frame_id = "nowhere" if trick == 3 else "base_link"
-    fill_twist(message.twist, np.zeros(3) if desired.twist is None else desired.twist)
+    twist = getattr(message, "twist", message)
+    if twist is not message:
+        stamp = node.get_clock().now().nanoseconds - (3_000_000_000 if trick == 2 else 0)
+        fill_stamp(message.header.stamp, stamp)
+        message.header.frame_id = "nowhere" if trick == 3 else "base_link"
+    fill_twist(twist, np.zeros(3) if desired.twist is None else desired.twist)
     if trick == 4:
-        message.twist.linear.x = math.nan
+        twist.linear.x = math.nan
     joints.data = [] if desired.joints is None else desired.joints.tolist()
     if trick == 5:
         joints.data.append(1.0)

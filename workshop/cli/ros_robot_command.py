@@ -60,9 +60,11 @@ def ros_robot(
 @click.option("--kind", type=click.Choice(list(PILOTS)), default="rammer", show_default=True)
 @click.option("--for", "seconds", type=options.Finite(1.0, 3600.0), default=10.0, show_default=True)
 @click.option("--spoilt/--clean", default=False, show_default=True, help="Some commands are none.")
+@click.option("--stamped/--twist", default=True, show_default=True, help="TwistStamped or Twist.")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[--ros-args …]")
-def ros_pilot(kind: str, seed: int, seconds: float, spoilt: bool, arguments: tuple[str, ...]) -> None:
+def ros_pilot(kind: str, seed: int, seconds: float, spoilt: bool, stamped: bool, arguments: tuple[str, ...]) -> None:
     """Full speed at the things of a ros-robot's corridor, by cmd_vel_in and joint_velocities_in."""
     from workshop.bench.ros_pilot import fly
 
-    click.echo(f"{fly(kind, seed, seconds, spoilt=spoilt, arguments=list(arguments))} commands were sent")
+    sent = fly(kind, seed, seconds, spoilt=spoilt, stamped=stamped, arguments=list(arguments))
+    click.echo(f"{sent} commands were sent")
