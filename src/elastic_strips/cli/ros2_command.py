@@ -19,7 +19,8 @@ _EXIT_NOT_REACHED = 3
 def ros2(robot: str | None, goals: int | None, arguments: tuple[str, ...]) -> int:
     """Drive a robot that speaks ROS 2, to goals on /goal_pose: odometry, joint states and scans in, velocities out.
 
-    With -p mode:=guard it has no goals, and passes on what somebody else commands on cmd_vel_in, as far as that is safe.
+    With -p mode:=guard it has no goals, and passes on what somebody else commands on cmd_vel_in, as far as that is
+    safe.
 
     What follows --ros-args is for ROS: \b--params-file FILE, -p NAME:=VALUE, -r FROM:=TO.
 
