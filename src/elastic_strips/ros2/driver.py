@@ -37,7 +37,7 @@ from .motion import MotionReader
 from .params import Ros2Params
 from .pilot import PilotReader
 from .shared_memory import clear_left
-from .stamps import StampClock
+from .stamps import StampClock, read_together
 
 _LONGEST_DISCOVERY = 15.0  # [s] until something of the robot has come: now and then discovery takes 3 s
 _AT_ONCE = 20  # messages of a topic that are taken in one period
@@ -209,8 +209,8 @@ class Ros2Driver:
                         self._notes[what] = None
 
     def _time(self, message: Any) -> float:
-        now = self._node.get_clock().now().nanoseconds
-        return self._clock.time(nanoseconds(message.header.stamp), now, time.monotonic())
+        now, monotonic = read_together(lambda: int(self._node.get_clock().now().nanoseconds))
+        return self._clock.time(nanoseconds(message.header.stamp), now, monotonic)
 
     def _on_odometry(self, message: Any) -> None:
         check_frame(message, self._params.odom_frame or "")

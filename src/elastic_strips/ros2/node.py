@@ -34,7 +34,7 @@ from .motion import MotionReader, carried, correction_of
 from .params import Ros2Params
 from .requests import Request, Requests
 from .sensing import Sensing
-from .stamps import StampClock
+from .stamps import StampClock, read_together
 from .telling import Telling
 
 _log = logging.getLogger(__name__)
@@ -167,8 +167,8 @@ class Ros2Node:
     # what comes, in the thread of ROS
 
     def _time(self, message: Any) -> float:
-        now = self.node.get_clock().now().nanoseconds
-        return self._clock.time(nanoseconds(message.header.stamp), now, time.monotonic())
+        now, monotonic = read_together(lambda: int(self.node.get_clock().now().nanoseconds))
+        return self._clock.time(nanoseconds(message.header.stamp), now, monotonic)
 
     def _on_odometry(self, message: Any) -> None:
         check_frame(message, self.params.odom_frame or "")
