@@ -16,7 +16,7 @@ ARMS = ("none", "trajectory", "velocity")
 MODES = ("drive", "guard")
 """What is driven: to goals, or what somebody else commands, as far as the guard passes it on."""
 _LOST_MESSAGES = 4.0  # so many periods of odometry may pass without one before that counts as silence
-_LONGEST_GAP = 60.0  # [s] of odometry after which it is still known where the robot is, as the robot sums it up
+_LONGEST_GAP = 2.0  # [s] of odometry that the robot goes on after, as it sums it up itself; later it may have restarted
 _STEP = 0.005  # [m] tracking errors are multiples of this
 
 
