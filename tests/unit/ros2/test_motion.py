@@ -120,8 +120,8 @@ def test_silence_and_tracking_error_follow_from_the_rate(silvermate: RobotModel)
 
 @each("silence", (0.4, 1.5, 2.5))
 def test_a_robot_goes_on_after_a_silence_of_odometry(silence: float, silvermate: RobotModel):
-    """Odometry is summed up by the robot: whatever was not heard of it, the next message has it all. One that was silent
-    for long may count from zero again."""
+    """Odometry is summed up by the robot: whatever was not heard of it, the next message has it all. One that was
+    silent for long may count from zero again."""
     limits = MotionLimits.for_robot(silvermate)
     params = drive_params(Ros2Params(), limits, 0.02)
     row = silvermate.space.to_coordinates(silvermate.home())
