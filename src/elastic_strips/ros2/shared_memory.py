@@ -29,7 +29,7 @@ def clear_left(folder: Path = _FOLDER) -> int:
     if not names:
         return 0
     used = _used()
-    return sum(_removed(folder, name, used=name in used) for name in sorted(names))
+    return sum(_removed(folder, name, used=str(folder / name) in used) for name in sorted(names))
 
 
 def _entries(folder: Path) -> Iterable[Path]:
@@ -40,11 +40,11 @@ def _entries(folder: Path) -> Iterable[Path]:
 
 
 def _used() -> set[str]:
-    """Names of what processes have in their memory, of those that may be looked at."""
+    """Paths of FastDDS' files that processes have in their memory, of those that may be looked at."""
     found: set[str] = set()
     for process in _PROCESSES.glob("[0-9]*"):
         with suppress(OSError):
-            found.update(re.findall(r"/(fastdds_\w+)", (process / "maps").read_text(errors="replace")))
+            found.update(re.findall(r" (/\S*/fastdds_\w+)", (process / "maps").read_text(errors="replace")))
     return found
 
 
