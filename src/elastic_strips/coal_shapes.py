@@ -241,7 +241,14 @@ def outside(geometry: coal.CollisionGeometry, points: Array) -> Array:
 def contains(geometry: coal.CollisionGeometry, points: Array) -> bool:
     """Whether points (V, 3) in a shape's frame surely all lie inside it; False for more than 400 points."""
     sure = (ShapeKind.BOX, ShapeKind.SPHERE, ShapeKind.CYLINDER, ShapeKind.CONVEX)
-    return len(points) <= 400 and shape_of(geometry)[0] in sure and bool(np.all(outside(geometry, points) <= 1e-9))
+    kind = shape_of(geometry)[0]
+    if len(points) > 400 or kind not in sure:
+        return False
+    if kind is ShapeKind.CONVEX:  # most are beside the box about it, which is told without its planes
+        corners = vertices(geometry)
+        if ((points < corners.min(axis=0) - 1e-6) | (points > corners.max(axis=0) + 1e-6)).any():
+            return False
+    return bool(np.all(outside(geometry, points) <= 1e-9))
 
 
 def convex_from_vertices(vertices: Array, *, name: str = "mesh") -> coal.Convex:

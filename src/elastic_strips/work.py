@@ -7,6 +7,8 @@ computing before. Everything is counted once a batch: that costs nothing next to
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import astuple, dataclass
 from operator import mul
 
@@ -77,6 +79,7 @@ class _Counts(threading.local):
 
     def __init__(self) -> None:
         self.amounts = [0] * len(SECONDS_PER)
+        self.bounds = False  # whether limits of time are limits of work
 
 
 _COUNTS = _Counts()
@@ -119,3 +122,19 @@ def seconds_counted() -> float:
 def counted() -> Work:
     """The work of the calling thread since it began."""
     return Work(*_COUNTS.amounts)
+
+
+@contextmanager
+def bounded_by_work() -> Iterator[None]:
+    """Let the calling thread's limits of time be limits of modelled time meanwhile, so that equal inputs end alike on
+    every machine, whatever else runs there."""
+    before, _COUNTS.bounds = _COUNTS.bounds, True
+    try:
+        yield
+    finally:
+        _COUNTS.bounds = before
+
+
+def work_bounds() -> bool:
+    """Whether limits of time are limits of modelled time for the calling thread; see :func:`bounded_by_work`."""
+    return _COUNTS.bounds

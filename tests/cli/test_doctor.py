@@ -19,14 +19,20 @@ from elastic_strips import native
 from elastic_strips.cli import doctor_command
 from elastic_strips.cli.doctor_command import NOTE, OK, PROBLEM, Check, compare_kernel
 
+URDF = """<robot name="r"><link name="base"><collision><geometry><box size="0.5 0.4 0.2"/></geometry></collision></link>
+<link name="arm"><visual><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
+<joint name="yaw" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.5"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="2"/></joint></robot>"""
+"""Nothing is proven about its arm, which is only drawn."""
 
-def _doctor(folder: Path, **packages: str) -> tuple[int, dict[str, Any], dict[str, dict[str, str]]]:
+
+def _doctor(folder: Path, *arguments: str, **packages: str) -> tuple[int, dict[str, Any], dict[str, dict[str, str]]]:
     """Exit code, document and its checks by name; with some modules replaced by others."""
     for name, text in packages.items():
         (folder / f"{name}.py").write_text(text)
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        [*CALL, "doctor", "--json", "-"], capture_output=True, text=True, timeout=240, cwd=folder,
+        [*CALL, "doctor", "--json", "-", *arguments], capture_output=True, text=True, timeout=240, cwd=folder,
         env={**os.environ, "PYTHONPATH": path},
     )  # fmt: skip
     assert "Traceback" not in done.stderr, done.stderr
@@ -35,7 +41,8 @@ def _doctor(folder: Path, **packages: str) -> tuple[int, dict[str, Any], dict[st
 
 
 def test_where_everything_works_there_is_no_problem(tmp_path: Path) -> None:
-    code, document, checks = _doctor(tmp_path)
+    (tmp_path / "r.urdf").write_text(URDF)
+    code, document, checks = _doctor(tmp_path, "--robot", "r.urdf")
     assert code == 0, document
     assert document["problems"] == 0
     assert {check["status"] for check in checks.values()} <= {OK, NOTE}
@@ -45,6 +52,9 @@ def test_where_everything_works_there_is_no_problem(tmp_path: Path) -> None:
         assert name in checks
     assert "extra dev" not in checks
     assert "silvermate" in checks["robots"]["text"]
+    of_robot = [check for check in document["checks"] if check["name"] == "robot r.urdf"]
+    assert [check["status"] for check in of_robot].count(NOTE) == 1
+    assert any("arm" in check["text"] for check in of_robot)
 
 
 def test_a_package_is_imported_by_its_modules_name() -> None:

@@ -27,4 +27,4 @@ def test_what_is_certified_in_a_sensed_scene_is_free_of_the_true_world(figures):
 
 def test_a_map_that_leaves_obstacles_out_is_found_out(monkeypatch):
     monkeypatch.setattr(VolumeMap, "obstacles", lambda volume: [])
-    assert run(6, segments=1000).false
+    assert run(6, segments=500).false

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import elastic_strips as es
 from elastic_strips.errors import ParameterError
 from elastic_strips.native import twin
 from elastic_strips.perception import volume_twin
-from elastic_strips.robot import RobotModel
 from elastic_strips.scene import ConvexHull, Scene
 from workshop.bench.carve import Setting, bench_cloud, measure_setting, surface_voxels
 
@@ -35,11 +33,6 @@ PLACES = np.array([[0.0, 0.0, 0.1], [0.3, -0.6, 0.5]])
 
 
 @pytest.fixture(scope="module")
-def tiago() -> RobotModel:
-    return es.load_robot("tiago", base="diff_drive", looking=["head_1_joint", "head_2_joint"])
-
-
-@pytest.fixture(scope="module")
 def surface() -> np.ndarray:
     return surface_voxels(PIECES, 0.05)
 
@@ -56,15 +49,15 @@ def test_the_voxels_of_a_surface_are_those_that_it_crosses(surface):
 
 
 @pytest.mark.parametrize("noise", ["exact", "default", "worst"])
-def test_no_surface_is_called_free(tiago, surface, noise):
+def test_no_surface_is_called_free(looking_tiago, surface, noise):
     scene = Scene([ConvexHull(piece) for piece in PIECES])
-    found = measure_setting(tiago, scene, surface, PLACES, Setting(160, 120, noise), seed=1)
+    found = measure_setting(looking_tiago, scene, surface, PLACES, Setting(160, 120, noise), seed=1)
     assert found["called_free"] == 0, found["where"]
     assert found["looked_at"] > 1000
     assert found["reach_free"] > 2000
 
 
-def test_carving_by_the_pixel_over_the_middle_is_found_out(tiago, surface, monkeypatch):
+def test_carving_by_the_pixel_over_the_middle_is_found_out(looking_tiago, surface, monkeypatch):
     cover = volume_twin._Sight.cover
 
     def middle_alone(sight, c, radius):
@@ -75,7 +68,7 @@ def test_carving_by_the_pixel_over_the_middle_is_found_out(tiago, surface, monke
     monkeypatch.setattr(volume_twin._Sight, "cover", middle_alone)
     scene = Scene([ConvexHull(piece) for piece in PIECES])
     with twin():
-        found = measure_setting(tiago, scene, surface, PLACES[:1], Setting(80, 60, "exact"), seed=1)
+        found = measure_setting(looking_tiago, scene, surface, PLACES[:1], Setting(80, 60, "exact"), seed=1)
     assert found["called_free"] > 10
 
 

@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.collision import BodySet, MotionBounds, ObstacleProximity, SelfProximity
@@ -104,6 +103,8 @@ class Proposer(OneThread):
         reach: float,
         self_reach: float,
     ) -> None:
+        import scipy.optimize  # noqa: F401  # late: slow to import, and no command of a guard is to wait for it
+
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
         self.self_clearance: float = self_clearance
@@ -255,6 +256,8 @@ def _nearest(rows: Array, least: Array) -> tuple[Array, Array]:
     It is the least-distance problem of Lawson and Hanson, solved by non-negative least squares; each row has a variable
     of its own that gives way for ``_SLACK``.
     """
+    from scipy.optimize import nnls  # late: slow to import
+
     count, m = rows.shape
     system = np.zeros((m + count + 1, count))
     system[:m] = rows.T

@@ -175,6 +175,12 @@ class LocalPlanner:
             outlook = replace(outlook, margins=replace(self.margins, tracking_error=tracking_error))
         return self.timer.certify(motion, outlook)
 
+    def beginning(
+        self, motion: Trajectory, certificate: Certificate, scene: Scene
+    ) -> tuple[Trajectory, Certificate] | None:
+        """A certified beginning of a motion from rest; see :meth:`StripTimer.beginning`."""
+        return self.timer.beginning(motion, certificate, self._outlook(scene))
+
     def certify_leaving(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify a motion that leads away from what is nearer to the robot than the clearance where it begins.
 

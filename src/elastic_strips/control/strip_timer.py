@@ -22,6 +22,7 @@ from elastic_strips.trajectory import (
     Trajectory,
     TrajectoryCertifier,
 )
+from elastic_strips.trajectory.trajectory import joined
 
 from .itinerary import passed_at
 from .joining import steered
@@ -40,6 +41,8 @@ _NEAR_END = 0.3
 """So near [m] to the end, beyond what it needs to brake, a robot stops and turns at rest."""
 _FOLLOWED_SHARES = (0.5, 1.0)
 """Parts of the active trajectory that are followed first, where the strip bends too sharply."""
+_BEGINNINGS = (1.6, 0.8)
+"""Durations [s], about, to which a motion from rest is cut short where something moves near the rest of it."""
 
 
 class PlanOutcome(Enum):
@@ -222,7 +225,46 @@ class StripTimer:
                 self._failures, self._turning, reason = 0, 0, ""
                 return result(PlanOutcome.ARRIVE if arrives else PlanOutcome.FOLLOW)
             reason = f"motion at {speed:g} of full speed not certified: {certificate.broken}"
+            begins = None if start.v.any() else self.beginning(motion, certificate, outlook)
+            watch.mark("motion certificate")
+            if begins is not None:
+                motion, certificate = begins
+                self._failures, self._turning, reason = 0, 0, ""
+                return result(PlanOutcome.FOLLOW)
         return result(PlanOutcome.NONE)
+
+    def beginning(
+        self, motion: Trajectory, certificate: Certificate, outlook: Outlook
+    ) -> tuple[Trajectory, Certificate] | None:
+        """A certified beginning of a motion from rest that was not certified because of something that moves; None
+        where there is none.
+
+        Slower motions are no shorter, and the longer one lasts, the more of the space about something that moves may be
+        taken by then: beside people a robot goes by short motions, or not at all.
+
+        Args:
+            motion: the motion, from rest to rest.
+            certificate: of it.
+            outlook: of the tick.
+        """
+        broken = certificate.broken
+        if broken is None or broken.obstacle not in outlook.scene:
+            return None
+        if outlook.scene.obstacle(broken.obstacle).motion is None:
+            return None
+        for lasting in _BEGINNINGS:
+            if lasting > 0.8 * motion.duration:
+                continue
+            at = motion.start_time + 0.5 * lasting  # as long to gather speed as to lose it
+            i = int(np.searchsorted(motion.time, at, side="right"))
+            rows = {name: getattr(motion, name)[: i + 1] for name in ("time", "coordinates", "v", "a")}
+            short = joined([replace(motion, **rows), self.hard.brake(motion, float(motion.time[i]))])
+            if self._stays(short):
+                continue
+            proof = self.certify(short, outlook)
+            if proof.certified:
+                return short, proof
+        return None
 
     def joining(
         self,

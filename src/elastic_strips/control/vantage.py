@@ -24,6 +24,8 @@ _AGAIN = 20.0  # [s] after the last of them, when it begins anew
 _BACK = 0.6  # [m] that it backs off first, where it can: what is at its feet is hidden by itself
 _STEP = 0.35  # [rad] from row to row of a turn
 _SPEED = 0.5  # part of the speed of other motions
+_HELD_UP = 4.0  # [s] for which it waits on such a way until it can go on
+_TURN_WEIGHT = 0.3  # [m/rad] of turns, where it is looked how far it has come
 
 
 class Vantage:
@@ -47,7 +49,9 @@ class Vantage:
         self._since: float | None = None  # [s] when it stood before what was not seen
         self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
         self._tried = 0
-        self._motion: Trajectory | None = None  # to where it looks from
+        self._motion: Trajectory | None = None  # to where it looks from, or the beginning of the way
+        self._rows: Array = np.zeros((0, 0))  # (K, nv) of that way
+        self._came = -np.inf  # [s] when it came to rest on the way
         self._looks = False  # whether it is on such a way, or looks from its end
         self._until = -np.inf  # [s] until when it looks from there, or did
 
@@ -75,13 +79,18 @@ class Vantage:
             speed: part of the full speed with which it may go.
         """
         executor, stands = self._executor, self._executor.at_rest(t)
-        if executor.active is self._motion and not stands:
-            certificate = self._planner.certify(executor.active.tail(begin), scene)
-            if not certificate.certified:
-                executor.brake(f"the way to where it was to look is not free: {certificate.broken}")
+        if self._motion is not None and not stands:
+            if executor.active is self._motion:
+                certificate = self._planner.certify(executor.active.tail(begin), scene)
+                if not certificate.certified:
+                    executor.brake(f"the way to where it was to look is not free: {certificate.broken}")
             return True
         if self._motion is not None:
-            self._motion, self._until = None, t + _LOOK
+            self._came = t if self._came == -np.inf else self._came
+            left = self._left()
+            if len(left) > 1 and (self._sets_out(left, begin, scene, _SPEED * speed) or t - self._came < _HELD_UP):
+                return True
+            self._motion, self._until, self._came = None, t + _LOOK, -np.inf
         if t < self._until:
             return True
         if self._looks:
@@ -96,20 +105,40 @@ class Vantage:
 
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
         """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
-        planner, executor = self._planner, self._executor
         while self._tried < len(_TURNS):
             yaw = self._heading + _TURNS[self._tried]
             self._tried += 1
             for rows in (self._backed(here), here[None]):
-                motion = self._motion_along(rows, yaw, begin, speed)
-                certificate = None if motion is None else planner.certify(motion, scene)
-                if motion is None or certificate is None or not certificate.certified:
-                    continue
-                executor.log("looking", "goes to see from elsewhere what is in its way")
-                executor.submit(motion, certificate, at_goal=False, proven=planner.margins.tracking_error)
-                self._motion, self._looks, self._since = motion, True, None
-                return True
+                if self._sets_out(_turned(rows, yaw), begin, scene, speed):
+                    self._executor.log("looking", "goes to see from elsewhere what is in its way")
+                    self._looks, self._since = True, None
+                    return True
         return False
+
+    def _left(self) -> Array:
+        """(K, nv) rows of the way to where it looks from that are left, from the one at which the robot rests."""
+        here, rows = self._executor.active.coordinates[-1], self._rows
+        off = np.hypot(*(rows[:, :2] - here[:2]).T) + _TURN_WEIGHT * np.abs(rows[:, 2] - here[2])
+        return np.vstack((here, rows[int(off.argmin()) + 1 :]))
+
+    def _sets_out(self, rows: Array, begin: float, scene: Scene, speed: float) -> bool:
+        """Whether there is a certified motion along rows (K, nv), or a beginning of one, and the robot is on it."""
+        planner = self._planner
+        if len(rows) < 2 or not self._executor.settled:
+            return False
+        try:
+            motion = planner.timer.easy.full(rows, start_time=begin, speed=speed)
+        except ElasticStripsError:
+            return False
+        certificate = planner.certify(motion, scene)
+        if not certificate.certified:
+            begins = planner.beginning(motion, certificate, scene)
+            if begins is None:
+                return False
+            motion, certificate = begins
+        self._executor.submit(motion, certificate, at_goal=False, proven=planner.margins.tracking_error)
+        self._motion, self._rows, self._came = motion, rows, -np.inf
+        return True
 
     def _backed(self, here: Array) -> Array:
         """(K, nv) rows back along the way that the robot came."""
@@ -117,15 +146,10 @@ class Vantage:
         way = np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))
         return rows[: int(np.searchsorted(way, _BACK)) + 2]
 
-    def _motion_along(self, rows: Array, yaw: float, begin: float, speed: float) -> Trajectory | None:
-        """The motion along rows (K, nv), and then a turn in place to a heading [rad]; None where there is none."""
-        turn = yaw - float(rows[-1, 2])
-        turned = np.repeat(rows[-1:], int(np.ceil(abs(turn) / _STEP)), axis=0)
-        turned[:, 2] += np.linspace(0.0, turn, len(turned) + 1)[1:]
-        rows = np.concatenate((rows, turned))
-        if len(rows) < 2:
-            return None
-        try:
-            return self._planner.timer.easy.full(rows, start_time=begin, speed=speed)
-        except ElasticStripsError:
-            return None
+
+def _turned(rows: Array, yaw: float) -> Array:
+    """Rows (K, nv), and then a turn in place to a heading [rad]."""
+    turn = yaw - float(rows[-1, 2])
+    turned = np.repeat(rows[-1:], int(np.ceil(abs(turn) / _STEP)), axis=0)
+    turned[:, 2] += np.linspace(0.0, turn, len(turned) + 1)[1:]
+    return np.concatenate((rows, turned))

@@ -1,13 +1,14 @@
 """Image watch: whether the images of a camera or a 3-D lidar can be as they say, and what is wrong where they cannot.
 
-An image is held against the floor, against what the same sensor saw a moment ago, and against the robot's own body.
-What no image of this kind can show (glass; an error that was there from the start and shifts nothing) is not found.
+An image is held against the floor, against what the same sensor saw a moment ago, against what a laser sees now, and
+against the robot's own body. What no image of this kind can show (glass; without a laser, an error that was there from
+the start and shifts nothing) is not found.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Mask
 
 from .image_movers import measured
-from .readings import NO_ANSWER, DepthImage, RangeImage
+from .readings import NO_ANSWER, DepthImage, RangeImage, ScanRays
 from .volume_map import VolumeMapParams
 
 _SAME = 1  # times that the same image may come again
@@ -49,6 +50,11 @@ _PIXELS = 0.01  # [m] by which a point is off its surface because pixels are not
 _ALIKE = 2.0  # times as unsure as if the errors of neighbouring pixels had nothing in common
 _BEFORE = (0.3, 0.3, 0.3, 0.15, 0.15, 0.02)  # [rad, m] standard deviations of a displacement, a priori
 _FLOOR_BEFORE = (0.3, 0.3, 1e-6, 1e-6, 1e-6, 0.02)  # the same of what the floor tells
+_PLANE_BEFORE = (1e-6, 1e-6, 0.3, 0.15, 0.15, 1e-6)  # the same of what a level laser tells
+_LEAST_IN_PLANE = 20  # points of a laser that are compared
+_IN_A_ROW = 3  # images that are off what a laser sees
+_SCAN_AGE = 0.2  # [s] between image and scan, at most
+_SCAN_SIGMA = 0.02  # [m] standard deviation of a scan's points
 _TRUSTED_AGAIN = 3  # images in a row that agree with what was seen before
 _GIVEN_UP = 3.0  # [s] for which nothing can be compared, after which what was seen then is forgotten
 
@@ -67,6 +73,7 @@ class ImageReport:
         compared: how many of its points were compared with the floor and with what was seen before.
         tilted: angle [rad] by which the floor is.
         turned, shifted: angle [rad] and distance [m] by which what was seen before is displaced all together.
+        turned_by_laser, shifted_by_laser: the same of what a laser sees.
     """
 
     sensor: str
@@ -80,19 +87,23 @@ class ImageReport:
     tilted: float = 0.0
     turned: float = 0.0
     shifted: float = 0.0
+    turned_by_laser: float = 0.0
+    shifted_by_laser: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Surfaces:
+class Surfaces:
     """Points (n, 3) of an image in the world [m], the normals (n, 3) of the surfaces there, and standard deviations
-    (n,) [m]."""
+    (n,) [m]; of an image, or of a scan that is named."""
 
     points: Array
     normals: Array
     sigma: Array
+    time: float = -math.inf
+    name: str = ""
 
-    def some(self, which: Mask) -> _Surfaces:
-        return _Surfaces(self.points[which], self.normals[which], self.sigma[which])
+    def some(self, which: Mask) -> Surfaces:
+        return replace(self, points=self.points[which], normals=self.normals[which], sigma=self.sigma[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,11 +116,18 @@ class _Displacement:
     turned_sigma: float
     shifted_sigma: float
     agreeing: float
+    least: int = _LEAST_COMPARED
 
     @property
     def judges(self) -> bool:
         """Whether it says something."""
-        return self.compared >= _LEAST_COMPARED and self.agreeing >= _AGREEING
+        return self.compared >= self.least and self.agreeing >= _AGREEING
+
+    @property
+    def large(self) -> bool:
+        """Whether it is larger than errors are."""
+        turned, shifted = _MOST_TURNED + _SURE * self.turned_sigma, _MOST_SHIFTED + _SURE * self.shifted_sigma
+        return self.judges and (self.turned > turned or self.shifted > shifted)
 
 
 _UNKNOWN = _Displacement(0, 0.0, 0.0, math.inf, math.inf, 0.0)
@@ -129,8 +147,9 @@ class ImageWatch:
         self._last: DepthImage | RangeImage | None = None
         self._last_pose = self._first_pose = np.eye(4)
         self._repeated, self._noisy = 0, False
-        self._kept: _Surfaces | None = None
+        self._kept: Surfaces | None = None
         self._kept_since = self._compared_at = -math.inf
+        self._off_laser = 0  # images in a row
         self._doubt, self._good = "", 0
         self._sees = math.inf  # [s] when an image last said enough; the first one, where none did
 
@@ -142,6 +161,7 @@ class ImageWatch:
         own: Array,
         moving: Mask,
         places: MayMove,
+        scans: Sequence[Surfaces] = (),
     ) -> ImageReport:
         """Whether an image is to be believed.
 
@@ -154,16 +174,26 @@ class ImageWatch:
             own: (H, W) distances along the rays at which they meet the robot's own body [m]; infinite beside it.
             moving: (H, W) pixels that may be of something that moves.
             places: tells where things may have moved.
+            scans: what each laser saw last.
         """
         repeated = self._repeats(image, T_world_sensor)
         unanswered, alone = _unanswered(image, own), _alone(kept)
         through = self._through(image, own)
         still = _without(kept, moving)
         slope, found = self._slope(still, T_world_sensor), self._displacement(still, T_world_sensor, places)
+        beside = [self._off_scan(still, T_world_sensor, places, scan) for scan in scans]
+        worst = max(beside, key=lambda one: (one.large, one.judges), default=_UNKNOWN)
+        self._off_laser = self._off_laser + 1 if worst.large else 0
         if unanswered <= _MOST_UNANSWERED or self._sees == math.inf:
             self._sees = image.time
         reason = self._reason(image, repeated, unanswered, alone, through, slope, found)
-        judged = slope.judges or found.judges
+        if not reason and self._off_laser >= _IN_A_ROW:
+            scan = scans[beside.index(worst)].name
+            reason = (
+                f"{image.sensor!r} is not where or when it says: what {scan!r} sees is turned by "
+                f"{math.degrees(worst.turned):.1f}° and shifted by {worst.shifted:.2f} m in it"
+            )
+        judged = slope.judges or found.judges or (worst.judges and not worst.large)
         if judged:
             self._compared_at = image.time
         if reason:
@@ -189,6 +219,8 @@ class ImageWatch:
             tilted=slope.turned,
             turned=found.turned,
             shifted=found.shifted,
+            turned_by_laser=worst.turned,
+            shifted_by_laser=worst.shifted,
         )
 
     def _reason(
@@ -215,8 +247,7 @@ class ImageWatch:
             return f"{name} is not where it should be: {100 * through:.0f} % of the robot's body is not in its picture"
         if slope.judges and slope.turned > _MOST_TILTED + _SURE * slope.turned_sigma:
             return f"{name} is not where it should be: the floor is tilted by {math.degrees(slope.turned):.1f}° in it"
-        turned, shifted = _MOST_TURNED + _SURE * found.turned_sigma, _MOST_SHIFTED + _SURE * found.shifted_sigma
-        if found.judges and (found.turned > turned or found.shifted > shifted):
+        if found.large:
             return (
                 f"{name} is not where or when it says: what it sees is turned by {math.degrees(found.turned):.1f}° and "
                 f"shifted by {found.shifted:.2f} m"
@@ -264,12 +295,12 @@ class ImageWatch:
 
     # what is displaced
 
-    def _surfaces(self, image: DepthImage | RangeImage, T: Array) -> _Surfaces:
+    def _surfaces(self, image: DepthImage | RangeImage, T: Array) -> Surfaces:
         """Some points of an image with their surfaces."""
         rows, columns = image.ranges.shape
         apart = 2 if min(rows, columns) >= 60 else 1
         if rows <= 2 * apart or columns <= 2 * apart:
-            return _Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+            return Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         r = np.arange(apart, rows - apart, max(1, rows // _ACROSS))[:, None]
         c = np.arange(apart, columns - apart, max(1, columns // _ACROSS))
         ranges = np.where(np.isfinite(image.ranges), image.ranges, np.nan).astype(float)
@@ -293,7 +324,7 @@ class ImageWatch:
             good = flat & (np.abs(cosine) > _FACING) & (near <= self.params.range_max)
         points = here[good] @ T[:3, :3].T + T[:3, 3]
         normals = -np.sign(cosine[good])[:, None] * normal[good] @ T[:3, :3].T
-        return _Surfaces(points, normals, self.params.sigma(near[good]))
+        return Surfaces(points, normals, self.params.sigma(near[good]))
 
     def _slope(self, image: DepthImage | RangeImage, T: Array) -> _Displacement:
         """By how much an image is displaced from the floor."""
@@ -309,17 +340,57 @@ class ImageWatch:
         if kept is None:
             return _UNKNOWN
         kept = kept.some(~places(kept.points[:, :2], max(image.time - self._kept_since, 0.0)))
-        if not len(kept.points):
+        return self._off(image, T, kept, _BEFORE, _LEAST_COMPARED)
+
+    def _off_scan(self, image: DepthImage | RangeImage, T: Array, places: MayMove, scan: Surfaces) -> _Displacement:
+        """By how much an image is displaced from what a laser sees."""
+        if abs(image.time - scan.time) > _SCAN_AGE:
             return _UNKNOWN
-        local = (kept.points - T[:3, 3]) @ T[:3, :3]
+        return self._off(image, T, scan.some(~places(scan.points[:, :2], _SCAN_AGE)), _PLANE_BEFORE, _LEAST_IN_PLANE)
+
+    def _off(
+        self, image: DepthImage | RangeImage, T: Array, known: Surfaces, before: tuple[float, ...], least: int
+    ) -> _Displacement:
+        """By how much an image is displaced from surfaces."""
+        if not len(known.points):
+            return _UNKNOWN
+        local = (known.points - T[:3, 3]) @ T[:3, :3]
         distance, range_ = measured(image, local)
         with np.errstate(invalid="ignore"):
             there = distance > 0.0
-            ends = kept.points + (range_ / np.where(there, distance, 1.0) - 1.0)[:, None] * (local @ T[:3, :3].T)
-            apart = np.einsum("ij,ij->i", kept.normals, ends - kept.points)
+            ends = known.points + (range_ / np.where(there, distance, 1.0) - 1.0)[:, None] * (local @ T[:3, :3].T)
+            apart = np.einsum("ij,ij->i", known.normals, ends - known.points)
             ok = there & np.isfinite(range_) & (np.abs(apart) < _FAR_OFF)
-        sigma = np.hypot(kept.sigma[ok], self.params.sigma(range_[ok]))
-        return _fitted(ends[ok] - T[:3, 3], kept.normals[ok], apart[ok], sigma, _BEFORE)
+        sigma = np.hypot(known.sigma[ok], self.params.sigma(range_[ok]))
+        return _fitted(ends[ok] - T[:3, 3], known.normals[ok], apart[ok], sigma, before, least)
+
+
+def scan_surfaces(rays: ScanRays, ignored: Mask, sensor: str) -> Surfaces:
+    """What a level laser has met, with the surfaces there, which are taken to be upright.
+
+    Args:
+        rays: the scan in the world.
+        ignored: (R,) rays that end on something that moves.
+        sensor: its name.
+    """
+    ends = rays.origin + np.where(rays.hits, rays.ranges, np.nan)[:, None] * rays.direction
+    ends[ignored] = np.nan
+    along = np.full(ends.shape, np.nan)
+    along[1:-1] = ends[2:] - ends[:-2]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        length = np.hypot(along[:, 0], along[:, 1])
+        normals = np.column_stack((-along[:, 1], along[:, 0])) / length[:, None]
+        facing = np.einsum("ij,ij->i", normals, rays.direction)
+        good = (np.abs(facing) > _FACING) & (length < _ONE_SURFACE[0] + 2.0 * _ONE_SURFACE[1] * rays.ranges)
+    points, normals = ends[good], -np.sign(facing[good])[:, None] * normals[good]
+    flat = np.zeros((len(points), 1))
+    return Surfaces(
+        np.hstack((points, flat + rays.height)),
+        np.hstack((normals, flat)),
+        np.full(len(points), _SCAN_SIGMA),
+        rays.time,
+        sensor,
+    )
 
 
 def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | RangeImage:
@@ -333,13 +404,20 @@ def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | Range
     return replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)
 
 
-def _floor(surfaces: _Surfaces, T: Array) -> Mask:
+def _floor(surfaces: Surfaces, T: Array) -> Mask:
     """Which of the points may be of the floor."""
     away = np.linalg.norm(surfaces.points - T[:3, 3], axis=1)
     return (surfaces.normals[:, 2] > _UPRIGHT) & (np.abs(surfaces.points[:, 2]) < _FLOOR[0] + _FLOOR[1] * away)
 
 
-def _fitted(arms: Array, normals: Array, off: Array, sigma: Array, before: tuple[float, ...]) -> _Displacement:
+def _fitted(
+    arms: Array,
+    normals: Array,
+    off: Array,
+    sigma: Array,
+    before: tuple[float, ...],
+    least: int = _LEAST_COMPARED,
+) -> _Displacement:
     """The turn and shift that explain best how far points are off along normals, by weighted least squares.
 
     Args:
@@ -348,9 +426,10 @@ def _fitted(arms: Array, normals: Array, off: Array, sigma: Array, before: tuple
         off: (n,) how far off they are [m].
         sigma: (n,) their standard deviations [m].
         before: (6,) standard deviations of turn and shift, a priori [rad, m].
+        least: how many points have to be compared.
     """
     n = len(off)
-    if n < _LEAST_COMPARED:
+    if n < least:
         return replace(_UNKNOWN, compared=n)
     sigma = np.hypot(sigma, _PIXELS)
     A = np.hstack((np.cross(arms, normals), normals)) / sigma[:, None]
@@ -374,6 +453,7 @@ def _fitted(arms: Array, normals: Array, off: Array, sigma: Array, before: tuple
         math.sqrt(float(u @ covariance[:3, :3] @ u)),
         math.sqrt(float(w @ covariance[3:, 3:] @ w)),
         float((left < _SURE).mean()),
+        least,
     )
 
 

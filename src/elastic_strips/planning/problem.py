@@ -25,7 +25,7 @@ from elastic_strips.strip.params import DeformParams
 from elastic_strips.strip.report import DeformReport
 from elastic_strips.strip.workspace import Workspace
 from elastic_strips.validation import check_count
-from elastic_strips.work import SECONDS_PER, seconds_counted
+from elastic_strips.work import SECONDS_PER, seconds_counted, work_bounds
 
 from .grid_path import DRIVEN_OVER_HEIGHT
 from .leaving import MOST_DEPTH
@@ -45,6 +45,7 @@ ARM = DeformParams(influence=0.1, near=0.04)
 _LEAST_ROOM = 5e-4  # [m] of start and goal, below which no smaller clearance is asked for by itself
 _LEAST_TURN_TIME = 0.1  # [s] of an attempt that takes turns with others
 _ROUNDED_LOOKS = 1e-2  # that sums of work may be rounded by
+_SLOWEST_MACHINE = 20.0  # times modelled time that real time may take
 _SHARING_TURNS = 3  # most attempts among which what is left is divided
 _AMPLE_ROOM = 0.02  # [m] of start and goal, of which, or of what they have, a path of the joints keeps half
 _AMPLE_SELF_ROOM = 0.01  # [m] the same between the robot's own links
@@ -60,13 +61,17 @@ class Deadline:
     Work ends a search at the same place on every machine, whatever else runs there.
 
     Args:
-        seconds: how far ahead it is [s].
+        seconds: how far ahead it is [s]; of modelled time where that bounds all
+            (:func:`elastic_strips.work.bounded_by_work`): then only a search that hangs is ended by real time.
         work: how much the calling thread may compute, as the time [s] that is modelled for it
             (:mod:`elastic_strips.work`); None where work has no bound.
     """
 
     def __init__(self, seconds: float, work: float | None = None) -> None:
         self._began = perf_counter()
+        if work_bounds():
+            work = seconds if work is None else min(work, seconds)
+            seconds *= _SLOWEST_MACHINE
         self._end = self._began + seconds
         self._most = None if work is None else seconds_counted() + work
 

@@ -269,7 +269,12 @@ def _joined(
     return list(live.values()), [of[i] for i in live]
 
 
-def shape_pose(data: pin.Data, piece: LinkGeometry) -> coal.Transform3s:
-    """Where a piece is in the world, once the joints' poses are computed."""
-    T = data.oMi[piece.joint] * pin.SE3(piece.placement[:3, :3], piece.placement[:3, 3])
+def joint_pose(data: pin.Data, joint: int) -> coal.Transform3s:
+    """Where a joint is in the world, once the joints' poses are computed."""
+    T = data.oMi[joint]
     return coal.Transform3s(T.rotation, T.translation)
+
+
+def pose_in_joint(piece: LinkGeometry) -> coal.Transform3s:
+    """Where a piece is in its joint's frame."""
+    return coal.Transform3s(piece.placement[:3, :3], piece.placement[:3, 3])

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from elastic_strips.arrays import Array, Indices
 
-from .geometry import LinkGeometry, shape_pose
+from .geometry import LinkGeometry, joint_pose, pose_in_joint
 
 _LEAST_PROVEN = 1e-4  # [m] distance below which a proof that two pieces never touch gives up
 _DISTANCE_ENOUGH = 0.03  # [m] distance at which it need not go on
@@ -49,6 +49,8 @@ def least_distance(
     data, q = model.createData(), pin.neutral(model)
     request, result = coal.DistanceRequest(True), coal.DistanceResult()
     request.gjk_tolerance = 1e-8
+    one, two = pieces[i], pieces[k]
+    in_one, in_two = pose_in_joint(one), pose_in_joint(two)
     measured = np.inf
 
     def bound(a: Array, b: Array) -> float:
@@ -56,8 +58,8 @@ def least_distance(
         q[index] = 0.5 * (a + b)
         pin.forwardKinematics(model, data, q)
         result.clear()
-        poses = [shape_pose(data, p) for p in (pieces[i], pieces[k])]
-        d = coal.distance(pieces[i].geometry, poses[0], pieces[k].geometry, poses[1], request, result)
+        at, there = joint_pose(data, one.joint) * in_one, joint_pose(data, two.joint) * in_two
+        d = coal.distance(one.geometry, at, two.geometry, there, request, result)
         measured = min(measured, d)
         return d - _LEAST_PROVEN - float((0.5 * (b - a) * reach).sum())
 
@@ -73,8 +75,8 @@ def least_distance(
         middle = 0.5 * (a[axis] + b[axis])
         left, right = b.copy(), a.copy()
         left[axis] = right[axis] = middle
-        for n, (one, two) in enumerate(((a, left), (right, b))):
-            heapq.heappush(todo, (bound(one, two), 2 * count + n + 1, one, two))
+        for n, (lower, upper) in enumerate(((a, left), (right, b))):
+            heapq.heappush(todo, (bound(lower, upper), 2 * count + n + 1, lower, upper))
     return max(todo[0][0], 0.0)
 
 

@@ -13,7 +13,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.coal_shapes import faces, support_points, vertices
 from elastic_strips.decompose import Surface, one_of_each_body
 
-from .geometry import LinkGeometry, shape_pose
+from .geometry import LinkGeometry, joint_pose, pose_in_joint
 
 LinkPair = frozenset[str]
 POSTURES = 400  # that are sampled; a pair that touches in all of them is left out
@@ -59,6 +59,8 @@ class SampledPostures:
         self._radii = np.array([0.5 * np.linalg.norm(p.capsule.b - p.capsule.a) + p.capsule.r for p in shapes])
         self._request, self._result = coal.CollisionRequest(), coal.CollisionResult()
         self._poses: dict[int, coal.Transform3s] = {}
+        self._joints: dict[int, coal.Transform3s] = {}
+        self._in_joints = [pose_in_joint(p) for p in shapes]
         self._surfaces: dict[int, Surface] = {}  # of meshes, by their identity: parts of one share it
         self._corners: dict[int, Array] = {}
         self.place(pin.neutral(model))
@@ -67,6 +69,7 @@ class SampledPostures:
         """Take a posture."""
         pin.forwardKinematics(self._model, self._data, q)
         self._poses.clear()
+        self._joints.clear()
 
     def next(self) -> None:
         """Take the next random one."""
@@ -139,7 +142,10 @@ class SampledPostures:
 
     def _pose(self, i: int) -> coal.Transform3s:
         if i not in self._poses:
-            self._poses[i] = shape_pose(self._data, self._shapes[i])
+            joint = self._shapes[i].joint
+            if joint not in self._joints:
+                self._joints[joint] = joint_pose(self._data, joint)
+            self._poses[i] = self._joints[joint] * self._in_joints[i]
         return self._poses[i]
 
 

@@ -6,13 +6,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, TimeoutError
+from contextlib import nullcontext
 from dataclasses import dataclass
 from time import thread_time
 from typing import Literal, ParamSpec, TypeVar
 
 from elastic_strips.errors import ParameterError
 from elastic_strips.validation import check_able, check_number, check_type, shown
-from elastic_strips.work import counted
+from elastic_strips.work import bounded_by_work, counted
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -161,7 +162,8 @@ class ChargedExecutor(Executor):
         future: ChargedFuture[_T] = ChargedFuture(self.clock)
         began = self.computing.reading()
         try:
-            future.set_result(fn(*args, **kwargs))
+            with bounded_by_work() if self.computing.label == "work" else nullcontext():
+                future.set_result(fn(*args, **kwargs))
         except Exception as error:
             future.set_exception(error)
         cost = self.computing.reading() - began

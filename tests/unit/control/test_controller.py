@@ -439,8 +439,8 @@ def test_what_is_made_before_the_first_step_is_not_looked_through_in_a_tick(silv
     with Controller(silvermate, silvermate.home(), silvermate.home(x=2.5), Scene([])) as controller:
         gc.unfreeze()
         controller.warm_up()
+        # and so it stays, for the tests that come after (tests/conftest.py)
         assert gc.get_freeze_count() > 0.9 * (gc.get_freeze_count() + len(gc.get_objects()))
-        gc.unfreeze()
 
 
 def test_the_collector_waits_for_the_end_of_a_tick(silvermate, monkeypatch):

@@ -212,6 +212,30 @@ def test_a_waiting_robot_tries_every_other_tick(silvermate):
     assert gone.accepted
 
 
+def test_the_beginning_of_a_motion_past_somebody_is_certified(silvermate):
+    """The longer a motion lasts, the nearer may somebody be by its end who stands beside it now."""
+    person = Cylinder(0.25, 1.7, at=(1.2, 1.25, 0.85), name="person", motion=Twist((0.0, 0.0, 0.0)))
+    pillar = Cylinder(0.25, 1.7, at=(1.2, 0.2, 0.85), name="person")
+    planner = Ride(silvermate, Scene([person])).planner
+    motion = planner.timer.easy.full(planner.strip.coordinates, start_time=0.1)
+    for scene, begins in ((Scene([person]), True), (Scene([pillar]), False)):
+        certificate = planner.certify(motion, scene)
+        assert not certificate.certified
+        found = planner.beginning(motion, certificate, scene)
+        assert (found is not None) is begins, "what stands does not come nearer"
+        if found is None:
+            continue
+        short, proof = found
+        assert proof.certified
+        assert planner.certify(short, scene).certified
+        assert short.start_time == motion.start_time
+        assert short.at_rest_at_end
+        assert 0.02 < short.coordinates[-1, 0] < 0.5 * motion.coordinates[-1, 0]
+        limits = planner.limits
+        changes, times = np.abs(np.diff(short.v[:, 0])), np.diff(short.time)
+        assert (changes <= 1.05 * float(limits.drive_acceleration[0]) * times + 1e-6).all()
+
+
 def test_a_strip_that_stays_broken_is_not_pushed_on_at_full_size(silvermate, monkeypatch):
     """A wall across the way: it gets nodes for a few steps only."""
     wall = Scene([Box((0.2, 8.0, 1.5), at=(2.0, 0.0, 0.75), name="wall")])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_strips.control import Controller, RunState
-from elastic_strips.scene import UNSEEN_LAYER, Box, Scene
+from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant
 
 DT = 0.01
@@ -107,12 +107,12 @@ def test_an_emergency_stop_is_no_touch(silvermate):
     assert controller.reference.v.any() == 0
 
 
-def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0, cancelled=np.inf):
+def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0, cancelled=np.inf, others=()):
     """A controller, and the places of the base (K, 3), of a drive in a corridor, towards what counts as unseen until
     the base is at a place (x, y, yaw) of which ``seen`` says that it sees it."""
     block = Box((0.4, 4.0, 1.5), at=(2.0, 0.0, 0.75), name=name)
     beside = [Box((8.0, 0.1, 1.0), at=(1.0, y, 0.5), name=f"wall{k}") for k, y in enumerate((-room, room))]
-    beside.append(Box((0.1, 4.0, 1.0), at=(-1.5, 0.0, 0.5), name="end"))
+    beside += [Box((0.1, 4.0, 1.0), at=(-1.5, 0.0, 0.5), name="end"), *others]
     controller = Controller(robot, robot.home(), robot.home(x=3.0), Scene(beside))
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
@@ -137,6 +137,16 @@ def test_what_was_not_seen_is_looked_at_from_elsewhere(silvermate):
     forward = np.maximum.accumulate(places[:, 0])
     assert (forward - places[:, 0]).max() > 0.4, "it backs off"
     assert (forward - places[:, 0]).max() < 0.9, "and not further than that"
+
+
+def test_beside_somebody_it_goes_there_little_by_little(silvermate):
+    """Who stands there may set out, so that all of the way could never be certified at once."""
+    person = Cylinder(0.25, 1.7, at=(0.5, 1.4, 0.85), name="person", motion=Twist((0.0, 0.0, 0.0)))
+    controller, places = before_unseen(silvermate, lambda at: at[2] < -0.5, 60.0, others=[person])
+    assert controller.state is RunState.REACHED, controller.reason
+    looking = [event for event in controller.events if event.kind == "looking"]
+    assert looking
+    assert (np.maximum.accumulate(places[:, 0]) - places[:, 0]).max() > 0.4
 
 
 def test_what_was_seen_is_not_looked_at_from_elsewhere(silvermate):

@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import ConvexHull
 
 from elastic_strips.catalogue import find_robot
-from elastic_strips.coal_shapes import convex_from_vertices, support_points, supports
+from elastic_strips.coal_shapes import contains, convex_from_vertices, support_points, supports
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.geometry import bounding_capsule, convex_shapes, joined_pieces, piece_of
@@ -248,3 +248,17 @@ def test_pieces_have_names_of_their_own():
         shapes.append(piece_of(f"arm+{n}_0", (f"arm+{n}",), 1, ball, T))
     pieces = joined_pieces(shapes, np.eye(6, dtype=bool))[0]
     assert len({piece.name for piece in pieces}) == len(pieces) == 2
+
+
+def test_a_hull_contains_what_is_inside_and_nothing_else(rng: np.random.Generator) -> None:
+    """Neither what is beside the box about it, nor what is in that box and not in the hull."""
+    corners = rng.normal(size=(40, 3)) * (0.1, 0.2, 0.3)
+    hull = convex_from_vertices(corners)
+    planes = ConvexHull(corners).equations
+    points = rng.uniform(1.3 * corners.min(axis=0), 1.3 * corners.max(axis=0), (400, 3))
+    inside = (points @ planes[:, :3].T + planes[:, 3]).max(axis=1) <= 0.0
+    boxed = ((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1)
+    assert contains(hull, np.vstack((points[inside], corners)))
+    for part in (~inside & boxed, ~boxed):
+        assert part.sum() > 50
+        assert not any(contains(hull, point[None]) for point in points[part])

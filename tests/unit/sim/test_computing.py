@@ -9,6 +9,7 @@ import pytest
 from cases import each, refused
 
 from elastic_strips.errors import ParameterError
+from elastic_strips.planning.problem import Deadline
 from elastic_strips.scene import Box, Scene, World
 from elastic_strips.sim import computing
 from elastic_strips.sim.computing import ChargedExecutor, Computing
@@ -186,3 +187,24 @@ def test_processing_readings_is_charged_and_simulating_sensors_is_not(silvermate
 
 def test_processing_is_free_where_computing_is(silvermate):
     assert look(silvermate, "free")[0] == 0.0
+
+
+def test_limits_of_time_are_limits_of_work_where_work_is_what_computing_costs():
+    """A plan that a busy machine ended early would lead elsewhere than on an idle one."""
+
+    def search() -> tuple[bool, bool]:
+        deadline = Deadline(0.5)
+        idle = deadline.over()
+        count_work(batches=1000)
+        return idle, deadline.over()
+
+    def measured() -> bool:
+        return Deadline(1.0).of_work
+
+    clock = Clock()
+    found = ChargedExecutor(Computing("work"), clock).submit(search)
+    timed = ChargedExecutor(Computing(1.0), clock).submit(measured)
+    clock.now = 1e3
+    assert found.result() == (False, True)
+    assert timed.result() is False
+    assert not measured()
