@@ -198,6 +198,7 @@ def _plan(node: Ros2Node, controller: Controller, executor: ExecutorProcess, rat
         seen = scene
         controller.plan(t, newer)
         node.telling.tell_state(controller)
+        node.telling.tell_wait(controller, t)
         node.telling.warn(list(controller.events))
         if ticks % _SHOWN_EVERY == 0 and node.requests.state is GoalState.DRIVING and node.robot.space.planar:
             node.telling.show(controller.ahead(_PLAN_AHEAD, _PLAN_STEP))

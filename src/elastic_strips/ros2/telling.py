@@ -17,10 +17,11 @@ from elastic_strips.robot import RobotModel, footprint_polygon
 from .driver import load, quality
 from .messages import RosObject, fill_path, fill_polygon, fill_stamp, fill_status
 from .params import Ros2Params
-from .requests import Requests
+from .requests import GoalState, Requests
 from .sensing import Sensing
 
 _NEWEST_EVENTS = 50  # that are looked at, at most
+_WAIT = 2.0  # [s] for which a robot stands before its goal until it is said why
 _FOOTPRINT_PERIOD = 0.2  # [s] from one footprint to the next
 _FOOTPRINT_STEP = 0.1  # [s] from one posture on a motion to the next
 _SAME_WARNING = 5.0  # [s] from a warning until the same is said again
@@ -61,6 +62,7 @@ class Telling:
         self._footprint = node.create_publisher(geometry.PolygonStamped, "footprint", quality(1, reliable=True))
         self._footprint_due = -math.inf
         self._told_state = ""
+        self._stands_since = math.inf  # [s]
         self._warned: dict[str, float] = {}  # what was said, without numbers, and when it happened [s]
         self._warned_until = -math.inf
 
@@ -107,6 +109,15 @@ class Telling:
         message.header.frame_id = self._params.base_frame or "base_link"
         fill_polygon(message.polygon, point, footprint_polygon(self._robot, rows))
         self._footprint.publish(message)
+
+    def tell_wait(self, run: Run, t: float) -> None:
+        """Say why a robot that has a goal stands, once it has for a while."""
+        waits = self._requests.state is GoalState.DRIVING and run.state is RunState.STOPPED
+        self._stands_since = min(self._stands_since, t) if waits else math.inf
+        same = _NUMBER.sub("", run.reason)
+        if t > self._stands_since + _WAIT and t > self._warned.get(same, -math.inf) + _SAME_WARNING:
+            self._warned[same] = t
+            self._node.get_logger().warning(f"it stands: {run.reason}")
 
     def tell_state(self, run: Run, pilot: str = "") -> None:
         """Publish the robot's state where it has changed, and what became of a pilot's command."""
