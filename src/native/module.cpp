@@ -822,7 +822,7 @@ void bind_volume(nb::module_& m) {
   });
   unlocked(map, "carve",
            [](VolumeMap& self, Same<const float> clear, bool camera, bool round, Reals scale, Reals middle,
-              Reals rotation, Reals origin, double nearest, double sure) {
+              Reals rotation, Reals origin, double nearest, double sure, double exact) {
              Sizes()("rc 2 2 33 3", clear, scale, middle, rotation, origin);
              require(clear.size() > 0 && scale.data()[0] != 0.0 && scale.data()[1] != 0.0, "an image of no pixels");
              const Optics optics{clear.shape(0),
@@ -831,7 +831,7 @@ void bind_volume(nb::module_& m) {
                                  round,
                                  {scale.data()[0], scale.data()[1]},
                                  {middle.data()[0], middle.data()[1]}};
-             self.carve({optics, clear.data(), rotation.data(), origin.data(), nearest, sure});
+             self.carve({optics, clear.data(), rotation.data(), origin.data(), nearest, sure, exact});
            });
   unlocked(map, "look", [](const VolumeMap& self, Reals points, Known known) {
     Sizes()("n3 n", points, known);

@@ -210,14 +210,14 @@ void VolumeMap::note(Noted& noted, std::size_t at) {
   noted.blocks.push_back(block_of(at));
 }
 
-void VolumeMap::put(std::size_t at, int voxel, int known) {
+void VolumeMap::put(std::size_t at, int voxel, int known, bool neither) {
   std::int8_t& now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
   now = static_cast<std::int8_t>(known);
   std::uint64_t& word = filled_[at][static_cast<std::size_t>(voxel / 64)];
   std::uint64_t& sure = sure_[at][static_cast<std::size_t>(voxel / 64)];
   const std::uint64_t bit = std::uint64_t{1} << (voxel % 64);
   const bool was = (word & bit) != 0;
-  const bool is = known > PASSED && (was ? known >= evidence_.emptied : known > evidence_.filled);
+  const bool is = !neither && known > PASSED && (was ? known >= evidence_.emptied : known > evidence_.filled);
   if (((sure & bit) != 0) != (is || (known > PASSED && known <= 0))) {
     sure ^= bit;
     note(cleared_, at);
@@ -317,9 +317,10 @@ void VolumeMap::carve(const Sight& sight) {
       const float least = seen(pyramid, optics, one).least;
       if (least > one.far) {
         pass(at, voxel, one.far <= sight.sure);
-      } else if (least > 0.5 * (one.near + one.far) && one.far <= sight.sure) {
-        grant(at, voxel);
+        return;
       }
+      if (least > 0.5 * (one.near + one.far) && one.far <= sight.sure) grant(at, voxel);
+      if (least > one.near && one.far <= sight.exact) fade(at, voxel);
       return;
     }
     const Cover all = cover(optics, c, wide * small);
@@ -369,6 +370,14 @@ bool VolumeMap::settled(std::size_t at, const int* first, int edge, bool far) co
     }
   }
   return true;
+}
+
+// What was hit, and is looked at from nearby with nothing before it, and is not hit, is less and less of an obstacle,
+// and then neither.
+void VolumeMap::fade(std::size_t at, int voxel) {
+  const int now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
+  if (now <= 0 || (hit_[at][static_cast<std::size_t>(voxel / 64)] >> (voxel % 64) & 1)) return;
+  put(at, voxel, std::max(now - evidence_.miss, 0), now <= evidence_.miss);
 }
 
 void VolumeMap::grant(std::size_t at, int voxel) {

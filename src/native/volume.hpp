@@ -24,6 +24,7 @@ struct Sight {
   const double *rotation, *origin;  // of the sensor in the world (3, 3), (3)
   double nearest;                   // depth or range before which nothing is seen [m]
   double sure;                      // and from which on pixels are too far apart to see all that there is
+  double exact;                     // up to which it is known to less than a voxel where pixels end
 };
 
 // Log-odds that a sight adds, their bounds, and between which a voxel stays what it was, an obstacle or none.
@@ -80,9 +81,10 @@ class VolumeMap {
   std::size_t slot(const Block& block) const;
   Block block_of(std::size_t at) const;
   bool locate(const double* point, std::size_t& at, int& voxel) const;
-  void put(std::size_t at, int voxel, int known);
+  void put(std::size_t at, int voxel, int known, bool neither = false);
   void pass(std::size_t at, int voxel, bool sure);
   void grant(std::size_t at, int voxel);
+  void fade(std::size_t at, int voxel);
   bool settled(std::size_t at, const int* first, int edge, bool far) const;
   struct Noted {
     std::vector<Block> blocks;

@@ -26,6 +26,7 @@ SAID = {
     "15_page": "case-1.html",
     "16_executor_process": "reached: at rest at the goal",
     "17_pick_and_place": "set down: ",
+    "19_others_path": "0 contacts at speed",
 }
 ELSEWHERE = {"18_ros_node"}  # it needs ROS: tests/ros2
 NEEDS = {"06_mujoco_as_robot": "mujoco", "11_task_in_layers": "py_trees"}

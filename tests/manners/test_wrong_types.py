@@ -10,15 +10,16 @@ import pytest
 from cases import refused
 
 import elastic_strips as es
-from elastic_strips.control import DriveParams
+from elastic_strips.control import DriveParams, calibrate
 from elastic_strips.control.tasks import DriveAndReach, DriveTo, ReachHand
 from elastic_strips.errors import InputError
 from elastic_strips.files import write_json
-from elastic_strips.io import write_record
+from elastic_strips.io import load_path, write_record
 from elastic_strips.perception import SceneEstimator
 from elastic_strips.sim import Fault, TaskSimulation, evaluate, simulation
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation, result_document
 from elastic_strips.sim.sensors import SensorSuite
+from elastic_strips.strip import repair
 from elastic_strips.trajectory import MotionLimits, Retimer
 
 WRONG = ("x", None, 3, 2.5, True, object(), [], {}, b"x", np.zeros(3))
@@ -82,6 +83,15 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "Retimer": (Retimer, {"robot": robot, "limits": None}),
         "evaluate": (evaluate, {"run": "nothing", "robot": robot}),
         "write_record": (write_record, {"record": None, "path": "e.npz"}),
+        "load_path": (
+            load_path,
+            {
+                "path": strip.q, "robot": robot, "joint_names": None, "times": None, "space": None, "base_at": None,
+                "angles": None, "ignore": (), "starts_at": None,
+            },
+        ),
+        "repair": (repair, {"robot": robot, "scene": scene, "path": strip, "params": None, "max_ticks": 3}),
+        "calibrate": (calibrate, {"record": (), "robot": robot, "limits": None, "params": None}),
         "SceneEstimator": (SceneEstimator, {"params": None}),
         "Fault": (Fault.parse, {"text": "scene_frozen@2"}),
         "SensorSuite": (SensorSuite, {"robot": robot, "world": es.World(scene), "config": None, "seed": 0}),

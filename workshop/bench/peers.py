@@ -239,7 +239,7 @@ def _peer(
         out = Path(folder)
         joints = export_robot(out, robot, problems)
         try:
-            told, paths = _asked(python, name, out, joints, problems, timeout)
+            told, paths = asked(python, name, out, joints, problems, timeout)
         except ElasticStripsError as error:
             return {"skipped": str(error)}
         step(f"{name}: {len(problems)} first paths")
@@ -259,7 +259,7 @@ def _peer(
             if not moved:
                 break
             try:
-                _, paths = _asked(python, name, out, joints, [p for _, p, _ in moved], timeout)
+                _, paths = asked(python, name, out, joints, [p for _, p, _ in moved], timeout)
             except ElasticStripsError as error:
                 told["stopped"] = str(error)
                 break
@@ -272,7 +272,7 @@ def _peer(
     return _figures(first, again, told)
 
 
-def _asked(
+def asked(
     python: Path, name: str, folder: Path, joints: list[str], problems: Sequence[Problem], timeout: float
 ) -> tuple[Figures, list[tuple[Array | None, float, str]]]:
     """What a peer's program says of itself; and of each problem the path (N, nv) or None, the time [ms], the reason.

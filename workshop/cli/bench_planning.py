@@ -333,6 +333,70 @@ def peers(
     output.write_document("figures", json_file, figures)
 
 
+@click.command(short_help="Other planners' paths, certified, repaired and driven.")
+@options.robot_option("tiago")
+@seeds_option(20, "Number of scenes.")
+@click.option(
+    "--planner",
+    "planners",
+    multiple=True,
+    type=options.LateChoice("workshop.bench.others", "OTHERS"),
+    help="Only this one; may be given again.",
+)
+@click.option(
+    "--environments",
+    default="peers",
+    show_default=True,
+    metavar="DIR",
+    type=click.Path(file_okay=False),
+    help="Where each planner gets a virtual environment of its own, by pip.",
+)
+@click.option("--timeout", type=options.Finite(0.01, 600), default=10.0, show_default=True, help="For each path [s].")
+@runs_option
+def others(
+    robot: str, seeds: int, planners: tuple[str, ...], environments: str, timeout: float, json_file: str | None
+) -> None:
+    """Paths of OMPL and RoboPlan: certified as they come, repaired, and followed while something comes into them.
+
+    A base drives through corridors, and may go sideways; an arm that stands is among boxes."""
+    from elastic_strips.robot import BaseKind, load_robot
+    from workshop.bench.others import OTHERS, bench_others
+
+    model = load_robot(robot)
+    if model.base_kind is BaseKind.DIFF_DRIVE:
+        model = load_robot(robot, base="omni")
+    with options.LateProgress("looking") as bar:
+        figures = bench_others(
+            model, range(seeds), bar.step, planners=planners or OTHERS, environments=environments, timeout=timeout
+        )
+    output.say(f"{figures['robot']} ({figures['base']}), {seeds} scenes")
+    for name, some in figures["planners"].items():
+        if "skipped" in some:
+            output.say(f"{name}: skipped: {some['skipped']}")
+            continue
+        output.say(f"{name} {some.get('version', '')} {some.get('planner', '')}".rstrip())
+        row("solved", f"{some['solved']} of {some['count']}")
+        depth, moved = some["depth_m"], some["moved_m"]
+        row(
+            "as they are",
+            f"{some['certified']} certified, {some['refuted']} refuted, {some['unknown']} unknown"
+            + ("" if depth["p50"] is None else f"; p50 {1e3 * depth['p50']:.1f}, max {1e3 * depth['max']:.1f} mm deep"),
+        )
+        row(
+            "repaired",
+            f"{some['repaired']} certified"
+            + ("" if moved["p50"] is None else f"; moved by p50 {moved['p50']:.2f}, max {moved['max']:.2f} m"),
+        )
+        row("as timed, with what comes", f"{some['blind_refuted']} of {some['drives']} run into something")
+        row(
+            "followed online",
+            f"{some['reached']} of {some['drives']} reached; contacts at speed {some['contacts_at_speed']}, "
+            f"at rest {some['contacts_at_rest']}; {some['replans']} plans anew",
+            some["contacts_at_speed"] == 0,
+        )
+    output.write_document("figures", json_file, figures)
+
+
 @click.command(short_help="What a planned strip loses and gains on its way to rest.")
 @options.robot_option("silvermate")
 @seeds_option(100, "Number of problems.")

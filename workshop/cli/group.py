@@ -32,6 +32,7 @@ for _command in (
     planning.mbm,
     planning.looks,
     planning.peers,
+    planning.others,
     driving.drive,
     driving.disturb,
     driving.faults,

@@ -145,7 +145,7 @@ def certify(
     doubts = (*given.doubts, *(given.time_doubts if timed else ()))
     _say_notes(given, doubts if found.broken else ())  # else the doubts are the reason
     output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
-    document = _document(model, found, given.notes, doubts, interpolation)
+    document = _document(model, found, doubts, interpolation)
     document |= {
         "path": path,
         "configurations": len(given.q),
@@ -239,7 +239,7 @@ def _repair(
     from elastic_strips.strip import DeformParams, repair
 
     params = DeformParams(clearance=clearances.from_obstacles, self_clearance=clearances.from_itself)
-    mended = repair(robot, scene, given.q, params=params)
+    mended = repair(robot, scene, given, params=params)
     left = _left_map(robot, scene_file, mended.strip.q)
     done = mended.certified and left is None
     output.say(
@@ -290,7 +290,7 @@ def _left_map(robot: RobotModel, scene: SceneFile, q: Array) -> str | None:
 
 
 def _document(
-    robot: RobotModel, found: PathCertificate, notes: tuple[str, ...], doubts: tuple[str, ...], interpolation: str
+    robot: RobotModel, found: PathCertificate, doubts: tuple[str, ...], interpolation: str
 ) -> dict[str, object]:
     """The answer as plain values for JSON."""
     broken = found.broken
@@ -299,7 +299,7 @@ def _document(
         "verdict": found.verdict.value,
         "reason": found.reason,
         "robot": robot.name,
-        "notes": [*notes, *found.notes],
+        "notes": list(found.notes),
         "interpolation": interpolation,
         "links_without_shape": list(robot.bare_links),
         "doubts": list(doubts),

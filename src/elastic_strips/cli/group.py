@@ -34,6 +34,7 @@ Start with:
   elastic-strips teleop moving-corridor   drive it yourself, and try to crash it
   elastic-strips drive case-1 --record run.npz
   elastic-strips view run.npz             replay what was recorded
+  elastic-strips calibrate run.npz        the machine as measured, and as assumed
   elastic-strips certify path.csv --robot panda --scene scene.yaml
   elastic-strips robot my.urdf            what is known about a robot, and what is not checked
   elastic-strips doctor                   what is installed, and what is broken
@@ -46,6 +47,7 @@ doctor: 0 no problem, 3 a problem.
 
 
 _COMMANDS = {
+    "calibrate": ("calibrate_command", "calibrate", "Measure a machine by a drive's record; parameters to set."),
     "certify": ("certify_command", "certify", "Prove that anybody's path is free of collisions, or show where not."),
     "doctor": ("doctor_command", "doctor", "Check this installation: what is there, and what is broken."),
     "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),

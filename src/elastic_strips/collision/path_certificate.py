@@ -66,7 +66,8 @@ class PathCertificate(Summary):
         place: where ``q`` is on the segment, from 0 to 1; time: when it is reached [s], if the path has times.
         distance: distance [m] of that pair at ``q``; negative by the depth of penetration.
         reason: all of this in words, and what would decide an unknown answer.
-        notes: what was assumed: which way the path turns, at which time moving obstacles were taken.
+        notes: what was assumed: what was noted as the path was read, which way it turns, at which time moving
+            obstacles were taken.
         seconds: duration [s].
     """
 
@@ -160,6 +161,7 @@ def certify(
         found = replace(found, reason=f"{found.reason}; the scene has no obstacles")
     if found.certified and robot.unproven:
         found = replace(found, reason=f"{found.reason}; {robot.unproven}")
+    found = replace(found, notes=(*getattr(path, "notes", ()), *found.notes))
     time_doubts = getattr(path, "time_doubts", ()) if when is not None and varies else ()
     return _doubted(found, [*getattr(path, "doubts", ()), *time_doubts])
 

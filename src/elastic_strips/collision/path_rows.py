@@ -112,7 +112,10 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
     try:
         array = np.array(given, dtype=float)
     except (TypeError, ValueError):
-        raise ConfigurationError("path is not an array of numbers") from None
+        raise ConfigurationError(
+            f"path is a {type(path).__name__}, which is no array of numbers; elastic_strips.io.load_path makes one of "
+            "what planners hand over"
+        ) from None
     stated = space.nq == space.nv or (array.ndim == 2 and array.shape[1] == space.nv)
     if array.ndim != 2 or len(array) < 2:
         raise ConfigurationError(
@@ -168,8 +171,10 @@ def column_names(robot: RobotModel) -> tuple[str, ...]:
     return (*(("x", "y", "yaw") if robot.space.planar else ()), *robot.joint_names)
 
 
-def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
+def as_arcs(robot: RobotModel, path: PathRows, interpolation: str, *, bow: float = _ARC_BOW) -> Arcs:
     """A path as arcs, along which distances are measured; see :func:`certify` for the interpolations.
+
+    Arcs leave the line that they stand for by at most ``bow`` [m].
 
     Raises:
         ConfigurationError: joints outside their limits, or a path that is too long.
@@ -190,7 +195,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
         # an arc of constant speed leaves its chord by no more than an eighth of its acceleration, speed times turn; the
         # speed is at most pi/2 times the chord for turns below half a circle
         length, turn = np.hypot(v[:, 0], v[:, 1]), np.abs(v[:, 2])
-        bowed = np.sqrt(np.pi / 16.0 * length * turn / _ARC_BOW)
+        bowed = np.sqrt(np.pi / 16.0 * length * turn / bow)
         pieces = np.ceil(np.maximum.reduce((pieces, bowed, turn / _YAW_PIECE)))
     count = np.maximum(pieces, 1.0)
     if count.sum() > _MOST_PIECES:
@@ -204,7 +209,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str) -> Arcs:
         part = (np.arange(len(source)) - np.searchsorted(source, source)) / count[source]
         rows = np.vstack((rows[source] + part[:, None] * v[source], rows[-1:]))
         whole, known = np.concatenate((source + part, whole[-1:])), known[source]
-    return Arcs(rows, whole, known, unknown, _ARC_BOW if line else 0.0, _way(robot, path, v, interpolation))
+    return Arcs(rows, whole, known, unknown, bow if line else 0.0, _way(robot, path, v, interpolation))
 
 
 def _unknown(robot: RobotModel, path: PathRows, v: Array, interpolation: str) -> dict[int, str]:

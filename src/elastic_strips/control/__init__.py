@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from .calibration import Calibration, calibrate
 from .controller import Controller
 from .driver import Driver
-from .estimation import StateEstimator
+from .estimation import EstimatorParams, StateEstimator
 from .guard import Desired, Guard, GuardedCommand, GuardOutcome, GuardParams
 from .interfaces import Command, Event, Measurement, RunState
 from .local_planner import LocalPlanner
 from .params import DriveParams, EvasionParams, MonitorParams, ObstacleAssumptions, Tolerance
 from .record import DriveResult, Record, Recorder, RecordError
 from .supervisor import Supervisor
-from .tracking import TrackingController
+from .tracking import TrackingController, TrackingGains
 
 __all__ = [
+    "Calibration",
     "Command",
     "Controller",
     "Driver",
     "Desired",
     "DriveParams",
     "DriveResult",
+    "EstimatorParams",
     "EvasionParams",
     "Event",
     "Guard",
@@ -38,4 +41,6 @@ __all__ = [
     "Supervisor",
     "Tolerance",
     "TrackingController",
+    "TrackingGains",
+    "calibrate",
 ]

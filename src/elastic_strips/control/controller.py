@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision.path_rows import path_rows
 from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
 from elastic_strips.planning import Goal, PlanReport
 from elastic_strips.robot import RobotModel
@@ -110,7 +111,7 @@ class Controller:
         scene: obstacles known before the first step; none where None.
         params: parameters of the drive.
         limits: limits of the motors; read off the robot where None.
-        strip: first strip; planned where None.
+        strip: first strip, such as `repair` makes of another planner's path; planned where None.
         path: waypoints (K, 2) [m] that the first plan tries first.
         grid: whether plans may use a path over a grid.
         replanner: decides when a strip is planned anew, and how; a :class:`Replanner` where None.
@@ -134,7 +135,7 @@ class Controller:
         executor, planner, replanner, keeper, pace: the parts.
 
     Raises:
-        ConfigurationError: start or goal is not valid, or in collision.
+        ConfigurationError: start or goal is not valid, or in collision; or the strip is another robot's.
         GoalError: no configuration that is free reaches the first goal.
     """
 
@@ -163,6 +164,8 @@ class Controller:
         check_type("limits", limits, MotionLimits, none=True)
         check_type("scene", scene, Scene, SceneError, none=True)
         check_type("strip", strip, Strip, none=True)
+        if strip is not None:
+            path_rows(robot, strip)  # which refuses another robot's
         check_able("replanner", replanner, "first", "another")
         check_able("workers", workers, "submit")
         check_able("meter", meter)

@@ -27,7 +27,7 @@ from .monitor import Monitor
 from .pace import ControlPeriod
 from .params import DriveParams, Tolerance
 from .supervisor import RunLog, Supervisor
-from .tracking import TrackingController, TrackingGains
+from .tracking import TrackingController
 
 _TRACKING_ERROR_STEP = 0.005  # [m] in which the tracking error grows
 _RELEASED = ": released, waiting for resume"
@@ -188,10 +188,10 @@ class MotionExecutor:
         self.time: float = 0.0
         self.period: ControlPeriod = ControlPeriod(params.control_dt)
         self.estimate: Array = np.array(start)
-        self.estimator: StateEstimator = StateEstimator(robot, limits)
+        self.estimator: StateEstimator = StateEstimator(robot, limits, params.sensing)
         self.estimator.reset(self.estimate, 0.0)
         self.monitor: Monitor = Monitor(robot, limits, params.monitor, params.control_dt)
-        self.tracker: TrackingController = TrackingController(robot, limits, TrackingGains(headroom=1.0))
+        self.tracker: TrackingController = TrackingController(robot, limits, params.gains)
         resting = stationary(robot, limits, self.estimate, 0.0, params.control_dt)
         self.supervisor: Supervisor = Supervisor(resting, keep=keep)
         self._contact: str = ""

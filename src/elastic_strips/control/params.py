@@ -19,6 +19,9 @@ from elastic_strips.validation import (
     named_arguments,
 )
 
+from .estimation import EstimatorParams
+from .tracking import TrackingGains
+
 DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, certificate_depth=5)
 """Parameters of strips that are driven: nodes may be further apart and the certificate coarser, because motions have a
 certificate of their own."""
@@ -194,6 +197,8 @@ class DriveParams(Checked):
         evasion: how the robot evades moving obstacles; None: it only brakes and waits.
         constraint: what the strip has to satisfy besides its goal: strips are planned so that they do, and are drawn to
             it while they give way. A constraint that cannot be satisfied does not stop the robot.
+        gains: gains of tracking, and the lags of the motors that it leads; `calibrate` measures them.
+        sensing: what the estimator assumes about wheels and fixes.
         backward: whether plans and manoeuvres may lead backwards; not for robots that see only ahead of them.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
@@ -227,6 +232,8 @@ class DriveParams(Checked):
     monitor: MonitorParams = field(default_factory=MonitorParams)
     evasion: EvasionParams | None = field(default_factory=EvasionParams)
     constraint: AxisConstraint | None = None
+    gains: TrackingGains = field(default_factory=lambda: TrackingGains(headroom=1.0))
+    sensing: EstimatorParams = field(default_factory=EstimatorParams)
     backward: bool = True
     control_dt: Positive = 0.01
     plan_every: Count = 5

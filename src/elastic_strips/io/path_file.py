@@ -1,5 +1,7 @@
 """Path files: configurations along a robot's path, with or without times, in the formats that planners write.
 
+What planners hand over in Python is read by :mod:`elastic_strips.io.path_object`, and placed as files are.
+
 ==================  ==========================================================================================
 JSON, YAML          JointTrajectory, or a message with one (RobotTrajectory, DisplayTrajectory, MoveIt's output)
 CSV                 a line of names, then numbers; or numbers alone
@@ -27,18 +29,19 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision.path_rows import PathLike, path_rows
-from elastic_strips.errors import ConfigurationError
+from elastic_strips.errors import ConfigurationError, RobotError
 from elastic_strips.files import atomic_write, check_writable, open_input, read_input_text, write_json
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.space import LIMIT_TOLERANCE
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_choice, check_number, named_arguments
+from elastic_strips.validation import check_choice, check_number, check_type, named_arguments, shown
 
 from .nodes import MAX_JSON_BYTES, Source, load_json
 from .npy_source import NpyError, NpzArrays, read_npy
 from .path_checks import check_times
 from .path_message import message_table, parse_documents
 from .path_names import TIMES, is_unit, known_name, of_base, of_robot
+from .path_object import object_table, with_names, with_times
 from .path_placing import place_table
 from .path_table import BASE_NAMES, RATES, Angles, PathTable
 
@@ -59,7 +62,7 @@ _OMPL = re.compile(r"path with \d+ states|State\s*\[")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathFile(Summary):
-    """The content of a path file.
+    """The content of a path file, or of a path that a planner has handed over.
 
     Attributes:
         q: (N, nq) configurations.
@@ -92,55 +95,60 @@ class PathFile(Summary):
 
 @named_arguments
 def load_path(
-    path: str | os.PathLike[str],
+    path: object,
     robot: RobotModel,
     *,
+    joint_names: Sequence[str] | None = None,
+    times: npt.ArrayLike | None = None,
+    space: object | None = None,
     base_at: Sequence[float] | None = None,
     angles: Angles | None = None,
     ignore: Collection[str] = (),
     starts_at: float | None = None,
 ) -> PathFile:
-    """Read a robot's path.
+    """Read a robot's path: a file, or what a planner hands over in Python.
 
-    Joints that the file does not name stay at home, with a note; joints that the robot does not plan are left out.
-    Joints that move in the file and not here, or are held elsewhere here, and a base that can move and that the file
-    does not place: such things are doubts. ``docs/formats.md`` lists all of them.
+    Joints that it does not name stay at home, with a note; joints that the robot does not plan are left out.
+    Joints that move in it and not here, or are held elsewhere here, and a base that can move and that it does not
+    place: such things are doubts. ``docs/formats.md`` lists all of them, ``docs/others-planners.md`` the planners.
 
     Args:
         path: the file; its name's ending says its format: ``.json``, ``.yaml``, ``.yml``, ``.csv``, ``.npz``,
-            ``.npy``; anything else is text.
+            ``.npy``; anything else is text. Or rows of numbers (N, C) of any library; a JointTrajectory or
+            RobotTrajectory, or what holds one; OMPL's SimpleSetup or PathGeometric; VAMP's PlanningResult; cuRobo's
+            JointState; RoboPlan's JointPath or JointTrajectory; a trajectory of Drake's.
         robot: the robot of the path.
-        base_at: where the base stands, x, y [m], yaw [rad], as far as the file does not say.
-        angles: unit of angles where the file names none: ``"rad"`` or ``"deg"``; None: radians, with a doubt where
+        joint_names: (C,) names of the columns, in their order, where the path has none; ``x``, ``y`` and ``yaw`` are
+            the base.
+        times: (N,) when each configuration is reached [s], where the path has none.
+        space: the state space of an OMPL PathGeometric, whose states do not know how long they are.
+        base_at: where the base stands, x, y [m], yaw [rad], as far as the path does not say.
+        angles: unit of angles where the path names none: ``"rad"`` or ``"deg"``; None: radians, with a doubt where
             they turn by more than two turns.
         ignore: names of columns, arrays (NPZ) or keys (messages) that do not matter.
-        starts_at: when the first configuration is reached [s], in the scene's time; the others follow as in the file.
+        starts_at: when the first configuration is reached [s], in the scene's time; the others follow as in the path.
 
     Raises:
-        ConfigurationError: the file is missing, too large or damaged; or its columns or values do not fit the robot.
-            The message names file and place.
+        ConfigurationError: the file is missing, too large or damaged; the planner found no path, or it is of no type
+            that is known; or its columns or values do not fit the robot. The message names file and place.
         ParameterError: unknown ``angles``, or a ``starts_at`` that is not a number.
     """
-    file = Path(path)
-    suffix = file.suffix.lower()
-    source = Source(file, ConfigurationError)
+    check_type("robot", robot, RobotModel, RobotError)
     if angles is not None:
         check_choice("angles", angles, ("rad", "deg"))
     if starts_at is not None:
         starts_at = check_number("starts_at", starts_at, low=-1e9, high=1e9, unit="s")
-    ignore = (ignore,) if isinstance(ignore, str) else tuple(ignore)
-    if suffix == ".json":
-        root = load_json(file, what="path file", error=ConfigurationError)
-        table, ignore = message_table([root], source, ignore)
-    elif suffix in (".yaml", ".yml"):
-        text = read_input_text(file, "path file", MAX_JSON_BYTES, ConfigurationError)
-        table, ignore = message_table(parse_documents(text, source), source, ignore)
-    elif suffix in (".npz", ".npy"):
-        table, ignore = _arrays(file, robot, source, ignore)
+    ignore = (ignore,) if isinstance(ignore, str) else ignore
+    if not isinstance(ignore, Collection) or not all(isinstance(name, str) for name in ignore):
+        raise ConfigurationError(f"ignore={shown(ignore)} must be names of columns, arrays or keys")
+    ignore = tuple(ignore)
+    if isinstance(path, (str, os.PathLike)):
+        table, ignore = _file_table(Path(path), robot, ignore)
     else:
-        text = read_input_text(file, "path file", _MAX_BYTES, ConfigurationError)
-        states = _OMPL.search(text) or (suffix != ".csv" and re.search(rf"\[\s*{_NUMBER}", text))
-        table = _ompl_states(text, source) if states else _table(text, robot, source)
+        table, ignore = object_table(path, robot, space, ignore)
+    table = with_names(table, joint_names)
+    table = with_times(table, times)
+    source = table.source
     if len(table.rows) < 2 or len(table.rows) > _MAX_ROWS:
         source.fail(f"has {len(table.rows)} configurations; a path has 2 … {_MAX_ROWS}")
     placed = place_table(table, robot, base_at=base_at, angles=angles, ignore=ignore)
@@ -160,6 +168,23 @@ def load_path(
         held=placed.held,
         rates=RATES in placed.notes,
     )
+
+
+def _file_table(file: Path, robot: RobotModel, ignore: tuple[str, ...]) -> tuple[PathTable, tuple[str, ...]]:
+    """The table of a file; and what of ``ignore`` is none of its arrays or keys."""
+    suffix = file.suffix.lower()
+    source = Source(file, ConfigurationError)
+    if suffix == ".json":
+        root = load_json(file, what="path file", error=ConfigurationError)
+        return message_table([root], source, ignore)
+    if suffix in (".yaml", ".yml"):
+        text = read_input_text(file, "path file", MAX_JSON_BYTES, ConfigurationError)
+        return message_table(parse_documents(text, source), source, ignore)
+    if suffix in (".npz", ".npy"):
+        return _arrays(file, robot, source, ignore)
+    text = read_input_text(file, "path file", _MAX_BYTES, ConfigurationError)
+    states = _OMPL.search(text) or (suffix != ".csv" and re.search(rf"\[\s*{_NUMBER}", text))
+    return (_ompl_states(text, source) if states else _table(text, robot, source)), ignore
 
 
 def write_path(

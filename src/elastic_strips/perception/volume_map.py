@@ -2,7 +2,8 @@
 
 A voxel is free only where *every* pixel over the ball about it ends behind it, by three standard deviations, and where
 pixels are no further apart than the thinnest thing that there may be. It is an obstacle where rays have ended: one hit
-where ranges are exact to less than a voxel, several where they are not. What is neither was not seen.
+where ranges are exact to less than a voxel, several where they are not, until it is looked at from where they are and
+rays end beside it again and again. What is neither was not seen.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ class VolumeMapParams:
             robot's posture, and where the robot stands.
         range_max: nothing further away is noted.
         hit_range: nothing further away becomes an obstacle: there it is not known to a voxel where it is.
-        exact_range: up to here one hit is an obstacle, from here on two are.
+        exact_range: up to here one hit is an obstacle, from here on two are; and what is looked at from here, and not
+            hit, is less and less of one.
         thinnest: nothing is thinner than this, or it may be overlooked: what is so far away that pixels lie further
             apart is not called free.
         ground: what is no higher than this, and three standard deviations, is the floor and no obstacle.
@@ -229,7 +231,7 @@ class VolumeMap:
         clear = np.maximum(known - p.error(known), 0.0)
         pose = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
         near = reading.depth_min if isinstance(reading, DepthImage) else reading.range_min
-        self._map.carve(np.ascontiguousarray(clear, dtype=np.float32), *view, *pose, near, sure)
+        self._map.carve(np.ascontiguousarray(clear, dtype=np.float32), *view, *pose, near, sure, p.exact_range)
 
     def known(self, points: Array) -> Known:
         """(n,) what is known of the voxels that points (n, 3) [m] lie in: 1 an obstacle, 0 free, −1 neither."""

@@ -87,12 +87,14 @@ class VolumeTwin:
         origin: Array,
         nearest: float,
         sure: float,
+        exact: float,
     ) -> None:
         """Free the voxels of which every pixel over the ball about them sees further; but not what was hit last.
 
         From ``sure`` [m] on pixels are too far apart to see all: obstacles there only become what was never seen, and
         what was never seen has been passed. Of
-        what was never seen, what is seen beyond the middle of is neither.
+        what was never seen, what is seen beyond the middle of is neither. What was hit and is looked at from up to
+        ``exact`` [m] with nothing before it, and is not hit, is less and less of an obstacle, and then neither.
         """
         sight = _Sight(clear, camera, closed, scale, middle)
         if not sight.farthest > nearest:
@@ -122,6 +124,8 @@ class VolumeTwin:
             halfway = cover[4] & (cover[2] >= nearest) & (cover[3] < sight.farthest) & (cover[3] <= sure)
             halfway &= ~passed & (least > 0.5 * (cover[2] + cover[3]))
             self._grant(voxels[halfway] - self._corner)
+            open_ = cover[4] & (cover[2] >= nearest) & (cover[3] < sight.farthest) & (cover[3] <= exact)
+            self._fade(voxels[open_ & ~passed & (least > cover[2])] - self._corner)
 
     def look(self, points: Array, known: npt.NDArray[np.int8]) -> None:
         """What is known of the voxels of points (n, 3)."""
@@ -188,16 +192,23 @@ class VolumeTwin:
         then = np.where(~surely & (now <= PASSED), PASSED, then)
         self._put(at, np.where(~surely & (now >= self._emptied) & (then < self._emptied), UNSEEN, then))
 
+    def _fade(self, at: Indices) -> None:
+        """Have voxels (n, 3) of the window that were hit be less of an obstacle where they are not hit now."""
+        now = self._known[tuple(at.T)].astype(int)
+        hit = (now > 0) & ~self._hit[tuple(at.T)]
+        at, now = at[hit], now[hit]
+        self._put(at, np.maximum(now - self._miss, 0), neither=now <= self._miss)
+
     def _grant(self, at: Indices) -> None:
         """Have voxels (n, 3) of the window that were never seen be neither."""
         new = at[self._known[tuple(at.T)] <= PASSED]
         self._put(new, np.zeros(len(new), dtype=int))
 
-    def _put(self, at: Indices, known: npt.NDArray[np.int_]) -> None:
-        """Have it known of voxels (n, 3) of the window, none of them twice."""
+    def _put(self, at: Indices, known: npt.NDArray[np.int_], neither: Mask | bool = False) -> None:
+        """Have it known of voxels (n, 3) of the window, none of them twice; no obstacles where ``neither``."""
         index = tuple(at.T)
         full = self._full[index]
-        now = (known > PASSED) & np.where(full, known >= self._emptied, known > self._filled)
+        now = (known > PASSED) & np.where(full, known >= self._emptied, known > self._filled) & ~np.asarray(neither)
         sure = now | ((known > PASSED) & (known <= 0))
         self._note(False, at[full != now] + self._corner)
         self._note(True, at[sure != self._sure[index]] + self._corner)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import BodySet
+from elastic_strips.collision.path_rows import PathLike, as_arcs, path_rows
+from elastic_strips.errors import RobotError, SceneError
 from elastic_strips.robot import BaseKind, Kinematics, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
-from elastic_strips.validation import check_count, named_arguments
+from elastic_strips.validation import check_count, check_type, named_arguments
 
 from .deformer import Deformer
 from .params import DeformParams
@@ -21,6 +22,8 @@ from .solver import project_rolling
 from .strip import Strip
 
 _COMPARED_PLACES = 200  # of the path, where two are compared
+_BOW = 2e-3  # [m] by which a base on arcs may leave the lines of a path
+_SPACING = 0.2  # [m or rad] between two nodes of a path's strip
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -49,7 +52,7 @@ class RepairReport(Summary):
 def repair(
     robot: RobotModel,
     scene: Scene,
-    path: Strip | npt.ArrayLike,
+    path: PathLike,
     *,
     params: DeformParams | None = None,
     max_ticks: int = 60,
@@ -59,29 +62,54 @@ def repair(
     Args:
         robot: the robot.
         scene: the obstacles, standing still.
-        path: a strip, or configurations (N, nq); those of a differential drive are first moved, as little as possible,
-            until wheels can follow them.
+        path: a strip, configurations (N, nq), coordinate rows (N, nv), or a path of `load_path`, which is not called
+            certified where it has doubts. Rows go linearly, by their values. Between configurations that are far apart
+            it gets nodes. A differential drive's are first moved, as little as possible, until wheels can follow them.
         params: parameters of the deformation; the default preset where None.
         max_ticks: largest number of ticks.
 
     Raises:
+        RobotError, SceneError: not a robot, or not a scene.
         ConfigurationError: the path does not fit the robot.
         ParameterError: ``max_ticks`` below 1.
     """
-    before = path if isinstance(path, Strip) else Strip(robot, path)
+    check_type("robot", robot, RobotModel, RobotError)
+    check_type("scene", scene, Scene, SceneError)
+    check_type("params", params, DeformParams, none=True)
+    check_count("max_ticks", max_ticks, low=1)
+    params = DeformParams() if params is None else params
+    before = _as_strip(robot, path, params.max_nodes)
     start = before
     if robot.base_kind is BaseKind.DIFF_DRIVE and float(before.lateral_slip.max(initial=0.0)) > 0.0:
         rows, _ = project_rolling(robot.space, before.coordinates)
         start = Strip.from_coordinates(robot, rows, ends=before.q[[0, -1]])
-    check_count("max_ticks", max_ticks, low=1)
-    deformer = Deformer(robot, DeformParams() if params is None else params)
+    deformer = Deformer(robot, params)
     report = deformer.assess(start, scene)
     if not report.usable:
         report = deformer.settle(start, scene, max_ticks=max_ticks, until="certified")
-    certified = report.usable
-    return RepairReport(
-        report.strip, certified, displacement(before, report.strip), report, "" if certified else report.reason
-    )
+    reasons = [*getattr(path, "doubts", ()), *([] if report.usable else [report.reason])]
+    return RepairReport(report.strip, not reasons, displacement(before, report.strip), report, "; ".join(reasons))
+
+
+def _as_strip(robot: RobotModel, path: PathLike, most: int) -> Strip:
+    """A path as a strip: what lies between two of its configurations gets nodes, which can give way.
+
+    ``most`` is the largest number of nodes, as long as the path itself has no more.
+    """
+    if isinstance(path, Strip):
+        return path
+    given, space = path_rows(robot, path), robot.space
+    rows = as_arcs(robot, given, "values" if given.stated else "arc", bow=_BOW).rows
+    length = np.linalg.norm(space.difference(rows[:-1], rows[1:]), axis=1)
+    spacing = max(_SPACING, float(length.sum()) / max(most - len(rows), 1))
+    count = np.maximum(np.ceil(length / spacing - 1e-9), 1).astype(int)
+    nodes = [
+        space.interpolate(one[None], two[None], np.arange(n) / n)
+        for one, two, n in zip(rows[:-1], rows[1:], count.tolist(), strict=True)
+    ]
+    q = getattr(path, "q", None)
+    ends = space.from_coordinates(rows[[0, -1]]) if q is None and given.stated else np.asarray(path if q is None else q)
+    return Strip.from_coordinates(robot, np.vstack([*nodes, rows[-1:]]), ends=ends[[0, -1]])
 
 
 def displacement(one: Strip, two: Strip) -> float:

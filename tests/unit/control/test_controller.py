@@ -14,11 +14,12 @@ from elastic_strips.control import Command, Controller, DriveParams, Measurement
 from elastic_strips.control.evasion import motion_to
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
+from elastic_strips.io import load_path
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant
 from elastic_strips.sim.computing import ChargedExecutor, Computing
-from elastic_strips.strip import Strip
+from elastic_strips.strip import Strip, repair
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.trajectory import stationary
 
@@ -127,6 +128,36 @@ class Later:
             if future.set_running_or_notify_cancel():
                 future.set_result(fn(*arguments))
         self.jobs.clear()
+
+
+def test_a_path_that_was_given_is_driven(silvermate):
+    """It leads around where nothing stands, and no plan would."""
+    rows = np.array(
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.6, 0.6, 0.8], [2.6, 0.6, -0.8], [3.2, 0.0, 0.0], [4.0, 0.0, 0.0]]
+    )
+    path = load_path(rows, silvermate, joint_names=("x", "y", "yaw"))
+    np.testing.assert_allclose(path.q[0], silvermate.home())
+    mended = repair(silvermate, Scene([]), path)
+    assert mended.certified, mended.reason
+    wheels = Wheels(silvermate)
+    with Controller(silvermate, path.q[0], path.q[-1], Scene([]), strip=mended.strip) as controller:
+        assert controller.first_plan is None
+        seen = []
+        for k in range(3000):
+            command = controller.step(k * DT, wheels.measured, Scene([], time=k * DT))
+            wheels.measured = wheels.drive(command, (k + 1) * DT)
+            seen.append(wheels.coordinates[1])
+            if controller.ended:
+                break
+        assert controller.state is RunState.REACHED
+        assert controller.replans == 0
+        assert max(seen) > 0.1
+
+
+def test_another_robots_strip_is_refused(silvermate, tiago):
+    other = Strip(tiago, [tiago.home(), tiago.home(x=1.0)])
+    with refused(ConfigurationError, "tiago"):
+        Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([]), strip=other)
 
 
 def test_it_does_not_wait_for_a_plan(silvermate):

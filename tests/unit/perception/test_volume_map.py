@@ -134,6 +134,23 @@ def test_what_is_seen_is_an_obstacle_and_goes_when_it_has_gone():
     assert len(kept) > 0.5 * len(after)  # blocks in which nothing changed
 
 
+def test_what_was_met_from_afar_and_is_not_met_from_nearby_is_no_obstacle():
+    """From 3.4 m the points of a wall are noisy by 4 cm, and make it thick; from 0.8 m it is as thick as its voxels."""
+    rng, volume = np.random.default_rng(5), VolumeMap(SMALL)
+    wall = Scene([Box((0.1, 6.0, 1.6), at=(2.625, 0.0, 0.8))])
+    y, z = (side.ravel() for side in np.meshgrid(np.arange(-0.275, 0.3, 0.05), [0.925, 0.975]))
+    surface = np.column_stack((np.full(len(y), 2.575), y, z))
+    before = np.concatenate([surface - [off, 0.0, 0.0] for off in (0.1, 0.15, 0.2)])
+    for _ in range(40):
+        volume.add(depth_image(wall, pose(-0.8), noise=rng), np.eye(4))
+    thick = int((volume.known(before) == 1).sum())
+    assert thick > 3
+    for _ in range(40):
+        volume.add(depth_image(wall, pose(1.75), noise=rng), np.eye(4))
+    assert not (volume.known(before) == 1).any()
+    assert (volume.known(surface) == 1).all()
+
+
 def test_what_comes_where_it_was_free_has_moved():
     volume = VolumeMap(SMALL)
     for _ in range(3):
