@@ -16,7 +16,15 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 _BY_FIXTURE = {"browser": "browser", "chromium": "browser", "wheel": "wheel", "served": "process", "live": "process"}
-_PROGRAMS = {"subprocess", "multiprocessing", "MachineProcess", "ExecutorProcess", "make_realtime", "run_jobs"}
+_PROGRAMS = {
+    "subprocess",
+    "multiprocessing",
+    "MachineProcess",
+    "ExecutorProcess",
+    "GuardProcess",
+    "make_realtime",
+    "run_jobs",
+}
 """Who refers to one of these starts processes."""
 _MAY_START = ("process", "browser", "wheel", "notebook")
 _UNITS = ("unit", "property")

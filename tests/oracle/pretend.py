@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from elastic_strips.collision import Certificate
+from elastic_strips.control.guard import Desired
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.control.process.executor_process import ExecutorProcess
 from elastic_strips.planning import straight_line
@@ -141,3 +142,17 @@ def plan(robot: RobotModel, driver: Machine, log: Path, told: Connection) -> Non
         set_off(executor, 12.0)
         told.send(executor.pid)
         time.sleep(300.0)
+
+
+class Piloted(Machine):
+    """One whose pilot wants to drive straight on, from `begins` [s] on, and says so until `ends` [s]."""
+
+    begins, ends = 1.0, 1e9
+
+    def desired(self, t: float) -> Desired | None:
+        if t < self.begins:
+            return None
+        return Desired(twist=[0.8, 0.0, 0.0], time=min(t, self.ends))  # type: ignore[arg-type]
+
+    def notes(self) -> list[str]:
+        return ["the pilot is in another frame"]

@@ -15,6 +15,7 @@ from elastic_strips.collision import Certificate, Forecast
 from elastic_strips.control import Controller, DriveParams, Guard, GuardedCommand, GuardOutcome, GuardParams, RunState
 from elastic_strips.control.guard_proposal import NearPairs, Proposal, Proposer
 from elastic_strips.control.interfaces import Command, Event, GoalReached, Measurement
+from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.control.record import TickStatistics
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel, load_robot
@@ -24,7 +25,7 @@ from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.faults import Fault
 from elastic_strips.sim.jobs import parallel_map
-from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensorPerception
+from elastic_strips.sim.sensed_perception import SensorPerception
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Trajectory

@@ -10,6 +10,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams, DriveResult, ObstacleAssumptions, Tolerance
+from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.planning import PlanReport, plan_report
 from elastic_strips.robot import PlanarFootprint, RobotModel, load_robot
@@ -17,7 +18,7 @@ from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.scenarios.drive import STRIP
-from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE, SensorPerception
+from elastic_strips.sim.sensed_perception import SensorPerception
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import DeformParams
 from elastic_strips.trajectory import MotionLimits

@@ -12,6 +12,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams
+from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ElasticStripsError, ScenarioError
 from elastic_strips.planning.grid_path import grid_path
 from elastic_strips.robot import RobotModel, load_robot
@@ -21,7 +22,6 @@ from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.jobs import cached, parallel_map
-from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig
 from workshop.datasets import house_scene, load_house
 

@@ -32,7 +32,7 @@ from elastic_strips.ros2.messages import MessageError, fill_pose, fill_stamp, na
 from elastic_strips.scene import Box, Cylinder, Scene, World
 from elastic_strips.sim.closed_loop import MACHINE
 from elastic_strips.sim.evaluation import evaluate
-from elastic_strips.sim.plant import KinematicPlant
+from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.sensors import DepthParams, SensorConfig, SensorSuite, named_sensors
 from elastic_strips.trajectory import MotionLimits
 
@@ -40,12 +40,16 @@ from .measure import Figures
 
 _PERIOD = 0.005  # [s] of the simulated motors
 _CAMERA = "camera_optical"  # frame of the depth camera
+_WAY_STEP = 0.1  # [s] from one place that is told to the next
 _REST_SPEED = 0.01  # [m/s, rad/s]
 _FAST_SPEED = 0.3  # [m/s]
 _FULL_HEIGHT = 1.5  # [m] of what stands in the corridor: a laser says nothing of heights
-FAULTS = ("odom_lost", "joints_lost", "scan_lost", "scan_nan", "scan_old", "scan_frame", "clock", "emergency")
+FAULTS = ("odom_lost", "joints_lost", "scan_lost", "scan_nan", "scan_old", "scan_frame", "cloud_lost", "clock",
+          "emergency", "map_jump")  # fmt: skip
 """What may go wrong with what it says: topics that stop; scans of NaN, of two seconds ago, in an unknown frame; all
-stamps off by 5 s; the emergency stop."""
+stamps off by 5 s; the emergency stop; localization that is off by 0.5 m."""
+_JUMP = np.array([0.3, 0.4, 0.0])  # [m, rad] by which localization jumps
+_LAYERS = (0.2, 0.5, 0.8, 1.1, 1.4)  # [m] heights of a cloud's points
 
 
 class TimedFault(NamedTuple):
@@ -90,6 +94,10 @@ class RosRobotParams:
         faults: what goes wrong.
         length: of the corridor [m].
         depth: whether it has a depth camera on its head, besides the laser.
+        magnified: each pixel of its images comes as so many by so many: 4 makes 640 × 480.
+        cloud: whether what the laser sees comes as a cloud, too, up to a height.
+        fix: rate of its localization [Hz]; 0: none.
+        plant: ``"kinematic"`` or ``"mujoco"``.
     """
 
     robot: str = "silvermate"
@@ -106,6 +114,10 @@ class RosRobotParams:
     faults: tuple[TimedFault, ...] = ()
     length: float = 6.0
     depth: bool = False
+    magnified: int = 1
+    cloud: bool = False
+    fix: float = 0.0
+    plant: str = "kinematic"
 
 
 def pillar_corridor(seed: int, length: float = 6.0) -> tuple[World, float]:
@@ -163,7 +175,12 @@ class RosRobot:
         self.robot: RobotModel = load_robot(params.robot)
         self.limits: MotionLimits = MotionLimits.for_robot(self.robot)
         self.world, self.end = pillar_corridor(params.seed, params.length)
-        self._plant = KinematicPlant(self.robot, self.limits, MACHINE, seed=params.seed)
+        self._plant: Plant = KinematicPlant(self.robot, self.limits, MACHINE, seed=params.seed)
+        if params.plant == "mujoco":
+            from elastic_strips.sim.mujoco.plant import MujocoPlant
+
+            step = 0.5 * _PERIOD  # [s]
+            self._plant = MujocoPlant(self.robot, self.limits, self.world, MACHINE, seed=params.seed, timestep=step)
         self._plant.reset(self.robot.space.to_coordinates(self.robot.home()))
         config: SensorConfig = named_sensors("laser,head-camera" if params.depth else "laser", params.robot)
         config = replace(config, sensors=tuple(replace(s, latency=0.0) for s in config.sensors))
@@ -194,6 +211,9 @@ class RosRobot:
         self._scan_out = self.node.create_publisher(kinds["sensor"].LaserScan, "scan", sensed)
         self._depth_out = self.node.create_publisher(kinds["sensor"].Image, "depth/image", quality(2))
         self._info_out = self.node.create_publisher(kinds["sensor"].CameraInfo, "depth/camera_info", quality(2))
+        self._cloud_out = self.node.create_publisher(kinds["sensor"].PointCloud2, "points", quality(2))
+        fix = kinds["geometry"].PoseWithCovarianceStamped
+        self._fix_out = self.node.create_publisher(fix, "pose", quality(1, reliable=True))
         kept = quality(1, reliable=True, kept=True)
         self._emergency_out = self.node.create_publisher(kinds["std"].Bool, "emergency", kept)
         self._pressed: bool | None = None
@@ -228,7 +248,7 @@ class RosRobot:
 
     def _live(self, began: float, note: Callable[[str], object]) -> None:
         steps, params = 0, self.params
-        next_odometry = next_joints = 0.0
+        next_odometry = next_joints = next_fix = 0.0
         travel = Measurement(0.0, None, self._plant.coordinates)
         stop_at = math.inf
         while True:
@@ -263,9 +283,14 @@ class RosRobot:
             if t >= next_joints:
                 next_joints = max(next_joints + 1.0 / params.joints, t - 1.0)
                 self._tell_joints(stamp, t, travel.joints)
+            if params.fix and t >= next_fix:
+                next_fix = max(next_fix + 1.0 / params.fix, t - 1.0)
+                self._tell_fix(stamp, t)
             for reading in self._sensors.observe(t, self._plant.coordinates):
                 if isinstance(reading, LaserScan):
                     self._tell_scan(stamp, t, reading)
+                    if params.cloud:
+                        self._tell_cloud(stamp, t, reading)
                 elif isinstance(reading, DepthImage):
                     self._tell_depth(stamp, t, reading)
             while self._late and self._late[0][0] <= now:
@@ -377,6 +402,37 @@ class RosRobot:
         message.ranges = np.where(nan, np.nan, scan.ranges).astype(np.float32).tolist()
         self._publish(self._scan_out, message, t)
 
+    def _tell_cloud(self, stamp: int, t: float, scan: LaserScan) -> None:
+        if self._wrong("cloud_lost", t):
+            return
+        near = np.isfinite(scan.ranges) & (scan.ranges < scan.range_max)
+        r, angle = scan.ranges[near], scan.angles[near]
+        flat = np.column_stack((r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))))
+        level = float(scan.T_base_sensor[2, 3])
+        points = np.vstack([flat + np.array([0.0, 0.0, height - level]) for height in _LAYERS]).astype("<f4")
+        sensor = self._kinds["sensor"]
+        message = sensor.PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points))
+        fill_stamp(message.header.stamp, stamp)
+        message.header.frame_id = self._frame
+        message.fields = [
+            sensor.PointField(name=axis, offset=4 * k, datatype=sensor.PointField.FLOAT32, count=1)
+            for k, axis in enumerate("xyz")
+        ]
+        message.data = array("B", points.tobytes())
+        self._publish(self._cloud_out, message, t)
+
+    def _tell_fix(self, stamp: int, t: float) -> None:
+        noise = self._rng.normal(0.0, (0.005, 0.005, 0.003))
+        jump = _JUMP if self._wrong("map_jump", t) else np.zeros(3)
+        message = self._fix_out.msg_type()
+        fill_stamp(message.header.stamp, stamp)
+        message.header.frame_id = "map"
+        fill_pose(message.pose.pose, self._plant.coordinates[:3] + noise + jump)
+        covariance = np.zeros((6, 6))
+        covariance[[0, 1, 5], [0, 1, 5]] = 2.5e-5, 2.5e-5, 1e-5
+        message.pose.covariance = covariance.ravel().tolist()
+        self._publish(self._fix_out, message, t)
+
     def _mount(self) -> str:
         """Where the depth camera is, as the node's parameter ``mounts`` has it."""
         for camera in self._imagers:
@@ -386,13 +442,16 @@ class RosRobot:
         return ""
 
     def _tell_depth(self, stamp: int, t: float, image: DepthImage) -> None:
-        sensor, (rows, columns) = self._kinds["sensor"], image.depth.shape
+        by = self.params.magnified
+        sensor, (rows, columns) = self._kinds["sensor"], (by * image.depth.shape[0], by * image.depth.shape[1])
         info, message = sensor.CameraInfo(height=rows, width=columns), sensor.Image(height=rows, width=columns)
         (fx, fy), (cx, cy) = image.focal, image.center
-        info.k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+        cx, cy = by * (cx + 0.5) - 0.5, by * (cy + 0.5) - 0.5
+        info.k = [by * fx, 0.0, cx, 0.0, by * fy, cy, 0.0, 0.0, 1.0]
         depth = np.where(np.isfinite(image.depth), 1e3 * image.depth, np.where(np.isnan(image.depth), 0.0, 65535.0))
         message.encoding, message.step = "16UC1", 2 * columns
-        message.data = array("B", np.rint(depth).astype("<u2").tobytes())
+        pixels = np.repeat(np.repeat(np.rint(depth).astype("<u2"), by, axis=0), by, axis=1)
+        message.data = array("B", pixels.tobytes())
         for each, publisher in ((info, self._info_out), (message, self._depth_out)):
             fill_stamp(each.header.stamp, stamp)
             each.header.frame_id = _CAMERA
@@ -404,6 +463,8 @@ class RosRobot:
         seen = evaluate([times, coordinates, v], self.robot, self.world)
         speed = np.abs(v).max(axis=1)
         gaps = np.diff(self._heard.times)
+        stands = speed < _REST_SPEED
+        stops = np.flatnonzero(stands[1:] & ~stands[:-1])
         first = next((t for t, fast in zip(times, speed > _REST_SPEED, strict=True) if fast), None)
         moves = np.flatnonzero(speed > _REST_SPEED)
         last = float(times[moves[-1]]) if len(moves) else None
@@ -412,15 +473,21 @@ class RosRobot:
             "seed": self.params.seed,
             "at": coordinates[-1, :3].tolist(),
             "end_m": self.end,
+            "way": np.round(coordinates[:: round(_WAY_STEP / _PERIOD), :3], 4).tolist(),
             "moved_from_s": first,
             "moved_until_s": last,
             "fast_from_s": self._fast_at,
             "path_m": seen.path_m,
             "top_speed_mps": float(np.abs(v[:, 0]).max()),
+            "stops": len(stops),
             "at_rest": bool(speed[-1] < _REST_SPEED),
             "contacts_at_speed": len(seen.collisions),
             "contacts_at_rest": len(seen.rest_contacts),
             "touched": sorted({contact.obstacle for contact in seen.contacts}),
+            "contacts": [
+                {"time_s": c.time, "link": c.link, "obstacle": c.obstacle, "depth_m": c.depth, "speed_mps": c.speed}
+                for c in seen.contacts
+            ],
             "least_clearance_m": seen.min_clearance_m,
             "commands": len(self._heard.times),
             "last_command_was_rest": bool(self._heard.speeds and self._heard.speeds[-1] == 0.0),

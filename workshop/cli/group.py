@@ -10,7 +10,7 @@ from . import bench_driving as driving
 from . import bench_planning as planning
 from .base_command import base
 from .carve_command import carve
-from .ros_robot_command import ros_robot
+from .ros_robot_command import ros_pilot, ros_robot
 from .study_command import study
 
 
@@ -49,6 +49,7 @@ for _command in (
     planning.page,
     carve,
     ros_robot,
+    ros_pilot,
     base,
     study,
 ):

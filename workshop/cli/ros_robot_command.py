@@ -1,4 +1,4 @@
-"""``python -m workshop ros-robot``: a simulated robot on the other side of ROS 2."""
+"""``python -m workshop ros-robot | ros-pilot``: a simulated robot on the other side of ROS 2, and who harms it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import click
 
 from elastic_strips.cli import options
+from workshop.bench.pilots import PILOTS
 
 
 @click.command(
@@ -26,6 +27,10 @@ from elastic_strips.cli import options
 @click.option("--for", "seconds", type=options.Finite(1.0, 3600.0), default=60.0, show_default=True)
 @click.option("--length", type=options.Finite(2.0, 50.0), default=6.0, show_default=True, help="Of the corridor [m].")
 @click.option("--depth/--no-depth", default=False, show_default=True, help="A depth camera on its head.")
+@click.option("--magnified", type=click.IntRange(1, 8), default=1, help="Each pixel of it as so many by so many.")
+@click.option("--cloud/--no-cloud", default=False, show_default=True, help="What the laser sees as a cloud, too.")
+@click.option("--fix", type=options.Finite(0.0, 50.0), default=0.0, help="Rate of its localization [Hz]; 0: none.")
+@click.option("--plant", type=click.Choice(["kinematic", "mujoco"]), default="kinematic", show_default=True)
 @click.option("--fault", "faults", multiple=True, metavar="KIND:AT[:FOR]", help="What goes wrong once it is fast.")
 @click.option("--json", "json_file", metavar="FILE", default="-", show_default=True, help="Where its result goes.")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[--ros-args …]")
@@ -44,3 +49,22 @@ def ros_robot(
     else:
         with open(json_file, "w", encoding="utf-8") as file:
             file.write(text + "\n")
+
+
+@click.command(
+    name="ros-pilot",
+    context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
+    short_help="Somebody hostile at the topics that a ROS 2 node guards.",
+)
+@click.option("--seed", type=options.SEED, default=0, show_default=True, help="Of the corridor and of the pilot.")
+@click.option("--kind", type=click.Choice(list(PILOTS)), default="rammer", show_default=True)
+@click.option("--for", "seconds", type=options.Finite(1.0, 3600.0), default=10.0, show_default=True)
+@click.option("--spoilt/--clean", default=False, show_default=True, help="Some commands are none.")
+@click.option("--stamped/--twist", default=True, show_default=True, help="TwistStamped or Twist.")
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[--ros-args …]")
+def ros_pilot(kind: str, seed: int, seconds: float, spoilt: bool, stamped: bool, arguments: tuple[str, ...]) -> None:
+    """Full speed at the things of a ros-robot's corridor, by cmd_vel_in and joint_velocities_in."""
+    from workshop.bench.ros_pilot import fly
+
+    sent = fly(kind, seed, seconds, spoilt=spoilt, stamped=stamped, arguments=list(arguments))
+    click.echo(f"{sent} commands were sent")

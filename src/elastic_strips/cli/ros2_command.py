@@ -19,6 +19,9 @@ _EXIT_NOT_REACHED = 3
 def ros2(robot: str | None, goals: int | None, arguments: tuple[str, ...]) -> int:
     """Drive a robot that speaks ROS 2, to goals on /goal_pose: odometry, joint states and scans in, velocities out.
 
+    With -p mode:=guard it has no goals, and passes on what somebody else commands on cmd_vel_in, as far as that is
+    safe.
+
     What follows --ros-args is for ROS: \b--params-file FILE, -p NAME:=VALUE, -r FROM:=TO.
 
     It needs rclpy: a sourced ROS 2, or the extra ros2. Ctrl-C brings the robot to rest first.

@@ -33,7 +33,8 @@ class Driver(Protocol):
 
     A driver may have a method ``open()`` besides: an executor's process calls it once, before time begins. What takes
     long, such as opening a bus and waiting for its first word, belongs there; in the first ``measure`` it would cost
-    control periods.
+    control periods. And a method ``notes()``: what it has left out of what came since the last call, in words, for the
+    log; and where a guard's process has it, ``desired(t)``: what somebody wants the robot to do.
     """
 
     def measure(self, t: float) -> Measurement | None:

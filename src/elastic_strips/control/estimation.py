@@ -71,7 +71,7 @@ class EstimatorParams(Checked):
         believe_after: time [s] after which a fix is believed after all, if the robot has stood so long and all
             fixes agreed meanwhile.
         believe_within: distance [m] within which such a fix must be: somebody may have pushed the robot. One further
-            away needs :meth:`StateEstimator.reset`.
+            away needs :meth:`StateEstimator.trust`, or a reset.
         side_slip: sideways part of its travel by which a base may slip, or by which fixes may be turned against its
             wheels [rad]. Fixes that drift further sideways are believed no longer.
     """
@@ -171,7 +171,7 @@ class StateEstimator:
 
     def trust(self) -> None:
         """Take the next fix for true, whatever odometry says: somebody has looked where the robot is."""
-        if self.contradiction:
+        if self.contradiction or self._doubted is not None:
             self._trusting = True
 
     def update(self, measurement: Measurement) -> Array:

@@ -50,6 +50,13 @@ class ObstacleAssumptions(Checked):
     max_speed: Positive = 2.0
 
 
+LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
+"""Bounds of the errors of tracks from a laser at 20 Hz; tests compare them with the true errors."""
+LASER_EASE = 0.6
+"""Part of the largest speeds for a robot with only a laser: an obstacle that appears from behind another one is
+tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
+
+
 @dataclass(frozen=True, slots=True)
 class Margins:
     """What motions keep from obstacles at present.

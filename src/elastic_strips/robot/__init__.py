@@ -2,7 +2,7 @@
 
 from elastic_strips.catalogue import robot_names
 
-from .footprint import PlanarFootprint
+from .footprint import PlanarFootprint, footprint_polygon
 from .kinematics import ControlPoints, Kinematics
 from .loading import LoadOptions, load_robot
 from .model import RobotModel
@@ -16,6 +16,7 @@ __all__ = [
     "LoadOptions",
     "PlanarFootprint",
     "RobotModel",
+    "footprint_polygon",
     "load_robot",
     "robot_names",
 ]

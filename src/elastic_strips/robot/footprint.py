@@ -1,14 +1,16 @@
-"""Planar footprint: a robot seen from above, as boxes and as discs about its base."""
+"""Planar footprint: a robot seen from above, as boxes, as discs about its base, and as a polygon that holds it."""
 
 from __future__ import annotations
 
 from weakref import WeakKeyDictionary
 
+import coal
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array
-from elastic_strips.coal_shapes import support, support_points
+from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.coal_shapes import support, support_points, supports
+from elastic_strips.errors import RobotError
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.work import count_work
 
@@ -16,6 +18,13 @@ from .model import RobotModel
 
 DIRECTIONS = 32
 """Number of half planes that bound an outline, which is at most 0.5 % of its radius too large."""
+_SIDES = 256  # directions in which a polygon may have a side
+_SPARED = 2e-5  # of its area, for which a side is left out
+_WIDEST = 2.4  # [rad] between the normals of two sides that meet
+_FEWEST_SIDES = 6
+_BEND = 1e-3  # [m] by which points may leave the straight line from one posture to the next
+_ROUNDING = 1e-6  # [m] by which a polygon is larger: a message rounds its corners to 1e-7 of where they are
+_AXES = np.vstack((np.eye(3), -np.eye(3)))
 _UP_DOWN = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
 
 
@@ -177,3 +186,113 @@ def box_distance(x: Array, y: Array, a: Array | float, b: Array | float) -> Arra
     x, y = np.abs(x) - a, np.abs(y) - b
     outside = np.sqrt(np.square(np.maximum(x, 0.0)) + np.square(np.maximum(y, 0.0)))
     return outside + np.minimum(np.maximum(x, y), 0.0)
+
+
+def footprint_polygon(robot: RobotModel, rows: ArrayLike, *, place: ArrayLike | None = None) -> Array:
+    """A convex polygon that holds the robot, seen from above, with its arm and what that carries.
+
+    It holds every point of the robot in one posture, or on the way along several: from each to the next all coordinates
+    go at constant rates, as :meth:`.ConfigurationSpace.interpolate` has them. Its area is that of the points' convex
+    hull and about 1 % more at most; on a way, 1 mm all around besides.
+
+    Args:
+        robot: the robot; `RobotModel.attached` makes the one that carries something.
+        rows: (nv,) or (K, nv) coordinate rows.
+        place: (3,) x, y [m], yaw [rad] of the frame of the corners; the base in the first row where None.
+
+    Returns:
+        (M, 2) corners [m], counterclockwise.
+
+    Raises:
+        RobotError: no rows, or not the robot's.
+    """
+    space = robot.space
+    given = np.atleast_2d(np.array(rows, dtype=float))
+    if given.ndim != 2 or given.shape[1] != space.nv or not len(given) or not np.isfinite(given).all():
+        raise RobotError(f"rows of shape {np.shape(rows)}: finite coordinates (K, {space.nv}) are wanted")
+    way, pad = _divided(robot, given)
+    if place is None:
+        place = given[0, :3] if space.planar else np.zeros(3)
+    x, y, yaw = (float(value) for value in np.asarray(place, dtype=float))
+    angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    along = np.column_stack((np.cos(angle + yaw), np.sin(angle + yaw), np.zeros(_SIDES)))
+    reach = np.full(_SIDES, -np.inf)
+    data, placed = robot.model.createData(), robot.collision_model.createData()
+    geometries = [piece.geometry for piece in robot.geometries]
+    for q in space.from_coordinates(way):
+        pin.updateGeometryPlacements(robot.model, data, robot.collision_model, placed, q)
+        rotation = np.array([pose.rotation for pose in placed.oMg])
+        translation = np.array([pose.translation for pose in placed.oMg])
+        here = supports(geometries, along @ rotation) + translation @ along.T
+        np.maximum(reach, here.max(axis=0), out=reach)
+    reach += pad + _ROUNDING - along[:, :2] @ (x, y)
+    return _corners(angle, reach)
+
+
+def _corners(angle: Array, reach: Array) -> Array:
+    """(M, 2) corners of the area within half planes, whose normals turn once around and which all touch it; without
+    those that hardly cut anything off."""
+    corner = _met(angle, reach, np.roll(angle, -1), np.roll(reach, -1))
+    x, y = corner.T
+    spared = _SPARED * 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))
+    while True:
+        before = np.roll(corner, 1, axis=0)  # each side goes from there to its own corner
+        tip = _met(np.roll(angle, 1), np.roll(reach, 1), np.roll(angle, -1), np.roll(reach, -1))
+        (ax, ay), (bx, by) = (tip - before).T, (corner - before).T
+        cut = 0.5 * np.abs(ax * by - ay * bx)
+        cut[np.mod(np.roll(angle, -1) - np.roll(angle, 1), 2.0 * np.pi) > _WIDEST] = np.inf
+        least = np.minimum(np.roll(cut, 1), np.roll(cut, -1))
+        first = np.arange(len(cut)) % 2 == 0
+        drop = (cut < spared) & ((cut < least) | ((cut == least) & first))
+        drop &= ~np.roll(drop, 1)  # of two neighbours one stays
+        if not drop.any() or len(cut) - np.count_nonzero(drop) < _FEWEST_SIDES:
+            return corner
+        angle, reach = angle[~drop], reach[~drop]
+        corner = _met(angle, reach, np.roll(angle, -1), np.roll(reach, -1))
+
+
+def _met(angle: Array, reach: Array, other: Array, further: Array) -> Array:
+    """(M, 2) where lines meet that are so far from the origin along directions."""
+    turn = other - angle
+    out = (further - reach * np.cos(turn)) / np.sin(turn)  # along the line
+    c, s = np.cos(angle), np.sin(angle)
+    return np.column_stack((reach * c - out * s, reach * s + out * c))
+
+
+def _divided(robot: RobotModel, rows: Array) -> tuple[Array, float]:
+    """A way along rows (K, nv) in steps so small that no point is further than a length [m] from the straight line
+    between where it is at both ends of its step; and that length.
+
+    A point's acceleration along a step is at most ω² r + 2 ω v, of the turns ω and slides v of all joints that move it
+    and of the length r of the chain to it, and it leaves the line by an eighth of that.
+    """
+    if len(rows) == 1:
+        return rows, 0.0
+    tree, space = robot.tree, robot.space
+    steps = np.abs(space.difference(rows[:-1], rows[1:]))[:, tree.coordinate] * np.abs(tree.rate)
+    slides = np.zeros(steps.shape[1], dtype=bool)
+    slides[: 2 * space.planar] = True
+    slides[tree.motion[tree.prismatic]] = True
+    most = np.zeros(len(steps))
+    for piece in robot.geometries:
+        moves = tree.support[piece.joint]
+        turn, slide = steps[:, moves & ~slides].sum(axis=1), steps[:, moves & slides].sum(axis=1)
+        length = float(np.linalg.norm(piece.placement[:3, 3])) + _farthest(piece.geometry)
+        joint = piece.joint
+        while joint > space.planar:
+            length += float(np.linalg.norm(tree.offset[joint][:3, 3]))
+            if tree.prismatic[joint]:
+                m = tree.motion[joint]
+                length += float(np.abs(tree.rate[m] * rows[:, tree.coordinate[m]] + tree.shift[m]).max())
+            joint = int(tree.parents[joint])
+        np.maximum(most, 0.125 * turn * (turn * length + 2.0 * slide), out=most)
+    parts = np.maximum(np.ceil(np.sqrt(most / _BEND)), 1.0).astype(int)
+    way = [rows[:1]]
+    for a, b, n in zip(rows[:-1], rows[1:], parts.tolist(), strict=True):
+        way.append(np.array([space.interpolate(a, b, k / n) for k in range(1, n + 1)]))
+    return np.concatenate(way), float((most / np.square(parts)).max())
+
+
+def _farthest(geometry: coal.CollisionGeometry) -> float:
+    """A distance [m] that no point of a shape exceeds, from the origin of its frame."""
+    return float(np.sqrt(3.0)) * max(0.0, float(support(geometry, _AXES).max()))

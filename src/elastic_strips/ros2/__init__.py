@@ -8,10 +8,10 @@ from elastic_strips._late import late_names
 
 if TYPE_CHECKING:
     from .messages import MessageError
-    from .node import run_node
     from .params import Ros2Params
+    from .running import run_node
 
 __all__ = ["MessageError", "Ros2Params", "run_node"]
 
-_MODULES = {"messages": ("MessageError",), "node": ("run_node",), "params": ("Ros2Params",)}
+_MODULES = {"messages": ("MessageError",), "params": ("Ros2Params",), "running": ("run_node",)}
 __getattr__ = late_names(__name__, _MODULES)

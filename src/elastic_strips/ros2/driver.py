@@ -6,7 +6,6 @@ It looks for messages when it is asked to measure, and has no thread of its own:
 from __future__ import annotations
 
 import importlib
-import logging
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.control.guard import Desired
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.errors import ConfigurationError, ParameterError, missing_extra
 from elastic_strips.robot import RobotModel
@@ -35,14 +35,16 @@ from .messages import (
 )
 from .motion import MotionReader
 from .params import Ros2Params
-from .stamps import StampClock
+from .pilot import PilotReader
+from .shared_memory import clear_left
+from .stamps import StampClock, read_together
 
-_log = logging.getLogger(__name__)
 _LONGEST_DISCOVERY = 15.0  # [s] until something of the robot has come: now and then discovery takes 3 s
 _AT_ONCE = 20  # messages of a topic that are taken in one period
 _LONGEST_BLIND = 0.1  # [s] besides, for which joint states may be missing
 _ARM_PERIOD = 0.02  # [s] from one trajectory of the arm to the next
 _ARM_HOLD = 0.1  # [s] for which it goes on without a new one before it slows down
+_MOST_NOTES = 10  # kinds of what was left out that are told at once
 _LAST_WORDS = 5  # commands of rest at the end, and
 _LAST_PERIOD = 0.02  # [s] from one to the next
 
@@ -118,7 +120,7 @@ class Ros2Driver:
         self._reader = MotionReader(self._robot, self._limits)
         self.counts: Counter[str] = Counter()
         self._emergency: bool | None = None
-        self._logged = ""
+        self._notes: dict[str, None] = {}  # what was left out since it was asked for
         nav, sensor, geometry = (load(f"{name}_msgs.msg") for name in ("nav", "sensor", "geometry"))
         self._subscriptions: list[tuple[str, Any, Callable[[Any], None]]] = []
         if self._robot.space.planar:
@@ -130,6 +132,9 @@ class Ros2Driver:
         if params.emergency is not None:
             kind = load("std_msgs.msg").Bool
             self._hear(kind, params.emergency, quality(1, reliable=True, kept=True), self._on_emergency)
+        self._pilot = self._no_pilot()
+        if params.mode == "guard":
+            self._hear_pilot()
         self._twist = geometry.TwistStamped if params.stamped else geometry.Twist
         self._base = None
         if self._robot.space.planar:
@@ -145,6 +150,21 @@ class Ros2Driver:
         self._wait()
         self._clock = StampClock(params.oldest)
         self._reader = MotionReader(self._robot, self._limits)
+        self._pilot = self._no_pilot()
+        self._notes.clear()
+
+    def _no_pilot(self) -> PilotReader:
+        params = self._params
+        return PilotReader(self._robot, params.base_frame, params.oldest_command, backward=params.backward)
+
+    def _hear_pilot(self) -> None:
+        params, geometry = self._params, load("geometry_msgs.msg")
+        if self._robot.space.planar:
+            kind = geometry.TwistStamped if params.stamped_in else geometry.Twist
+            self._hear(kind, params.cmd_vel_in, quality(1), self._on_velocity)
+        if self._robot.joint_names and params.arm != "none":
+            kind = load("std_msgs.msg").Float64MultiArray
+            self._hear(kind, params.joint_velocities_in, quality(1), self._on_rates)
 
     def _wait(self) -> None:
         began = time.monotonic()
@@ -183,14 +203,14 @@ class Ros2Driver:
                 try:
                     take(taken[0])
                 except MessageError as error:
-                    self.counts[f"{topic}: {str(error).split(':')[0]}"] += 1
-                    if str(error) != self._logged and self.counts.total() < 100:
-                        self._logged = str(error)
-                        _log.warning("%s: %s", topic, error)
+                    what = f"{topic}: {str(error).split(':')[0]}"
+                    self.counts[what] += 1
+                    if len(self._notes) < _MOST_NOTES:
+                        self._notes[what] = None
 
     def _time(self, message: Any) -> float:
-        now = self._node.get_clock().now().nanoseconds
-        return self._clock.time(nanoseconds(message.header.stamp), now, time.monotonic())
+        now, monotonic = read_together(lambda: int(self._node.get_clock().now().nanoseconds))
+        return self._clock.time(nanoseconds(message.header.stamp), now, monotonic)
 
     def _on_odometry(self, message: Any) -> None:
         check_frame(message, self._params.odom_frame or "")
@@ -205,6 +225,26 @@ class Ros2Driver:
 
     def _on_emergency(self, message: Any) -> None:
         self._emergency = bool(message.data)
+
+    def notes(self) -> list[str]:
+        """What was left out of what came since the last call."""
+        found = [f"left out: {what}" for what in self._notes]
+        self._notes.clear()
+        return found
+
+    def _on_velocity(self, message: Any) -> None:
+        if self._params.stamped_in:
+            self._pilot.check_frame(message)
+            self._pilot.note_twist(self._time(message), message.twist)
+        else:
+            self._pilot.note_twist(self._clock.now(time.monotonic()), message)
+
+    def _on_rates(self, message: Any) -> None:
+        self._pilot.note_rates(self._clock.now(time.monotonic()), message.data)
+
+    def desired(self, t: float) -> Desired | None:
+        """What somebody wants, of what came up to the last measurement."""
+        return self._pilot.desired(t)
 
     def measure(self, t: float) -> Measurement | None:
         """The newest measurement; None where nothing new came."""
@@ -277,3 +317,4 @@ class Ros2Driver:
         finally:
             close_node(self._context, self._node)
             self._node = None
+            clear_left()  # of who started this process, where that was killed

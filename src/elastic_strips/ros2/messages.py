@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import InputError
 from elastic_strips.io.laser_log import scan_of
 from elastic_strips.io.nav2_map import WALL_HEIGHT
@@ -24,6 +25,7 @@ _LARGEST_TILT = 0.1  # [rad] of a base that is taken to stand upright
 _UNKNOWN_VARIANCE = 1e4  # [m², rad²] from there on drivers mean that they do not know
 _FULL = 100  # occupancy of a cell that is certainly occupied
 _DEPTHS = {"16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3), "32FC1": ("f4", 1.0)}  # encoding → kind, unit [m]
+_Depths = npt.NDArray[np.float32]
 _OK, _WARN, _ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
 
 
@@ -73,17 +75,28 @@ def planar_pose(pose: RosObject) -> Array:
     Raises:
         MessageError: it is not finite, not turned by a quaternion, or tilted by more than 0.1 rad.
     """
-    at, turn = pose.position, pose.orientation
-    x, y, z, w = float(turn.x), float(turn.y), float(turn.z), float(turn.w)
-    if not math.isfinite(at.x + at.y + x + y + z + w):
-        raise MessageError(f"a pose is not finite: position {at.x:g}, {at.y:g}, turn {x:g}, {y:g}, {z:g}, {w:g}")
-    length = math.sqrt(x * x + y * y + z * z + w * w)
-    if abs(length - 1.0) > _UNIT:
-        raise MessageError(f"a quaternion has the length {length:.4g}; 1 is needed within {_UNIT:g}")
+    at_x, at_y, _, x, y, z, w = spatial_pose(pose).tolist()
     tilt = 2.0 * math.atan2(math.hypot(x, y), math.hypot(z, w))
     if tilt > _LARGEST_TILT:
         raise MessageError(f"a pose is tilted by {tilt:.3g} rad; at most {_LARGEST_TILT:g} is taken for upright")
-    return np.array([float(at.x), float(at.y), 2.0 * math.atan2(z, w)])
+    return np.array([at_x, at_y, 2.0 * math.atan2(z, w)])
+
+
+def spatial_pose(pose: RosObject) -> Array:
+    """(7,) position [m] and unit quaternion x, y, z, w of a ``geometry_msgs/Pose``.
+
+    Raises:
+        MessageError: it is not finite, or not turned by a quaternion.
+    """
+    at, turn = pose.position, pose.orientation
+    found = np.array([float(value) for value in (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)])
+    if not np.isfinite(found).all():
+        raise MessageError(f"a pose is not finite: {', '.join(f'{value:g}' for value in found)}")
+    length = float(np.linalg.norm(found[3:]))
+    if abs(length - 1.0) > _UNIT:
+        raise MessageError(f"a quaternion has the length {length:.4g}; 1 is needed within {_UNIT:g}")
+    found[3:] /= length
+    return found
 
 
 def covariance_of(values: Sequence[float], yaw: float) -> Array | None:
@@ -164,6 +177,7 @@ def depth_image(
     T_base_sensor: Array,
     reach: tuple[float, float],
     q: Array | None = None,
+    most: int | None = None,
 ) -> DepthImage:
     """The depths of an ``Image`` (16UC1 in millimetres, or 32FC1) with its ``CameraInfo``; REP 118.
 
@@ -177,6 +191,8 @@ def depth_image(
         T_base_sensor: (4, 4) pose of the optical frame in the base's frame then.
         reach: shortest and longest depth that the camera can tell [m].
         q: (nq,) configuration of the robot then.
+        most: pixels that it may have; of one with more, squares of pixels become one each: what is nearest in them, or
+            no answer where most of them have none.
 
     Raises:
         MessageError: another encoding, too few data, or a camera without a focal length.
@@ -187,7 +203,7 @@ def depth_image(
     rows, columns = int(message.height), int(message.width)
     dtype = np.dtype((">" if message.is_bigendian else "<") + kind)
     step = max(int(message.step), columns * dtype.itemsize)
-    data = np.frombuffer(bytes(message.data), np.uint8)
+    data = np.frombuffer(memoryview(message.data), np.uint8)
     if not rows * columns or len(data) < step * rows:
         raise MessageError(f"an image of {sensor!r} has {len(data)} bytes; {rows} rows of {step} are needed")
     if (int(info.height), int(info.width)) != (rows, columns):
@@ -197,13 +213,31 @@ def depth_image(
     line = data[: step * rows].reshape(rows, step)[:, : columns * dtype.itemsize]
     raw = np.ascontiguousarray(line).view(dtype).reshape(rows, columns).astype(np.float32) * np.float32(unit)
     near, far = reach
-    with np.errstate(invalid="ignore"):
-        unknown = np.isnan(raw) | (raw < near)
-        depth = np.where(unknown, np.float32(NO_ANSWER), np.where(raw > far, np.float32(NOTHING), raw))
     k = [float(value) for value in info.k]
     if len(k) != 9 or not (math.isfinite(sum(k)) and min(k[0], k[4]) > 0.0):
         raise MessageError(f"the camera {sensor!r} has the matrix {k}; focal lengths above 0 are needed")
-    return DepthImage(sensor, time, T_base_sensor, depth, (k[0], k[4]), (k[2], k[5]), near, far, q)
+    edge = 1 if most is None else max(math.ceil(math.sqrt(rows * columns / most)), 1)
+    with np.errstate(invalid="ignore"):
+        unknown = ~(raw >= near)  # of NaN, too
+        depth: _Depths = np.where(raw > far, np.float32(NOTHING), raw)
+    if edge > 1:
+        depth, unknown = _in_squares(depth, unknown, edge)
+    depth[unknown] = NO_ANSWER
+    focal, center = (k[0] / edge, k[4] / edge), ((k[2] + 0.5) / edge - 0.5, (k[5] + 0.5) / edge - 0.5)
+    return DepthImage(sensor, time, T_base_sensor, depth, focal, center, near, far, q)
+
+
+def _in_squares(depth: _Depths, unknown: Mask, edge: int) -> tuple[_Depths, Mask]:
+    """The nearest depth in each square of pixels, and where most of them are unknown; a border may be left out."""
+    rows, columns = depth.shape[0] // edge, depth.shape[1] // edge
+    whole = slice(rows * edge), slice(columns * edge)
+    depth = np.where(unknown, np.float32(np.inf), depth)[whole]
+    nearest, lost = np.full((rows, columns), np.inf, np.float32), np.zeros((rows, columns), np.int32)
+    for i in range(edge):
+        for k in range(edge):
+            np.minimum(nearest, depth[i::edge, k::edge], out=nearest)
+            lost += unknown[whole][i::edge, k::edge]
+    return nearest, 2 * lost > edge * edge
 
 
 def map_obstacles(

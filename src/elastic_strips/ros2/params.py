@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
-from elastic_strips.control import DriveParams, MonitorParams, ObstacleAssumptions
+from elastic_strips.control import DriveParams, MonitorParams
+from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ParameterError
 from elastic_strips.trajectory import MotionLimits
-from elastic_strips.validation import Bound, Checked, Finite, NonNegative, Positive, check_choice
+from elastic_strips.validation import Bound, Checked, Count, Finite, NonNegative, Positive, check_choice
 
 ARMS = ("none", "trajectory", "velocity")
 """How the arm is commanded: not at all, by trajectories that end at rest, or by velocities."""
+MODES = ("drive", "guard")
+"""What is driven: to goals, or what somebody else commands, as far as the guard passes it on."""
 _LOST_MESSAGES = 4.0  # so many periods of odometry may pass without one before that counts as silence
+_LONGEST_GAP = 2.0  # [s] of odometry that the robot goes on after, as it sums it up itself; later it may have restarted
 _STEP = 0.005  # [m] tracking errors are multiples of this
-_LASER_EASE = 0.6  # part of the largest speeds for a robot that sees movers by a laser alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,13 +26,16 @@ class Ros2Params(Checked):
 
     Attributes:
         robot: name or URDF file of the robot.
+        mode: one of `MODES`.
         world_frame: frame of goals, paths and maps; that of odometry where no ``fix`` is taken.
         odom_frame, base_frame: frames that odometry has to be in; None: any.
-        odom, joint_states, cmd_vel, goal_pose, plan_in: topics.
-        scans: topics of lasers.
+        odom, joint_states, cmd_vel, goal_pose, plan_in, hand_pose: topics.
+        hand: frame of the robot that goals on ``hand_pose`` are for; None: none are taken.
+        scans: topics of lasers; None, or one empty name: none.
         clouds: topics of point clouds.
         depths: topics of depth images, rectified; each has its ``camera_info`` beside it.
         depth_near, depth_far: shortest and longest depth that these cameras can tell.
+        depth_pixels: of images with more pixels, squares of some are taken as one.
         map: topic of an occupancy grid; None: none.
         fix: topic of a ``PoseWithCovarianceStamped`` of the base in the world; None: none.
         emergency: topic of a ``Bool`` that is true while the emergency stop is pressed; None: none. Where one is
@@ -40,48 +46,63 @@ class Ros2Params(Checked):
         arm: one of `ARMS`. Most controllers of velocities have no watchdog: where this program is killed the arm
             would go on.
         arm_topic: topic of the arm's commands.
+        cmd_vel_in, joint_velocities_in: topics of what somebody else commands, to be guarded: a Twist, and a
+            Float64MultiArray in the order of the robot's joints.
+        stamped_in: whether the former is TwistStamped.
+        oldest_command: age from which on such a command counts no more.
         oldest: largest age of a message that is still used.
         oldest_scene: a scene that is older is not driven on: it is as old as the sensor that is behind all others.
         tracking_error, silence: as `DriveParams` and `MonitorParams` have them; 0: by the rate of odometry.
-        speed: part of the speeds that the robot's limits allow.
-        backward: whether the robot may plan backwards: something has to look there.
+        speed: part of the speeds that the robot's limits allow, which nothing exceeds; where it drives to goals it may
+            be set to less, and back, while it runs. At 0 it stands.
+        backward: whether the robot may plan, or be commanded, backwards: something has to look there.
         within: largest distance of the base from a path of others.
         goal_position, goal_angle: how near counts as reached.
+        footprint_ahead: the ``footprint`` holds the robot for so long on its motion; 0: now.
         low, high: heights between which the points of clouds count.
         patience: how long the node waits for the robot's topics.
         log: file that the executor writes; None: none.
     """
 
     robot: str = "silvermate"
+    mode: str = "drive"
     world_frame: str | None = None
     odom_frame: str | None = None
     base_frame: str | None = None
     odom: str = "odom"
     joint_states: str = "joint_states"
-    scans: tuple[str, ...] = ("scan",)
+    scans: tuple[str, ...] | None = ("scan",)
     clouds: tuple[str, ...] | None = None
     depths: tuple[str, ...] | None = None
     depth_near: Positive = 0.3
     depth_far: Positive = 4.0
+    depth_pixels: Count = 20_000
     map: str | None = None
     fix: str | None = None
     emergency: str | None = None
     mounts: tuple[str, ...] | None = None
     goal_pose: str = "goal_pose"
+    hand_pose: str = "hand_pose"
+    hand: str | None = None
     plan_in: str = "plan_in"
     cmd_vel: str = "cmd_vel"
     stamped: bool = True
     arm: str = "trajectory"
     arm_topic: str = "arm_controller/joint_trajectory"
+    cmd_vel_in: str = "cmd_vel_in"
+    joint_velocities_in: str = "joint_velocities_in"
+    stamped_in: bool = True
+    oldest_command: Positive = 0.15
     oldest: Positive = 0.5
     oldest_scene: Positive = 0.25
     tracking_error: NonNegative = 0.0
     silence: NonNegative = 0.0
-    speed: Annotated[float, Bound(above=0.0, high=1.0)] = _LASER_EASE
+    speed: Annotated[float, Bound(above=0.0, high=1.0)] = LASER_EASE
     backward: bool = False
     within: Positive = 0.3
     goal_position: Positive = 0.05
     goal_angle: Positive = 0.05
+    footprint_ahead: NonNegative = 0.0
     low: Finite = 0.1
     high: Finite = 1.6
     patience: Positive = 30.0
@@ -90,8 +111,14 @@ class Ros2Params(Checked):
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         check_choice("arm", self.arm, ARMS)
+        check_choice("mode", self.mode, MODES)
         for mount in self.mounts or ():
             mount_of(mount)
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """The topics of sensors, all of which scenes rest on."""
+        return *(self.scans or ()), *(self.depths or ()), *(self.clouds or ())
 
     @staticmethod
     def names() -> dict[str, object]:
@@ -127,11 +154,10 @@ def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> Dri
     error = params.tracking_error or max(usual.tracking_error, min(unseen, monitor.largest))
     return replace(
         usual,
-        assumptions=ObstacleAssumptions(position_error=0.04, velocity_error=0.2),
-        monitor=replace(monitor, silence=silence, longest_arc=max(monitor.longest_arc, 2.0 * silence)),
+        assumptions=LASER_ASSUMPTIONS,
+        monitor=replace(monitor, silence=silence, longest_arc=_LONGEST_GAP),
         tracking_error=error,
         max_scene_age=params.oldest_scene,
-        speed_scale=min(params.speed, usual.speed_scale),
         backward=params.backward,
         goal_position=params.goal_position,
         goal_angle=params.goal_angle,

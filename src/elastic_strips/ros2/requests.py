@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 from elastic_strips.arrays import Array
 from elastic_strips.control.controller import Controller
+from elastic_strips.control.process import ExecutorProcess
 from elastic_strips.errors import ElasticStripsError
-from elastic_strips.planning import BasePose
+from elastic_strips.planning import BasePose, HandPose
 
 _TOLD_WITHIN = 0.3  # [s] after a new goal the executor, in its process, may still say that the one before is reached
 
@@ -28,7 +29,8 @@ class GoalState(Enum):
 
 
 class Request(NamedTuple):
-    """One of ``"goal"`` and ``"path"``, with where to; or ``"cancel"``, ``"stop"``, ``"resume"``, with the reason."""
+    """One of ``"goal"`` and ``"path"``, with where to, and ``"hand"``, with the frame that is to be there; ``"speed"``
+    with the part of it; or ``"cancel"``, ``"stop"``, ``"resume"``, with the reason."""
 
     kind: str
     where: Array | None = None
@@ -71,14 +73,28 @@ class Requests:
             self._set(GoalState.REACHED, controller.reason)
             log(f"reached: {controller.reason}")
 
+    def command(self, guard: ExecutorProcess, log: Callable[[str], object]) -> None:
+        """Stop and resume where a guard drives; goals are not for it."""
+        while self._waiting:
+            request = self._waiting.popleft()
+            if request.kind == "stop":
+                guard.stop(request.reason)
+            elif request.kind == "resume":
+                guard.resume()
+            else:
+                log(f"{request.kind} refused: the node guards commands of others; with mode:=drive it drives to goals")
+
     def _do(self, controller: Controller, request: Request) -> None:
-        if request.kind in ("goal", "path"):
+        if request.kind in ("goal", "hand", "path"):
             assert request.where is not None
             with self._changed:
                 self.number += 1
             if request.kind == "goal":
                 x, y, yaw = request.where.tolist()
                 controller.retarget(BasePose(x, y, yaw))
+            elif request.kind == "hand":
+                x, y, z, *turn = request.where.tolist()
+                controller.retarget(HandPose(request.reason, (x, y, z), (turn[0], turn[1], turn[2], turn[3])))
             else:
                 controller.follow(request.where, within=self._within)
             self._asked = controller.time
@@ -91,6 +107,9 @@ class Requests:
             controller.stop(request.reason)
         elif request.kind == "resume":
             controller.resume()
+        elif request.kind == "speed":
+            assert request.where is not None
+            controller.set_speed(float(request.where[0]))
 
     def _set(self, state: GoalState, reason: str) -> None:
         with self._changed:

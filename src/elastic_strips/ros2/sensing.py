@@ -28,6 +28,7 @@ _LASER_PLANE = 0.3  # [m] pieces that reach below this height are in the plane o
 _OWN_PADDING = 0.02  # [m] by which the robot is thicker for its own lasers
 _WAITING = 20  # messages that wait to be looked at, at most; the oldest are dropped
 _TOO_LATE = "not looked at in time"
+_NEWER = "a newer one had come"
 _VOXEL = 0.05  # [m] edge of the cells of a cloud
 _SHORT_NAME = 40  # of what is counted
 
@@ -103,13 +104,14 @@ class Sensing:
         self._estimator = SceneEstimator(
             SceneEstimatorParams(body_radius=radius),
             robot=robot.seeing,
-            required=(*params.scans, *(params.depths or ())),
+            required=(*(params.scans or ()), *(params.depths or ())),
         )
         self.mounts: Mounts = Mounts(robot, params)
         self._filters: dict[str, tuple[Array, SelfFilter, Rays]] = {}
         self._waiting: deque[_Waiting] = deque(maxlen=_WAITING)
-        self._clouds: dict[str, Obstacle | None] = {}
+        self._clouds: dict[str, tuple[float, Obstacle | None]] = {}  # topic → time [s] and what was there
         self._map: list[Obstacle] = []
+        self._began = math.inf  # when the first of all was taken in [s]
         self.scene: Scene | None = None
         self.counts: Counter[str] = Counter()
         self.last: dict[str, float] = {}
@@ -149,16 +151,26 @@ class Sensing:
                 continue
             if waiting.kind != "map" and self.scene is None and waiting.time < known[0]:
                 continue  # from before it was known where the robot is
+            if waiting.kind == "depth" and any(self._passes(later, waiting, known[1]) for later in self._waiting):
+                self.counts[f"{waiting.topic}: {_NEWER}"] += 1
+                continue
             try:
                 self._take(waiting, row_at)
                 changed = True
                 self.last[waiting.topic] = waiting.time
+                if waiting.kind != "map":
+                    self._began = min(self._began, waiting.time)
             except (ElasticStripsError, ValueError) as error:
                 self.count(waiting.topic, error)
         self._waiting.extendleft(reversed(later))
-        if changed and self._estimator.times:
+        if changed and (self._estimator.times or self._clouds):
             self._publish()
         return changed
+
+    @staticmethod
+    def _passes(later: _Waiting, one: _Waiting, known: float) -> bool:
+        """Whether a later image makes another one needless: one takes longer to look at than to come, maybe."""
+        return later.topic == one.topic and one.time < later.time <= known
 
     def _take(self, waiting: _Waiting, row_at: Callable[[float], Array]) -> None:
         if waiting.kind == "map":
@@ -174,7 +186,8 @@ class Sensing:
         if waiting.kind == "depth":
             reach = self._params.depth_near, self._params.depth_far
             q = self._robot.space.from_coordinates(row)
-            image = depth_image(message, info, waiting.topic, waiting.time, T_base_sensor, reach, q)
+            most = self._params.depth_pixels
+            image = depth_image(message, info, waiting.topic, waiting.time, T_base_sensor, reach, q, most)
             self._estimator.update(image, place)
             return
         if waiting.kind == "scan":
@@ -189,7 +202,7 @@ class Sensing:
         if len(points):
             points = without_robot(points, self._robot, self._robot.space.from_coordinates(row)).points
         seen = cloud_scene(points, _VOXEL, name=name) if len(points) else None
-        self._clouds[name] = None if seen is None else seen.obstacles[0]
+        self._clouds[waiting.topic] = waiting.time, None if seen is None else seen.obstacles[0]
 
     def _without_robot(self, scan: LaserScan, frame: str) -> LaserScan:
         """The scan without what the laser may see of the robot itself."""
@@ -213,10 +226,19 @@ class Sensing:
         )
 
     def _publish(self) -> None:
-        scene = self._estimator.scene()
-        for obstacle in (*self._map, *(cloud for cloud in self._clouds.values() if cloud is not None)):
-            scene = scene.with_obstacle(obstacle)
-        self.scene = scene
+        """Make the scene, as old as what is behind all others; a cloud that has not come yet is as old as the first
+        one of anything."""
+        found = self._estimator.scene() if self._estimator.times else None
+        ages = [(self._clouds.get(topic, (self._began, None))[0], topic) for topic in self._params.clouds or ()]
+        time, topic = min(ages, default=(math.inf, ""))
+        behind = found is None or time < found.time
+        things = [*(found or ()), *self._map, *(cloud for _, cloud in self._clouds.values() if cloud is not None)]
+        if behind:
+            since = f"since {time:.2f} s" if topic in self._clouds else "yet"
+            self.scene = Scene(things, time=time, held_up=f"nothing has come from {topic!r} {since}")
+        else:
+            assert found is not None
+            self.scene = Scene(things, time=found.stamp, held_up=found.held_up)
 
     def age(self, topic: str, now: float) -> float:
         """How old the newest message of a topic is that was taken in [s]."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,8 +14,25 @@ from elastic_strips.validation import check_number
 
 from .messages import MessageError
 
+_AT_ONCE = 2e-4  # [s] within which two clocks are read; else they are read again,
+_TRIES = 5  # so often at most
 _KEPT = 2.0  # [s] that samples are kept
 _INTERVALS = 31  # from one sample to the next, whose median is the period
+
+
+def read_together(ros: Callable[[], int], monotonic: Callable[[], float] = time.monotonic) -> tuple[int, float]:
+    """ROS' clock [ns] and the monotonic one [s], read at the same time.
+
+    Another thread may come between one reading and the next, and what was measured would be as much younger.
+    """
+    best, found = math.inf, (0, 0.0)
+    for _ in range(_TRIES):
+        before, now, after = monotonic(), ros(), monotonic()
+        if after - before < best:
+            best, found = after - before, (now, 0.5 * (before + after))
+        if best <= _AT_ONCE:
+            break
+    return found
 
 
 class StampClock:
@@ -36,6 +54,10 @@ class StampClock:
     def tick(self, t: float, monotonic: float) -> None:
         """Learn the epoch where nobody says it: what is to be done at ``t`` [s] is done then, or late."""
         self.epoch = min(self.epoch, monotonic - t)
+
+    def now(self, monotonic: float) -> float:
+        """The time of what has no stamp [s]: that of the monotonic clock."""
+        return monotonic - self.epoch
 
     def time(self, stamp: int, now: int, monotonic: float) -> float:
         """The time of a stamp on the executor's clock [s]; never later than now.

@@ -10,7 +10,6 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.collision import BodySet, ObstacleProximity
-from elastic_strips.control import ObstacleAssumptions
 from elastic_strips.control.estimation import PoseBuffer
 from elastic_strips.perception import Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
 from elastic_strips.perception.gaze import Gaze
@@ -47,11 +46,6 @@ class ContactSensor:
         return self._obstacles.obstacle_name(part)
 
 
-LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
-"""Bounds of the errors of tracks from a laser at 20 Hz; tests compare them with the true errors."""
-LASER_EASE = 0.6
-"""Part of the largest speeds for a robot with only a laser: an obstacle that appears from behind another one is
-tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
 _LASER_PLANE_HEIGHT = 0.3
 """Pieces that reach below this height [m] are in the plane of a base's laser."""
 _STANDING_UPDATE_PERIOD = 0.01  # [s] between sensor updates while the robot stands at its start

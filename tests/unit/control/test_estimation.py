@@ -308,6 +308,13 @@ def test_a_robot_that_stands_may_have_been_pushed(silvermate, push, believed):
         )
     assert got[0] == pytest.approx(home[0] + (push if believed else 0.0), abs=0.01)
     assert (estimator.doubt == "") == believed
+    estimator.trust()
+    for k in range(100, 110):
+        got = estimator.update(
+            Measurement(0.05 * k, np.zeros(2), home[3:], np.add(home[:3], (push, 0.0, 0.0)), 0.05 * k)
+        )
+    assert got[0] == pytest.approx(home[0] + push, abs=0.01), "somebody has looked"
+    assert estimator.doubt == ""
 
 
 def test_coarse_fixes_say_so(silvermate):

@@ -136,6 +136,23 @@ def test_depths_come_in_millimetres_or_metres(kind: str):
     assert (found.focal, found.center) == ((2.0, 2.5), (1.0, 0.5))
 
 
+def test_squares_of_many_pixels_become_one_each():
+    """What is nearest in them; no answer where most of them have none. What one of them sees is at the same place."""
+    depth = np.full((5, 6), 3.0, "<f4")
+    depth[0, 1], depth[1, 4], depth[1, 5] = 1.0, np.nan, 0.1  # half of a square: what the others see
+    depth[2:4, 0:2], depth[3, 1] = np.nan, 2.0
+    depth[2:4, 2:4] = 9.0
+    image = Fields(header=header("optical"), height=5, width=6, encoding="32FC1", step=24, is_bigendian=0)
+    image.data = array("B", depth.tobytes())
+    info = Fields(height=5, width=6, k=[4.0, 0.0, 2.5, 0.0, 4.0, 2.0, 0.0, 0.0, 1.0])
+    found = depth_image(image, info, "depth", 2.0, np.eye(4), (0.4, 5.0), most=8)
+    np.testing.assert_allclose(found.depth, [[1.0, 3.0, 3.0], [NO_ANSWER, NOTHING, 3.0]])
+    assert found.focal == (2.0, 2.0)
+    assert found.center == (1.0, 0.75)
+    whole = depth_image(image, info, "depth", 2.0, np.eye(4), (0.4, 5.0), most=30)
+    assert whole.depth.shape == (5, 6)
+
+
 def test_rows_of_an_image_may_be_padded_and_of_the_other_order():
     image, info = camera()
     rows = np.frombuffer(bytes(image.data), "<u2").reshape(2, 3).astype(">u2")

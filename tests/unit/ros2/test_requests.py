@@ -88,3 +88,17 @@ def test_a_path_is_followed_and_one_that_begins_elsewhere_is_refused(drive: Driv
     drive.run(20.0, GoalState.REACHED)
     assert drive.requests.state is GoalState.REACHED
     np.testing.assert_allclose(drive.machine.coordinates[:2], [2.0, 0.2], atol=0.1)
+
+
+def test_it_drives_more_slowly_while_that_is_asked_for(drive: Drive):
+    top = drive.controller.params.speed_scale * float(MotionLimits.for_robot(drive.controller.robot).drive_speed[0])
+    drive.requests.ask(Request("goal", np.array([20.0, 0.0, 0.0])))
+    drive.requests.ask(Request("speed", np.array([0.2])))
+    drive.run(3.0)
+    assert 0.1 * top < float(drive.machine.v[0]) < 0.25 * top
+    drive.requests.ask(Request("speed", np.array([1.0])))
+    drive.run(3.0)
+    assert float(drive.machine.v[0]) > 0.4 * top
+    drive.requests.ask(Request("speed", np.array([0.0])))
+    drive.run(3.0)
+    assert abs(float(drive.machine.v[0])) < 0.01

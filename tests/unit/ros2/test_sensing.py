@@ -139,3 +139,38 @@ def test_parameters_that_cannot_be_are_named():
     for named, value in (("arm", "leg"), ("mounts", ("laser:1:2",)), ("speed", 0.0), ("oldest", -1.0)):
         with refused(ParameterError, named):
             Ros2Params(**{named: value})
+
+
+def cloud(points: np.ndarray) -> Fields:
+    fields = [Fields(name=axis, offset=4 * k, datatype=7) for k, axis in enumerate("xyz")]
+    data = np.frombuffer(points.astype("<f4").tobytes(), np.uint8)
+    return Fields(
+        header=Fields(frame_id="base_link"), fields=fields, width=len(points), height=1, point_step=12,
+        row_step=12 * len(points), is_bigendian=False, data=data,
+    )  # fmt: skip
+
+
+def test_a_cloud_whose_topic_dies_makes_scenes_old(silvermate: RobotModel, row: np.ndarray):
+    """As old as the last one of it, and one that has never come as old as the first scan."""
+    sensing = Sensing(silvermate, Ros2Params(clouds=("points",)))
+    found = scans(silvermate, row, [0.05 * k for k in range(8)])
+    wall = np.column_stack((np.full(50, 1.5), np.linspace(-0.5, 0.5, 50), np.full(50, 0.9)))
+    for k, (t, message) in enumerate(found):
+        sensing.offer("scan", "scan", message, t)
+        if 2 <= k < 5:
+            sensing.offer("cloud", "points", cloud(wall), t)
+        sensing.work(lambda _: row, ALWAYS)
+        assert sensing.scene is not None
+        assert sensing.scene.time == pytest.approx(found[0 if k < 2 else min(k, 4)][0])
+        assert ("cloud-points" in sensing.scene.names) is (k >= 2)
+    assert "points" in sensing.scene.held_up
+    assert "scan" in sensing.scene.names[0] or len(sensing.scene) > 1, "what scans show is in it, too"
+
+
+def test_a_robot_may_have_clouds_alone(silvermate: RobotModel, row: np.ndarray):
+    sensing = Sensing(silvermate, Ros2Params(scans=None, clouds=("points",)))
+    sensing.offer("cloud", "points", cloud(np.array([[1.5, 0.0, 0.9]])), 0.3)
+    assert sensing.work(lambda _: row, ALWAYS)
+    assert sensing.scene is not None
+    assert sensing.scene.time == pytest.approx(0.3)
+    assert sensing.scene.names == ("cloud-points",)

@@ -9,7 +9,7 @@ import pytest
 from cases import each
 
 from elastic_strips.ros2 import MessageError
-from elastic_strips.ros2.stamps import StampClock, StampedRows
+from elastic_strips.ros2.stamps import StampClock, StampedRows, read_together
 
 NOW = 1_795_780_381_000_000_000  # [ns]
 
@@ -18,6 +18,28 @@ def clock() -> StampClock:
     made = StampClock(0.5)
     made.epoch = 100.0
     return made
+
+
+def test_two_clocks_are_read_at_the_same_time():
+    """Something comes between them twice, and it is as long as between two messages."""
+    t, waits = 10.0, iter([0.03, 0.0, 0.0, 0.02, 0.0])
+
+    def monotonic() -> float:
+        nonlocal t
+        t += 1e-6
+        return t
+
+    def ros() -> int:
+        nonlocal t
+        found = round(1e9 * (t + 100.0))
+        t += next(waits)
+        return found
+
+    now, read = read_together(ros, monotonic)
+    assert 1e-9 * now - read == pytest.approx(100.0, abs=1e-5)
+    waits = iter([0.03, 0.01, 0.02, 0.04, 0.05])
+    now, read = read_together(ros, monotonic)
+    assert 1e-9 * now - read == pytest.approx(100.0, abs=0.006), "the best of five"
 
 
 @each("age", (0.0, 0.02, 0.4))

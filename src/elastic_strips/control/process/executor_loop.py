@@ -9,7 +9,7 @@ import select
 import signal
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice, takewhile
 from typing import TypeVar
@@ -53,6 +53,8 @@ class Status:
         measured: [s] of the measurement that the estimate is by.
         coordinates, v: (nv,) of the reference.
         events, stops: new ones since the last status that could be sent.
+        pilot: what became of the last command of a pilot, where one is guarded.
+        scene: number of the last scene that was taken, where one is guarded.
     """
 
     time: float
@@ -75,6 +77,8 @@ class Status:
     v: Array
     events: tuple[Event, ...]
     stops: tuple[tuple[float, str], ...]
+    pilot: str = ""
+    scene: int = 0
 
 
 def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | None) -> None:
@@ -86,15 +90,21 @@ def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | No
         task: the parts that the executor is made of.
         log: file of the log; None writes no log.
     """
+    run_loop(link, driver, lambda stream: Loop(link, MotionExecutor(*task, keep=500), driver, stream), log)
+
+
+def run_loop(link: socket.socket, driver: Driver, make: Callable[[LogStream | None], Loop], log: str | None) -> None:
+    """What `serve` does, with the loop that ``make`` makes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for planning, which lets the robot come to rest
     priority = raise_priority()  # before the log's thread begins, which has to have the same
     stream: LogStream | None = None
     try:
         stream = None if log is None else LogStream(log)
-        loop = _Loop(link, MotionExecutor(*task, keep=500), driver, stream)
+        loop = make(stream)
         opening = getattr(driver, "open", None)
         if callable(opening):
             opening()
+        loop.notes = getattr(driver, "notes", loop.notes)
     except Exception as error:
         put(link, f"{type(error).__name__}: {error}")
         driver.close()
@@ -113,7 +123,7 @@ def serve(link: socket.socket, driver: Driver, task: ExecutorTask, log: str | No
                 stream.close()
 
 
-class _Loop:
+class Loop:
     """Workspace: the control loop in its process, on the wall clock."""
 
     def __init__(self, link: socket.socket, executor: MotionExecutor, driver: Driver, log: LogStream | None) -> None:
@@ -130,6 +140,9 @@ class _Loop:
         self.stopped = -math.inf  # and when the last stop was [s]
         self.logged: Event | None = None
         self.log_error = ""
+        self.pilot = ""
+        self.taken = 0
+        self.notes: Callable[[], Iterable[str]] = tuple  # of the driver
 
     def end(self, *_: object) -> None:
         """Come to rest, and end: SIGTERM, which also a program sends that ends without closing."""
@@ -186,14 +199,10 @@ class _Loop:
             measurement = self.driver.measure(t)
         except Exception as error:
             executor.log("fault", f"driver exception: {type(error).__name__}: {error}")
+        for note in self.notes():
+            executor.log("fault", note)
         try:
-            executor.measure(t, measurement)
-        except Exception as error:
-            _log.exception("a measurement could not be taken in")
-            executor.fail(f"measuring failed: {type(error).__name__}: {error}")
-        self.check_planner(t)
-        try:
-            command = executor.command(t)
+            command = self.command(t, measurement)
         except Exception as error:
             _log.exception("no command could be made")
             executor.log("fault", f"no command: {type(error).__name__}: {error}")
@@ -208,6 +217,16 @@ class _Loop:
             _log.exception("telling failed")
         if executor.at_rest(t) and int(t / self.dt) % 100 == 0:
             gc.collect(0)
+
+    def command(self, t: float, measurement: Measurement | None) -> Command:
+        """The command for the period that begins at ``t`` [s]."""
+        try:
+            self.executor.measure(t, measurement)
+        except Exception as error:
+            _log.exception("a measurement could not be taken in")
+            self.executor.fail(f"measuring failed: {type(error).__name__}: {error}")
+        self.check_planner(t)
+        return self.executor.command(t)
 
     def listen(self) -> None:
         """Do what planning says."""
@@ -331,6 +350,8 @@ class _Loop:
             v=reference.v,
             events=events,
             stops=stops,
+            pilot=self.pilot,
+            scene=self.taken,
         )
         if put(self.link, status):
             self.event = events[-1] if events else self.event

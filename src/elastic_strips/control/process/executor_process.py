@@ -19,6 +19,7 @@ import pickle
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from itertools import count
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -72,6 +73,8 @@ class ExecutorProcess:
         ConfigurationError: start or goal is not valid.
     """
 
+    _serve: Callable[..., None] = staticmethod(serve)  # main function of the process
+
     def __init__(
         self,
         robot: RobotModel,
@@ -91,7 +94,7 @@ class ExecutorProcess:
         self.priority: str = ""
         row = space.to_coordinates(robot.check_q(start, what="start"))
         self._goal = space.to_coordinates(robot.check_q(goal, what="goal"))
-        self._task = (robot, self.limits, self.params, row, self._goal, self.params.tolerance)
+        self._task: tuple[object, ...] = (robot, self.limits, self.params, row, self._goal, self.params.tolerance)
         if log is not None:
             refuse_input(Path(log))
         self._log = None if log is None else os.fspath(log)
@@ -145,7 +148,7 @@ class ExecutorProcess:
         process: SpawnProcess | None = None
         first: object = NOTHING_HEARD
         try:
-            process = start_process(serve, (child, driver), (self._task, self._log), name="executor")
+            process = start_process(self._serve, (child, driver), (self._task, self._log), name="executor")
             child.close()
             self._link.settimeout(LONGEST_PROCESS_START)
             data = self._link.recv(_CHANNEL_BUFFER)
@@ -264,6 +267,11 @@ class ExecutorProcess:
     @property
     def recoveries(self) -> int:
         return self._status.recoveries
+
+    @property
+    def pilot(self) -> str:
+        """What became of the last command of a pilot, where one is guarded."""
+        return self._status.pilot
 
     def reference(self, t: float) -> ReferenceState:
         """State of the reference that was told last."""

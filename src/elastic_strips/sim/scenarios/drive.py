@@ -17,7 +17,7 @@ from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
 from elastic_strips.control.itinerary import configurations
-from elastic_strips.control.params import DRIVE_STRIP
+from elastic_strips.control.params import DRIVE_STRIP, LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.control.process.executor_process import ExecutorProcess
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
 from elastic_strips.errors import ParameterError, RobotError, ScenarioError, nearest_name
@@ -33,7 +33,6 @@ from elastic_strips.sim.machine_process import faulty_plant
 from elastic_strips.sim.perception import NoisyGroundTruth
 from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.realtime import RealtimeSimulation
-from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
 from elastic_strips.strip import LookAt, OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce

@@ -10,6 +10,7 @@ import pinocchio as pin
 from cases import refused
 
 from elastic_strips.control import DriveParams
+from elastic_strips.control.params import LASER_ASSUMPTIONS
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Obstacle, Scene, Sphere, Twist
@@ -17,7 +18,6 @@ from elastic_strips.sim import SensorPerception
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation
 from elastic_strips.sim.scenarios.scenario import Scenario
-from elastic_strips.sim.sensed_perception import LASER_ASSUMPTIONS
 from elastic_strips.sim.sensors import DepthParams, SensorConfig
 from elastic_strips.strip import LookAt
 

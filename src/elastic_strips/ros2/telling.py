@@ -1,0 +1,156 @@
+"""Telling: what the node publishes besides commands: the way ahead, the robot's state, diagnostics, warnings."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from elastic_strips.arrays import Array
+from elastic_strips.control.interfaces import Event, RunState
+from elastic_strips.control.process import ExecutorProcess
+from elastic_strips.robot import RobotModel, footprint_polygon
+
+from .driver import load, quality
+from .messages import RosObject, fill_path, fill_polygon, fill_stamp, fill_status
+from .params import Ros2Params
+from .requests import GoalState, Requests
+from .sensing import Sensing
+
+_NEWEST_EVENTS = 50  # that are looked at, at most
+_WAIT = 2.0  # [s] for which a robot stands before its goal until it is said why
+_FOOTPRINT_PERIOD = 0.2  # [s] from one footprint to the next
+_FOOTPRINT_STEP = 0.1  # [s] from one posture on a motion to the next
+_SAME_WARNING = 5.0  # [s] from a warning until the same is said again
+_NUMBER = re.compile(r"-?[0-9.]+")  # by which alone what is said again and again differs
+
+
+class Run(Protocol):
+    """The robot's state, why, and the events so far: of a controller, or of an executor."""
+
+    @property
+    def state(self) -> RunState: ...
+    @property
+    def reason(self) -> str: ...
+    @property
+    def events(self) -> Sequence[Event]: ...
+
+
+class Telling:
+    """Workspace: the topics that tell of the robot.
+
+    Args:
+        node: the node of ROS.
+        robot: the robot.
+        params: its parameters.
+        requests: of goals.
+        sensing: what makes scenes.
+    """
+
+    def __init__(
+        self, node: RosObject, robot: RobotModel, params: Ros2Params, requests: Requests, sensing: Sensing
+    ) -> None:
+        self._node, self._robot, self._params, self._requests, self._sensing = node, robot, params, requests, sensing
+        nav, std, diagnostic, geometry = (load(f"{name}_msgs.msg") for name in ("nav", "std", "diagnostic", "geometry"))
+        kept = quality(1, reliable=True, kept=True)
+        self._plan = node.create_publisher(nav.Path, "plan", kept)
+        self._state = node.create_publisher(std.String, "~/state", kept)
+        self._diagnostics = node.create_publisher(diagnostic.DiagnosticArray, "/diagnostics", quality(1, reliable=True))
+        self._footprint = node.create_publisher(geometry.PolygonStamped, "footprint", quality(1, reliable=True))
+        self._footprint_due = -math.inf
+        self._told_state = ""
+        self._stands_since = math.inf  # [s]
+        self._warned: dict[str, float] = {}  # what was said, without numbers, and when it happened [s]
+        self._warned_until = -math.inf
+
+    def _now(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)
+
+    def log(self, text: str) -> None:
+        """Say something in ROS' log."""
+        self._node.get_logger().info(text)
+
+    def warn(self, events: Sequence[Event]) -> None:
+        """Say what went wrong since the last call; of what goes wrong all the time, once in a while."""
+        news = [
+            event for event in events[-_NEWEST_EVENTS:] if event.time > self._warned_until and event.kind == "fault"
+        ]
+        for event in news:
+            same = _NUMBER.sub("", event.reason)
+            if event.time > self._warned.get(same, -math.inf) + _SAME_WARNING:
+                self._warned[same] = event.time
+                self._node.get_logger().warning(event.reason)
+        if news:
+            self._warned_until = news[-1].time
+        for what in [what for what in list(self._sensing.counts) if what not in self._warned]:
+            self._warned[what] = math.inf  # it is counted from now on
+            self._node.get_logger().warning(f"left out: {what}")
+
+    def show(self, rows: Array) -> None:
+        """Publish the way ahead: coordinate rows (K, nv) of a robot whose base moves."""
+        message, pose = load("nav_msgs.msg").Path(), load("geometry_msgs.msg").PoseStamped
+        frame = self._params.world_frame or self._params.odom_frame or "odom"
+        fill_path(message, pose, rows[:, :3], frame, self._now())
+        self._plan.publish(message)
+
+    def show_footprint(self, executor: ExecutorProcess) -> None:
+        """Publish what the robot takes up, seen from above, now and for a while on its motion; where somebody hears."""
+        if executor.now < self._footprint_due or not self._footprint.get_subscription_count():
+            return
+        self._footprint_due = executor.now + _FOOTPRINT_PERIOD
+        t, active, ahead = executor.now, executor.active, self._params.footprint_ahead
+        times = np.arange(t, min(t + ahead, active.end_time) + _FOOTPRINT_STEP, _FOOTPRINT_STEP) if ahead else []
+        rows = np.array([executor.estimate, *(active.at(min(time, t + ahead)).coordinates for time in times)])
+        message, point = self._footprint.msg_type(), load("geometry_msgs.msg").Point32
+        fill_stamp(message.header.stamp, self._now())
+        message.header.frame_id = self._params.base_frame or "base_link"
+        fill_polygon(message.polygon, point, footprint_polygon(self._robot, rows))
+        self._footprint.publish(message)
+
+    def tell_wait(self, run: Run, t: float) -> None:
+        """Say why a robot that has a goal stands, once it has for a while."""
+        waits = self._requests.state is GoalState.DRIVING and run.state is RunState.STOPPED
+        self._stands_since = min(self._stands_since, t) if waits else math.inf
+        same = _NUMBER.sub("", run.reason)
+        if t > self._stands_since + _WAIT and t > self._warned.get(same, -math.inf) + _SAME_WARNING:
+            self._warned[same] = t
+            self._node.get_logger().warning(f"it stands: {run.reason}")
+
+    def tell_state(self, run: Run, pilot: str = "") -> None:
+        """Publish the robot's state where it has changed, and what became of a pilot's command."""
+        goal = self._requests
+        what = pilot or f"goal {goal.number}: {goal.state.value}"
+        text = f"{run.state.label}: {run.reason}; {what}"
+        if text != self._told_state:
+            self._told_state = text
+            message = load("std_msgs.msg").String()
+            message.data = text
+            self._state.publish(message)
+
+    def diagnose(self, run: Run, executor: ExecutorProcess, rate: float) -> None:
+        """Publish how it goes; ``rate`` [Hz] is odometry's."""
+        diagnostic = load("diagnostic_msgs.msg")
+        array, status = diagnostic.DiagnosticArray(), diagnostic.DiagnosticStatus()
+        now = executor.now
+        guards = self._params.mode == "guard"
+        fine = run.state in (RunState.MOVING, RunState.REACHED) or (guards and not executor.waits)
+        faults = [event.reason for event in list(run.events)[-20:] if event.kind == "fault"]
+        goal = self._requests
+        values: dict[str, object] = {
+            "state": run.state.label,
+            **({"pilot": executor.pilot} if guards else {"goal": f"{goal.number}: {goal.state.value}: {goal.reason}"}),
+            "odometry_hz": f"{rate:.1f}",
+            "executor": executor.priority,
+            "last_fault": faults[-1] if faults else "",
+            **{f"age_of_{topic}_s": f"{self._sensing.age(topic, now):.2f}" for topic in self._params.seen},
+            **{f"dropped: {what}": count for what, count in self._sensing.counts.most_common(8)},
+        }
+        trouble = executor.lost or ("" if fine else run.reason)
+        said = executor.pilot if guards else run.reason
+        fill_status(status, diagnostic.KeyValue, str(self._node.get_name()), trouble, said, values)
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.status.append(status)
+        self._diagnostics.publish(array)
