@@ -152,7 +152,7 @@ class Piloted(Machine):
     def desired(self, t: float) -> Desired | None:
         if t < self.begins:
             return None
-        return Desired(twist=[0.8, 0.0, 0.0], time=min(t, self.ends))  # type: ignore[arg-type]
+        return Desired(twist=np.array([0.8, 0.0, 0.0]), time=min(t, self.ends))
 
     def notes(self) -> list[str]:
         return ["the pilot is in another frame"]

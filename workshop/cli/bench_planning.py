@@ -270,6 +270,19 @@ def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_fil
     output.write_document("figures", json_file, figures)
 
 
+environments_option = click.option(
+    "--environments",
+    default="peers",
+    show_default=True,
+    metavar="DIR",
+    type=click.Path(file_okay=False),
+    help="Where each planner gets a virtual environment of its own, by pip.",
+)
+path_timeout_option = click.option(
+    "--timeout", type=options.Finite(0.01, 600), default=10.0, show_default=True, help="For each path [s]."
+)
+
+
 @click.command(short_help="Other planners on the same problems.")
 @options.robot_option("tiago")
 @seeds_option(20, "Number of problems.")
@@ -281,15 +294,8 @@ def ik(robot: str, frame: str, base: str | None, poses: int, seed: int, json_fil
     type=options.LateChoice("workshop.bench.peers", "REQUIREMENTS"),
     help="Only this one; may be given again.",
 )
-@click.option(
-    "--environments",
-    default="peers",
-    show_default=True,
-    metavar="DIR",
-    type=click.Path(file_okay=False),
-    help="Where each peer gets a virtual environment of its own, by pip.",
-)
-@click.option("--timeout", type=options.Finite(0.01, 600), default=10.0, show_default=True, help="For each path [s].")
+@environments_option
+@path_timeout_option
 @runs_option
 def peers(
     robot: str,
@@ -343,15 +349,8 @@ def peers(
     type=options.LateChoice("workshop.bench.others", "OTHERS"),
     help="Only this one; may be given again.",
 )
-@click.option(
-    "--environments",
-    default="peers",
-    show_default=True,
-    metavar="DIR",
-    type=click.Path(file_okay=False),
-    help="Where each planner gets a virtual environment of its own, by pip.",
-)
-@click.option("--timeout", type=options.Finite(0.01, 600), default=10.0, show_default=True, help="For each path [s].")
+@environments_option
+@path_timeout_option
 @runs_option
 def others(
     robot: str, seeds: int, planners: tuple[str, ...], environments: str, timeout: float, json_file: str | None

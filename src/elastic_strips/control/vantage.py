@@ -25,6 +25,7 @@ _BACK = 0.6  # [m] that it backs off first, where it can: what is at its feet is
 _STEP = 0.35  # [rad] from row to row of a turn
 _SPEED = 0.5  # part of the speed of other motions
 _HELD_UP = 4.0  # [s] for which it waits on such a way until it can go on
+_THERE = 0.01  # [m, rad] of the end of a motion, within which the robot has come to it
 _TURN_WEIGHT = 0.3  # [m/rad] of turns, where it is looked how far it has come
 
 
@@ -52,6 +53,7 @@ class Vantage:
         self._motion: Trajectory | None = None  # to where it looks from, or the beginning of the way
         self._rows: Array = np.zeros((0, 0))  # (K, nv) of that way
         self._came = -np.inf  # [s] when it came to rest on the way
+        self._braked = False  # whether it was braked here, and not by what knows more: a bumper, a scene that is old
         self._looks = False  # whether it is on such a way, or looks from its end
         self._until = -np.inf  # [s] until when it looks from there, or did
 
@@ -83,12 +85,18 @@ class Vantage:
             if executor.active is self._motion:
                 certificate = self._planner.certify(executor.active.tail(begin), scene)
                 if not certificate.certified:
+                    self._braked = True
                     executor.brake(f"the way to where it was to look is not free: {certificate.broken}")
             return True
         if self._motion is not None:
             self._came = t if self._came == -np.inf else self._came
+            off = np.abs(executor.active.coordinates[-1] - self._motion.coordinates[-1]).max()
             left = self._left()
-            if len(left) > 1 and (self._sets_out(left, begin, scene, _SPEED * speed) or t - self._came < _HELD_UP):
+            if (
+                (off < _THERE or self._braked)
+                and len(left) > 1
+                and (self._sets_out(left, begin, scene, _SPEED * speed) or t - self._came < _HELD_UP)
+            ):
                 return True
             self._motion, self._until, self._came = None, t + _LOOK, -np.inf
         if t < self._until:
@@ -137,7 +145,7 @@ class Vantage:
                 return False
             motion, certificate = begins
         self._executor.submit(motion, certificate, at_goal=False, proven=planner.margins.tracking_error)
-        self._motion, self._rows, self._came = motion, rows, -np.inf
+        self._motion, self._rows, self._came, self._braked = motion, rows, -np.inf, False
         return True
 
     def _backed(self, here: Array) -> Array:

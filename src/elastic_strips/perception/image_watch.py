@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -162,7 +161,7 @@ class ImageWatch:
         own: Array,
         moving: Mask,
         places: MayMove,
-        scans: Mapping[str, ScanRays] = MappingProxyType({}),
+        scans: Mapping[str, ScanRays],
     ) -> ImageReport:
         """Whether an image is to be believed.
 
@@ -181,13 +180,9 @@ class ImageWatch:
         unanswered, alone = _unanswered(image, own), _alone(kept)
         through = self._through(image, own)
         still = _without(kept, moving)
-        slope, found = self._slope(still, T_world_sensor), self._displacement(still, T_world_sensor, places)
-        now = self._surfaces(still, T_world_sensor) if scans else None
-        beside = (
-            {}
-            if now is None
-            else {name: self._off_scan(now, image.time, T_world_sensor, places, scan) for name, scan in scans.items()}
-        )
+        now = self._surfaces(still, T_world_sensor)
+        slope, found = self._slope(now, T_world_sensor), self._displacement(still, T_world_sensor, places)
+        beside = {name: self._off_scan(now, image.time, T_world_sensor, places, scan) for name, scan in scans.items()}
         laser = max(beside, key=lambda name: (beside[name].large, beside[name].judges), default="")
         worst = beside.get(laser, _UNKNOWN)
         self._off_laser = self._off_laser + 1 if worst.large else 0
@@ -211,8 +206,7 @@ class ImageWatch:
             if self._good >= _TRUSTED_AGAIN:
                 self._doubt, self._kept = "", None
         if not self._doubt and (self._kept is None or image.time - self._kept_since >= _KEPT_FOR):
-            surfaces = self._surfaces(still, T_world_sensor)
-            self._kept, self._kept_since = surfaces.some(~_floor(surfaces, T_world_sensor)), image.time
+            self._kept, self._kept_since = now.some(~_floor(now, T_world_sensor)), image.time
         return ImageReport(
             sensor=image.sensor,
             time=image.time,
@@ -332,9 +326,8 @@ class ImageWatch:
         normals = -np.sign(cosine[good])[:, None] * normal[good] @ T[:3, :3].T
         return _Surfaces(points, normals, self.params.sigma(near[good]))
 
-    def _slope(self, image: DepthImage | RangeImage, T: Array) -> _Displacement:
-        """By how much an image is displaced from the floor."""
-        now = self._surfaces(image, T)
+    def _slope(self, now: _Surfaces, T: Array) -> _Displacement:
+        """By how much surfaces of an image are displaced from the floor."""
         floor = now.some(_floor(now, T))
         up = np.broadcast_to([0.0, 0.0, 1.0], floor.points.shape)
         sigma = np.hypot(floor.sigma, self.params.bias)

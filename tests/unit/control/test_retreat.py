@@ -107,16 +107,19 @@ def test_an_emergency_stop_is_no_touch(silvermate):
     assert controller.reference.v.any() == 0
 
 
-def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0, cancelled=np.inf, others=()):
+def before_unseen(
+    robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0, cancelled=np.inf, others=(), touches=0.0
+):
     """A controller, and the places of the base (K, 3), of a drive in a corridor, towards what counts as unseen until
-    the base is at a place (x, y, yaw) of which ``seen`` says that it sees it."""
+    the base is at a place (x, y, yaw) of which ``seen`` says that it sees it. It touches something where it has
+    backed off by ``touches`` [m], for a moment."""
     block = Box((0.4, 4.0, 1.5), at=(2.0, 0.0, 0.75), name=name)
     beside = [Box((8.0, 0.1, 1.0), at=(1.0, y, 0.5), name=f"wall{k}") for k, y in enumerate((-room, room))]
     beside += [Box((0.1, 4.0, 1.0), at=(-1.5, 0.0, 0.5), name="end"), *others]
     controller = Controller(robot, robot.home(), robot.home(x=3.0), Scene(beside))
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
-    measured, places, there = None, [], True
+    measured, places, there, touched = None, [], True, 0.0
     for k in range(round(seconds / DT)):
         if k * DT >= cancelled and not controller.keeper.cancelled:
             controller.cancel()
@@ -124,6 +127,10 @@ def before_unseen(robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.
         scene = Scene([block, *beside] if there else beside, time=k * DT)
         measured = plant.step(controller.step(k * DT, measured, scene), DT)
         places.append(plant.coordinates[:3].copy())
+        furthest = max(place[0] for place in places[-400:])
+        touched = touched or k * DT if touches and furthest - places[-1][0] > touches else touched
+        if touched and k * DT < touched + 0.3:
+            measured = replace(measured, contact="the bumper is pressed")
         if controller.ended:
             break
     return controller, np.array(places)
@@ -137,6 +144,14 @@ def test_what_was_not_seen_is_looked_at_from_elsewhere(silvermate):
     forward = np.maximum.accumulate(places[:, 0])
     assert (forward - places[:, 0]).max() > 0.4, "it backs off"
     assert (forward - places[:, 0]).max() < 0.9, "and not further than that"
+
+
+def test_who_touches_something_on_the_way_does_not_go_on(silvermate):
+    controller, places = before_unseen(silvermate, lambda at: False, 12.0, touches=0.25)
+    assert [event for event in controller.events if event.kind == "looking"]
+    assert [event for event in controller.events if "bumper" in event.reason]
+    forward = np.maximum.accumulate(places[:, 0])
+    assert (forward - places[:, 0]).max() < 0.5, "all of the way back is 0.6 m"
 
 
 def test_beside_somebody_it_goes_there_little_by_little(silvermate):

@@ -125,7 +125,7 @@ def test_what_says_little_is_doubted_once_it_goes_on(lost, seconds, doubted):
             depth[:, : round(lost * 64)] = NO_ANSWER
         image = DepthImage("camera", t, np.eye(4), depth, (50.0, 50.0), (31.5, 23.5), 0.28, 6.0)
         far = np.full(places.shape, np.inf)
-        report = watch.look(image, image, np.eye(4), far, places, lambda at, _: np.zeros(len(at), dtype=bool))
+        report = watch.look(image, image, np.eye(4), far, places, lambda at, _: np.zeros(len(at), dtype=bool), {})
     assert bool(report.reason) is doubted, report.reason
 
 

@@ -53,9 +53,9 @@ def _warmed(task: GuardTask) -> Guard:
     wall = Box((0.1, 4.0, 1.0), at=(2.0, 0.0, 0.5), name="wall")
     trial = Guard(robot, limits, params, start=q)
     for k in range(_WARM_PERIODS):
-        twist = [0.1, 0.0, 0.0] if robot.space.base_nv else None
+        twist = np.array([0.1, 0.0, 0.0]) if robot.space.base_nv else None
         rates = 0.1 * limits.joint_speed
-        trial.step(0.01 * k, None, Scene([wall], time=0.01 * k), Desired(twist=twist, joints=rates))  # type: ignore[arg-type]
+        trial.step(0.01 * k, None, Scene([wall], time=0.01 * k), Desired(twist=twist, joints=rates))
     return Guard(robot, limits, params, start=q, events=500)
 
 
