@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, Indices, Mask
 
 from .image_movers import measured
 from .readings import NO_ANSWER, DepthImage, RangeImage, ScanRays
@@ -50,6 +50,10 @@ _PIXELS = 0.01  # [m] by which a point is off its surface because pixels are not
 _ALIKE = 2.0  # times as unsure as if the errors of neighbouring pixels had nothing in common
 _BEFORE = (0.3, 0.3, 0.3, 0.15, 0.15, 0.02)  # [rad, m] standard deviations of a displacement, a priori
 _FLOOR_BEFORE = (0.3, 0.3, 1e-6, 1e-6, 1e-6, 0.02)  # the same of what the floor tells
+_NEIGHBOURS = (3, 4)  # rows or columns of the points that are looked at, from one to another
+_NEIGHBOURS_TELL = 0.63  # part of the least tilt that counts, which has to be between neighbours, too
+_EDGE = 3.0  # times the median of what is left, from which on a difference is that of an edge
+_LEAST_SIGMA = 0.002  # [m] of a range
 _PLANE_BEFORE = (1e-6, 1e-6, 0.3, 0.15, 0.15, 1e-6)  # the same of what a level laser tells
 _LEAST_IN_PLANE = 20  # points of a laser that are compared
 _IN_A_ROW = 3  # images that are off what a laser sees
@@ -95,21 +99,23 @@ class ImageReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Surfaces:
-    """Points (n, 3) of an image in the world [m], the normals (n, 3) of the surfaces there, and standard deviations
-    (n,) [m]."""
+    """Points (n, 3) of an image in the world [m], the normals (n, 3) of the surfaces there, standard deviations (n,)
+    [m], and the row and column (n, 2) of each in the grid of those that were looked at."""
 
     points: Array
     normals: Array
     sigma: Array
+    cells: Indices
 
     def some(self, which: Mask) -> _Surfaces:
-        return _Surfaces(self.points[which], self.normals[which], self.sigma[which])
+        return _Surfaces(self.points[which], self.normals[which], self.sigma[which], self.cells[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Displacement:
-    """The turn and shift that bring points best to where they were."""
+    """The turn and shift that bring points best to where they were; the turn (3,) is a rotation vector [rad]."""
 
+    turn: Array
     compared: int
     turned: float
     shifted: float
@@ -129,8 +135,18 @@ class _Displacement:
         turned, shifted = _MOST_TURNED + _SURE * self.turned_sigma, _MOST_SHIFTED + _SURE * self.shifted_sigma
         return self.judges and (self.turned > turned or self.shifted > shifted)
 
+    @property
+    def least_tilt(self) -> float:
+        """By how much a level floor looks tilted at most [rad]."""
+        return _MOST_TILTED + _SURE * self.turned_sigma
 
-_UNKNOWN = _Displacement(0, 0.0, 0.0, math.inf, math.inf, 0.0)
+    @property
+    def tilted(self) -> bool:
+        """Whether it is more than that."""
+        return self.judges and self.turned > self.least_tilt
+
+
+_UNKNOWN = _Displacement(np.zeros(3), 0, 0.0, 0.0, math.inf, math.inf, 0.0)
 MayMove = Callable[[Array, float], Mask]
 """Which places (n, 2) of the floor may be of things that have moved within some time [s]."""
 
@@ -245,7 +261,7 @@ class ImageWatch:
             )
         if through > _MOST_THROUGH:
             return f"{name} is not where it should be: {100 * through:.0f} % of the robot's body is not in its picture"
-        if slope.judges and slope.turned > _MOST_TILTED + _SURE * slope.turned_sigma:
+        if slope.tilted:
             return f"{name} is not where it should be: the floor is tilted by {math.degrees(slope.turned):.1f}° in it"
         if found.large:
             return (
@@ -300,7 +316,7 @@ class ImageWatch:
         rows, columns = image.ranges.shape
         apart = 2 if min(rows, columns) >= 60 else 1
         if rows <= 2 * apart or columns <= 2 * apart:
-            return _Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+            return _Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2), dtype=np.intp))
         r = np.arange(apart, rows - apart, max(1, rows // _ACROSS))[:, None]
         c = np.arange(apart, columns - apart, max(1, columns // _ACROSS))
         ranges = np.where(np.isfinite(image.ranges), image.ranges, np.nan).astype(float)
@@ -324,14 +340,17 @@ class ImageWatch:
             good = flat & (np.abs(cosine) > _FACING) & (near <= self.params.range_max)
         points = here[good] @ T[:3, :3].T + T[:3, 3]
         normals = -np.sign(cosine[good])[:, None] * normal[good] @ T[:3, :3].T
-        return _Surfaces(points, normals, self.params.sigma(near[good]))
+        return _Surfaces(points, normals, self.params.sigma(near[good]), np.argwhere(good))
 
     def _slope(self, now: _Surfaces, T: Array) -> _Displacement:
         """By how much surfaces of an image are displaced from the floor."""
         floor = now.some(_floor(now, T))
         up = np.broadcast_to([0.0, 0.0, 1.0], floor.points.shape)
         sigma = np.hypot(floor.sigma, self.params.bias)
-        return _fitted(floor.points - T[:3, 3], up, floor.points[:, 2], sigma, _FLOOR_BEFORE)
+        found = _fitted(floor.points - T[:3, 3], up, floor.points[:, 2], sigma, _FLOOR_BEFORE)
+        if found.tilted and _between_neighbours(floor, found.turn / found.turned) < _NEIGHBOURS_TELL * found.least_tilt:
+            return _UNKNOWN  # a board or a step, as level as the floor
+        return found
 
     def _displacement(self, image: DepthImage | RangeImage, T: Array, places: MayMove) -> _Displacement:
         """By how much an image is displaced from what was seen before."""
@@ -388,6 +407,34 @@ def _floor(surfaces: _Surfaces, T: Array) -> Mask:
     return (surfaces.normals[:, 2] > _UPRIGHT) & (np.abs(surfaces.points[:, 2]) < _FLOOR[0] + _FLOOR[1] * away)
 
 
+def _between_neighbours(floor: _Surfaces, axis: Array) -> float:
+    """By how much the floor is tilted about an axis (3,) between points that are near each other [rad].
+
+    Something level that lies on it makes it look tilted all together. Between neighbours it does so at its edges alone,
+    and those do not count.
+    """
+    size = int(floor.cells.max()) + 1
+    at = np.full((size, size), -1)
+    at[tuple(floor.cells.T)] = np.arange(len(floor.points))
+    pairs = [(at[:-k].ravel(), at[k:].ravel()) for k in _NEIGHBOURS]
+    pairs += [(at[:, :-k].ravel(), at[:, k:].ravel()) for k in _NEIGHBOURS]
+    one, two = np.hstack([np.stack(pair)[:, (pair[0] >= 0) & (pair[1] >= 0)] for pair in pairs])
+    along = floor.points[two] - floor.points[one]
+    sigma = np.sqrt(floor.sigma[one] ** 2 + floor.sigma[two] ** 2 + _LEAST_SIGMA**2)
+    A = np.column_stack((along[:, 1], -along[:, 0])) / sigma[:, None]  # turns about the world's x and y
+    b = along[:, 2] / sigma
+    x = np.zeros(2)
+    if len(b) < _LEAST_COMPARED:
+        return 0.0
+    for k in range(10):
+        left = np.abs(b - A @ x)
+        off = np.square(left / (_EDGE * max(float(np.median(left)), 1e-12)))
+        weight = 1.0 / (1.0 + off) if k < 4 else np.square(np.maximum(1.0 - off, 0.0))
+        H = (A * weight[:, None]).T @ A
+        x = np.linalg.solve(H + np.eye(2), (A * weight[:, None]).T @ b)
+    return float(x @ axis[:2])
+
+
 def _fitted(
     arms: Array,
     normals: Array,
@@ -425,6 +472,7 @@ def _fitted(
     turned, shifted = float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]))
     u, w = x[:3] / max(turned, 1e-12), x[3:] / max(shifted, 1e-12)
     return _Displacement(
+        x[:3],
         n,
         turned,
         shifted,

@@ -100,6 +100,22 @@ def test_a_camera_that_is_well_never_holds_a_scene_up(silvermate, scene):
     assert not estimator.watched["camera"].reason
 
 
+BOARD = Box((0.7, 1.6, 0.06), at=(1.3, 0.2, 0.03), name="board")
+
+
+@each("board", [BOARD, Box((0.7, 1.6, 0.1), at=(1.6, 0.2, 0.05), name="step")])
+def test_a_low_board_is_no_tilted_floor(silvermate, board):
+    estimator, found = watched(silvermate, scene=ROOM.with_obstacle(board), still=True, until=1.0)
+    assert not named(found, low=0.0, high=9.0)
+    assert not estimator.watched["camera"].reason
+
+
+def test_a_tilted_camera_before_a_board_is_named(silvermate):
+    tilted = Fault("camera_tilted", BEGIN, 9.0, 0.1)
+    _, found = watched(silvermate, tilted, scene=ROOM.with_obstacle(BOARD), still=True)
+    assert any("tilted" in reason for reason in named(found))
+
+
 def test_a_frozen_camera_is_found_while_the_robot_stands_where_images_have_noise(silvermate):
     _, found = watched(silvermate, Fault("camera_frozen", BEGIN, 1.0), still=True)
     assert any("frozen" in reason for reason in named(found))
