@@ -114,3 +114,15 @@ def requirement_name(requirement: str) -> str:
     found = re.match(r"[\w.-]+", requirement)
     assert found is not None, requirement
     return re.sub(r"[-_.]+", "-", found[0]).lower()
+
+
+def put_section(page: Path, heading: str, text: str) -> None:
+    """Put a table into a page of the docs: in the place of the one in the section with this heading."""
+    before = page.read_text(encoding="utf-8")
+    section = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", before, re.MULTILINE | re.DOTALL)
+    assert section is not None, f"{page} has no section {heading!r}"
+    old = re.search(r"^\|.*\|\n(?:\|.*\|\n?)*", section[1], re.MULTILINE)
+    assert old is not None, f"{page} has no table in its section {heading!r}"
+    start = section.start(1)
+    after = before[: start + old.start()] + text.strip() + "\n" + before[start + old.end() :]
+    page.write_text(after, encoding="utf-8")

@@ -35,7 +35,16 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
 
 
 def test_it_holds_what_builds_and_tests_the_project(names: set[str]) -> None:
-    wanted = {"pyproject.toml", "LICENSE", "README.md", "SECURITY.md", "CHANGELOG.md", "CITATION.cff", "mkdocs.yml"}
+    wanted = {
+        "pyproject.toml",
+        "LICENSE",
+        "NOTICES",
+        "README.md",
+        "SECURITY.md",
+        "CHANGELOG.md",
+        "CITATION.cff",
+        "mkdocs.yml",
+    }
     wanted |= {"src/native/cmake/CMakeLists.txt", "tests/conftest.py", "scripts/test", "workshop/__init__.py"}
     assert sorted(wanted - names) == []
 
