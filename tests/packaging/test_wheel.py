@@ -16,6 +16,11 @@ import result_check
 
 from elastic_strips import __version__
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    tomllib = pytest.importorskip("tomli")
+
 ROOT = Path(__file__).parents[2]
 
 pytestmark = [
@@ -84,9 +89,28 @@ def test_the_wheel_holds_what_it_needs(wheel: Path) -> None:
     sources = {f"elastic_strips/{p.relative_to(ROOT / 'src/elastic_strips')}" for p in (ROOT / "src").rglob("*.py")}
     assert sources == {n for n in names if n.endswith(".py")}, "programs beside the robots stay in the source"
     assert any(n.endswith("licenses/LICENSE") for n in names)
+    assert any(n.endswith("licenses/NOTICES") for n in names), "of what is compiled in"
     assert not [n for n in names if "test" in n.lower() or "cache" in n.lower()]
     assert f"Version: {__version__}\n" in metadata
     assert "elastic-strips = elastic_strips.cli:main" in entries
+
+
+def test_without_a_compiler_the_wheel_is_made_and_says_so(tmp_path: Path) -> None:
+    """NumPy computes then, and whoever builds it is told; nothing that was compiled before gets in."""
+    call = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]
+    call.append(f"--config-setting=build-dir={tmp_path / 'build'}")
+    env = {**_clean(), "CC": "/no/compiler", "CXX": "/no/compiler"}
+    ended = subprocess.run(call, capture_output=True, text=True, timeout=240, env=env, check=False)
+    assert ended.returncode == 0, ended.stdout[-2000:] + ended.stderr[-2000:]
+    (built,) = tmp_path.glob("*.whl")
+    assert built.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(built) as archive:
+        names = archive.namelist()
+    assert "elastic_strips/native.py" in names
+    assert [name for name in names if name.endswith(".so")] == []
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        (without,) = [o for o in tomllib.load(file)["tool"]["scikit-build"]["overrides"] if o["if"].get("failed")]
+    assert without["messages"]["after-success"] in ended.stdout + ended.stderr
 
 
 def test_the_installed_command_runs_outside_the_checkout(environment: Path, tmp_path: Path) -> None:
