@@ -237,14 +237,14 @@ def _array(value: Any, source: Source) -> Array:
         rows = rows.astype(float)
     except Exception as problem:  # of a type that nobody here knows
         source.fail(
-            f"{shown(value)} is no path that is known ({problem}). Known are rows of numbers with joint_names=, a "
+            f"{shown(value)} is not a known kind of path ({problem}). Known are rows of numbers with joint_names=, a "
             "JointTrajectory or RobotTrajectory, OMPL's SimpleSetup or PathGeometric, VAMP's PlanningResult, cuRobo's "
             "JointState, RoboPlan's JointPath and JointTrajectory, and Drake's trajectories"
         )
     if rows.ndim == 3 and len(rows) == 1:  # a batch of one
         rows = rows[0]
     if rows.ndim != 2:
-        more = f": {len(rows)} paths of a batch; hand over one of them" if rows.ndim == 3 else ""
+        more = f": {len(rows)} paths of a batch; pass one of them" if rows.ndim == 3 else ""
         source.fail(f"has an array of shape {rows.shape}{more}; rows (N, joints) are needed")
     return rows
 
@@ -256,7 +256,7 @@ def _column(value: Any, source: Source) -> Array | None:
     try:
         return np.asarray(_plain_array(value), dtype=float).reshape(-1)
     except (TypeError, ValueError) as problem:
-        source.fail(f"has times that are no numbers: {problem}")
+        source.fail(f"has times that are not numbers: {problem}")
 
 
 # --- OMPL ------------------------------------------------------------------------------------------------------------

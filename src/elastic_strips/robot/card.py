@@ -190,10 +190,10 @@ def _troubles(robot: RobotValue) -> list[str]:
         touching = free_posture(robot)[1]
         found.append(
             f"home collides: {hit[0]!r} and {hit[1]!r}"
-            + (f"; no posture was found without: at best {touching} are in each other" if touching else "")
+            + (f"; no posture without collision was found: at best {touching} are in each other" if touching else "")
         )
     if len(robot.joint_names) > 20:
-        found.append(f"{len(robot.joint_names)} joints are planned, which are many")
+        found.append(f"{len(robot.joint_names)} joints are planned, which is many")
     return found
 
 

@@ -104,9 +104,9 @@ def load_robot(
         visual_as_collision: links whose visual shapes are taken as their collision shapes, meshes as convex hulls; or
             ``"missing"``: all links that are drawn and have no collision shape. Otherwise nothing is proven about
             these.
-        looking: joints with limits, as of a head's pan and tilt, that turn at will and are not planned. What hangs on
-            them is as large as the space that it passes through, so that proofs hold wherever it looks; where it does,
-            ``RobotModel.seeing`` is the robot for its sensors.
+        looking: joints with limits, as of a head's pan and tilt, that may turn at any time and are not planned. What
+            hangs on them is as large as the space that it passes through, so that proofs hold wherever it looks; where
+            it does, ``RobotModel.seeing`` is the robot for its sensors.
 
     Raises:
         RobotError: an unknown name, or a name that several robots share; an unknown joint or group; a joint that looks
@@ -163,7 +163,7 @@ def _say_many_and_bare(robot: RobotModel) -> None:
     """Warn of many planned joints, and of links about which nothing is proven."""
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning(
-            "%s plans %d joints, which are many: slow to plan and to deform. %s",
+            "%s plans %d joints, which is many: planning and deforming will be slow. %s",
             robot.name,
             len(robot.joint_names),
             what_to_lock(robot),

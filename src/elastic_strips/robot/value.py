@@ -54,8 +54,8 @@ class RobotValue(Summary):
         shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``.
         description: the URDF file as it was read, where there is one. A copy from another process has neither.
         round_wheels: wheels among the locked joints that look the same however far they have turned.
-        looking: locked joints that turn at will, to look about: what hangs on them is as large as the space that it
-            passes through.
+        looking: locked joints that may turn at any time, to look around: what hangs on them is as large as the space
+            that it passes through.
         eyes: the same robot, with these as joints like the others; read ``RobotModel.seeing``.
     """
 

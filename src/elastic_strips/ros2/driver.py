@@ -17,7 +17,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.control.guard import Desired
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.errors import ConfigurationError, ParameterError, missing_extra
+from elastic_strips.errors import ConfigurationError, ParameterError, missing_extra, plural
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
 
@@ -186,8 +186,8 @@ class Ros2Driver:
 
     def _said(self) -> str:
         """What was wrong with messages so far."""
-        wrong = ", ".join(f"{what} ({count} times)" for what, count in self.counts.most_common(3))
-        return f"of what came, this was wrong: {wrong}" if wrong else "is the robot on, and are the topics right?"
+        wrong = ", ".join(f"{what} ({plural(count, 'time')})" for what, count in self.counts.most_common(3))
+        return f"of what arrived, this was wrong: {wrong}" if wrong else "is the robot on, and are the topics right?"
 
     def _hear(self, kind: Any, topic: str, qos: Any, take: Callable[[Any], None]) -> None:
         self._subscriptions.append((topic, self._node.create_subscription(kind, topic, lambda _: None, qos), take))
