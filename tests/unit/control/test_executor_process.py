@@ -189,7 +189,7 @@ def test_planning_that_hangs_is_named_and_refutes_no_motion(executor: ExecutorPr
     executor.planned()  # and then no more, while its heartbeats go on
     until(lambda: says(executor, "the planner hangs"))
     executor.planned()
-    until(lambda: says(executor, "it plans again"))
+    until(lambda: says(executor, "plans again"))
     until(lambda: executor.run.state is RunState.REACHED or stands(executor))  # a machine's pauses may brake it
     brakes = [event.reason for event in executor.run.events if event.kind in ("braked", "state")]
     assert not any("hangs" in reason for reason in brakes), "nothing refuted its motion"
