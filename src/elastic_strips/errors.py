@@ -103,4 +103,4 @@ def nearest_name(name: object, valid: Iterable[str]) -> str:
 
 def plural(count: int, noun: str) -> str:
     """A number with its noun, as in "1 segment" and "2 segments"."""
-    return f"{count} {noun}{'s' * (count != 1)}"
+    return f"{count} {noun}{'' if count == 1 else 's'}"

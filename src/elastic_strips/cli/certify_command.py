@@ -99,7 +99,8 @@ _JOINTS_LISTED = 12  # joints in a note
     "repaired",
     metavar="FILE",
     type=options.OutputFile(),
-    help="Write the path; if it is not certified, it is first pushed away from obstacles, and certified again.",
+    help="Write the path. If it is not certified, it is first pushed away from what is too near; the answer says "
+    "whether it is certified then.",
 )
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")

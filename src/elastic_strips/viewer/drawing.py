@@ -229,7 +229,9 @@ class Drawing:
         """The legend of what is in a picture because of a report."""
         legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
         if self._pinned:
-            legend.append([f"where the strip is {report.status.value}" if _bad(report) else "too close here", _TROUBLE])
+            legend.append(
+                [f"where the strip is {report.status.value}" if _bad(report) else "not certified here", _TROUBLE]
+            )
         if report.forces is not None and len(report.forces.points):
             legend.append(["forces", _FORCE])
         if report.hulls is not None:
@@ -312,7 +314,7 @@ class Drawing:
             ball, head = geometry.spheres(spot, _SPOT_RADIUS), geometry.spheres(top, _PIN_HEAD_RADIUS)
             pole = geometry.between(foot[None], top[None], _POLE_RADIUS)
         clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
-        reason = "" if report is None else report.reason or "too close here"
+        reason = "" if report is None else report.reason or "not certified here"
         top = (
             np.zeros((0, 3))
             if spot is None
