@@ -42,7 +42,7 @@ _FIRST_TIMEOUT, _WAITING_TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of th
 _FAMILY_TIMEOUT = 2.0  # [s] of a plan of further strips
 _BERTH_STEP, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
-_BACKWARD_ALLOWED = 0.1
+_BACKWARD_ALLOWED = 0.25
 """So far [m] a robot that sees only ahead may go backwards in all: strips give way by as much about a turn."""
 _FAMILY_EVERY = 5  # planning ticks from one tick of the other strips to the next
 

@@ -18,10 +18,10 @@ from elastic_strips.work import count_work
 from .body_mask import BodyMask
 from .clusters import cluster_obstacles, clusters_of
 from .image_movers import ImageView, moving_clusters
-from .image_watch import ImageReport, ImageWatch, Surfaces, scan_surfaces
+from .image_watch import ImageReport, ImageWatch
 from .occupancy_grid import OccupancyGrid
 from .params import SceneEstimatorParams
-from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, pose_matrix, rays_of
+from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, ScanRays, pose_matrix, rays_of
 from .tracking import TrackedObstacle, Tracker
 from .volume_map import VolumeMap, VolumeMapParams
 
@@ -106,7 +106,7 @@ class SceneEstimator:
         self._believed: dict[str, float] = {}  # of lasers and images: sensor → time of the newest that was taken in
         self._began = self._time = -math.inf
         self._watches: dict[str, ImageWatch] = {}
-        self._scans: dict[str, Surfaces] = {}  # laser → what it saw last
+        self._scans: dict[str, ScanRays] = {}  # laser → what it saw last
         self.watched: dict[str, ImageReport] = {}
         self.movers: tuple[TrackedObstacle, ...] = ()
         self.possibly_moving: tuple[TrackedObstacle, ...] = ()
@@ -229,7 +229,7 @@ class SceneEstimator:
         ignored = np.zeros(len(rays.ranges), dtype=bool)
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
-        self._scans[scan.sensor] = scan_surfaces(rays, ignored, scan.sensor)
+        self._scans[scan.sensor] = rays
         if self.volume is not None:
             self.volume.forget(self.tracker.traces())
         if self.volume is not None and self._volume_params.unseen == "blocked":
@@ -266,7 +266,7 @@ class SceneEstimator:
         moving[seen.pixels] = seen.fresh | self.tracker.of_movers(seen.points[:, :2])
         watch = self._watches.setdefault(image.sensor, ImageWatch(self.volume.params))
         self.watched[image.sensor] = report = watch.look(
-            image, kept, T_world_sensor, own, moving, self.tracker.may_have_moved, tuple(self._scans.values())
+            image, kept, T_world_sensor, own, moving, self.tracker.may_have_moved, self._scans
         )
         if report.reason:
             return False

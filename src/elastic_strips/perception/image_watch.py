@@ -8,8 +8,9 @@ the start and shifts nothing) is not found.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -55,6 +56,8 @@ _LEAST_IN_PLANE = 20  # points of a laser that are compared
 _IN_A_ROW = 3  # images that are off what a laser sees
 _SCAN_AGE = 0.2  # [s] between image and scan, at most
 _SCAN_SIGMA = 0.02  # [m] standard deviation of a scan's points
+_BESIDE_PLANE = 0.1  # [m] by which what is compared with a scan may be higher or lower than its plane
+_STEEP = 0.3  # most of a steep surface's normal that is vertical
 _TRUSTED_AGAIN = 3  # images in a row that agree with what was seen before
 _GIVEN_UP = 3.0  # [s] for which nothing can be compared, after which what was seen then is forgotten
 
@@ -92,18 +95,16 @@ class ImageReport:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
+class _Surfaces:
     """Points (n, 3) of an image in the world [m], the normals (n, 3) of the surfaces there, and standard deviations
-    (n,) [m]; of an image, or of a scan that is named."""
+    (n,) [m]."""
 
     points: Array
     normals: Array
     sigma: Array
-    time: float = -math.inf
-    name: str = ""
 
-    def some(self, which: Mask) -> Surfaces:
-        return replace(self, points=self.points[which], normals=self.normals[which], sigma=self.sigma[which])
+    def some(self, which: Mask) -> _Surfaces:
+        return _Surfaces(self.points[which], self.normals[which], self.sigma[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +148,7 @@ class ImageWatch:
         self._last: DepthImage | RangeImage | None = None
         self._last_pose = self._first_pose = np.eye(4)
         self._repeated, self._noisy = 0, False
-        self._kept: Surfaces | None = None
+        self._kept: _Surfaces | None = None
         self._kept_since = self._compared_at = -math.inf
         self._off_laser = 0  # images in a row
         self._doubt, self._good = "", 0
@@ -161,7 +162,7 @@ class ImageWatch:
         own: Array,
         moving: Mask,
         places: MayMove,
-        scans: Sequence[Surfaces] = (),
+        scans: Mapping[str, ScanRays] = MappingProxyType({}),
     ) -> ImageReport:
         """Whether an image is to be believed.
 
@@ -174,23 +175,28 @@ class ImageWatch:
             own: (H, W) distances along the rays at which they meet the robot's own body [m]; infinite beside it.
             moving: (H, W) pixels that may be of something that moves.
             places: tells where things may have moved.
-            scans: what each laser saw last.
+            scans: laser → what it saw last.
         """
         repeated = self._repeats(image, T_world_sensor)
         unanswered, alone = _unanswered(image, own), _alone(kept)
         through = self._through(image, own)
         still = _without(kept, moving)
         slope, found = self._slope(still, T_world_sensor), self._displacement(still, T_world_sensor, places)
-        beside = [self._off_scan(still, T_world_sensor, places, scan) for scan in scans]
-        worst = max(beside, key=lambda one: (one.large, one.judges), default=_UNKNOWN)
+        now = self._surfaces(still, T_world_sensor) if scans else None
+        beside = (
+            {}
+            if now is None
+            else {name: self._off_scan(now, image.time, T_world_sensor, places, scan) for name, scan in scans.items()}
+        )
+        laser = max(beside, key=lambda name: (beside[name].large, beside[name].judges), default="")
+        worst = beside.get(laser, _UNKNOWN)
         self._off_laser = self._off_laser + 1 if worst.large else 0
         if unanswered <= _MOST_UNANSWERED or self._sees == math.inf:
             self._sees = image.time
         reason = self._reason(image, repeated, unanswered, alone, through, slope, found)
         if not reason and self._off_laser >= _IN_A_ROW:
-            scan = scans[beside.index(worst)].name
             reason = (
-                f"{image.sensor!r} is not where or when it says: what {scan!r} sees is turned by "
+                f"{image.sensor!r} is not where or when it says: what {laser!r} sees is turned by "
                 f"{math.degrees(worst.turned):.1f}° and shifted by {worst.shifted:.2f} m in it"
             )
         judged = slope.judges or found.judges or (worst.judges and not worst.large)
@@ -295,12 +301,12 @@ class ImageWatch:
 
     # what is displaced
 
-    def _surfaces(self, image: DepthImage | RangeImage, T: Array) -> Surfaces:
+    def _surfaces(self, image: DepthImage | RangeImage, T: Array) -> _Surfaces:
         """Some points of an image with their surfaces."""
         rows, columns = image.ranges.shape
         apart = 2 if min(rows, columns) >= 60 else 1
         if rows <= 2 * apart or columns <= 2 * apart:
-            return Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+            return _Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         r = np.arange(apart, rows - apart, max(1, rows // _ACROSS))[:, None]
         c = np.arange(apart, columns - apart, max(1, columns // _ACROSS))
         ranges = np.where(np.isfinite(image.ranges), image.ranges, np.nan).astype(float)
@@ -324,7 +330,7 @@ class ImageWatch:
             good = flat & (np.abs(cosine) > _FACING) & (near <= self.params.range_max)
         points = here[good] @ T[:3, :3].T + T[:3, 3]
         normals = -np.sign(cosine[good])[:, None] * normal[good] @ T[:3, :3].T
-        return Surfaces(points, normals, self.params.sigma(near[good]))
+        return _Surfaces(points, normals, self.params.sigma(near[good]))
 
     def _slope(self, image: DepthImage | RangeImage, T: Array) -> _Displacement:
         """By how much an image is displaced from the floor."""
@@ -340,57 +346,36 @@ class ImageWatch:
         if kept is None:
             return _UNKNOWN
         kept = kept.some(~places(kept.points[:, :2], max(image.time - self._kept_since, 0.0)))
-        return self._off(image, T, kept, _BEFORE, _LEAST_COMPARED)
-
-    def _off_scan(self, image: DepthImage | RangeImage, T: Array, places: MayMove, scan: Surfaces) -> _Displacement:
-        """By how much an image is displaced from what a laser sees."""
-        if abs(image.time - scan.time) > _SCAN_AGE:
+        if not len(kept.points):
             return _UNKNOWN
-        return self._off(image, T, scan.some(~places(scan.points[:, :2], _SCAN_AGE)), _PLANE_BEFORE, _LEAST_IN_PLANE)
-
-    def _off(
-        self, image: DepthImage | RangeImage, T: Array, known: Surfaces, before: tuple[float, ...], least: int
-    ) -> _Displacement:
-        """By how much an image is displaced from surfaces."""
-        if not len(known.points):
-            return _UNKNOWN
-        local = (known.points - T[:3, 3]) @ T[:3, :3]
+        local = (kept.points - T[:3, 3]) @ T[:3, :3]
         distance, range_ = measured(image, local)
         with np.errstate(invalid="ignore"):
             there = distance > 0.0
-            ends = known.points + (range_ / np.where(there, distance, 1.0) - 1.0)[:, None] * (local @ T[:3, :3].T)
-            apart = np.einsum("ij,ij->i", known.normals, ends - known.points)
+            ends = kept.points + (range_ / np.where(there, distance, 1.0) - 1.0)[:, None] * (local @ T[:3, :3].T)
+            apart = np.einsum("ij,ij->i", kept.normals, ends - kept.points)
             ok = there & np.isfinite(range_) & (np.abs(apart) < _FAR_OFF)
-        sigma = np.hypot(known.sigma[ok], self.params.sigma(range_[ok]))
-        return _fitted(ends[ok] - T[:3, 3], known.normals[ok], apart[ok], sigma, before, least)
+        sigma = np.hypot(kept.sigma[ok], self.params.sigma(range_[ok]))
+        return _fitted(ends[ok] - T[:3, 3], kept.normals[ok], apart[ok], sigma, _BEFORE)
 
-
-def scan_surfaces(rays: ScanRays, ignored: Mask, sensor: str) -> Surfaces:
-    """What a level laser has met, with the surfaces there, which are taken to be upright.
-
-    Args:
-        rays: the scan in the world.
-        ignored: (R,) rays that end on something that moves.
-        sensor: its name.
-    """
-    ends = rays.origin + np.where(rays.hits, rays.ranges, np.nan)[:, None] * rays.direction
-    ends[ignored] = np.nan
-    along = np.full(ends.shape, np.nan)
-    along[1:-1] = ends[2:] - ends[:-2]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        length = np.hypot(along[:, 0], along[:, 1])
-        normals = np.column_stack((-along[:, 1], along[:, 0])) / length[:, None]
-        facing = np.einsum("ij,ij->i", normals, rays.direction)
-        good = (np.abs(facing) > _FACING) & (length < _ONE_SURFACE[0] + 2.0 * _ONE_SURFACE[1] * rays.ranges)
-    points, normals = ends[good], -np.sign(facing[good])[:, None] * normals[good]
-    flat = np.zeros((len(points), 1))
-    return Surfaces(
-        np.hstack((points, flat + rays.height)),
-        np.hstack((normals, flat)),
-        np.full(len(points), _SCAN_SIGMA),
-        rays.time,
-        sensor,
-    )
+    def _off_scan(self, now: _Surfaces, time: float, T: Array, places: MayMove, scan: ScanRays) -> _Displacement:
+        """By how much surfaces of an image are displaced from what a level laser sees: those alone that are steep and
+        at the height of its plane, for it sees below what a camera sees from above."""
+        if abs(time - scan.time) > _SCAN_AGE:
+            return _UNKNOWN
+        steep = (np.abs(now.normals[:, 2]) < _STEEP) & (np.abs(now.points[:, 2] - scan.height) < _BESIDE_PLANE)
+        now = now.some(steep & ~places(now.points[:, :2], _SCAN_AGE))
+        if not len(now.points):
+            return _UNKNOWN
+        _, ray, inside = scan.locate(now.points[:, :2])
+        ray = np.rint(ray).astype(np.intp)
+        range_ = np.where(inside & scan.hits[ray], scan.ranges[ray], np.nan)
+        ends = np.column_stack((scan.origin + range_[:, None] * scan.direction[ray], now.points[:, 2]))
+        apart = np.einsum("ij,ij->i", now.normals, now.points - ends)
+        with np.errstate(invalid="ignore"):
+            ok = np.abs(apart) < _FAR_OFF
+        sigma = np.hypot(now.sigma[ok], _SCAN_SIGMA)
+        return _fitted(now.points[ok] - T[:3, 3], now.normals[ok], apart[ok], sigma, _PLANE_BEFORE, _LEAST_IN_PLANE)
 
 
 def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | RangeImage:
@@ -404,7 +389,7 @@ def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | Range
     return replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)
 
 
-def _floor(surfaces: Surfaces, T: Array) -> Mask:
+def _floor(surfaces: _Surfaces, T: Array) -> Mask:
     """Which of the points may be of the floor."""
     away = np.linalg.norm(surfaces.points - T[:3, 3], axis=1)
     return (surfaces.normals[:, 2] > _UPRIGHT) & (np.abs(surfaces.points[:, 2]) < _FLOOR[0] + _FLOOR[1] * away)
