@@ -72,7 +72,7 @@ def helps(command: click.Command, context: click.Context) -> list[tuple[str, str
         for name in command.list_commands(context):
             below = command.get_command(context, name)
             assert below is not None
-            found += helps(below, click.Context(below, info_name=name, parent=context))
+            found += helps(below, click.Context(below, info_name=name, parent=context, **below.context_settings))
     return found
 
 
@@ -87,7 +87,7 @@ def test_messages_have_no_odd_forms() -> None:
 
 
 def test_help_texts_have_no_odd_forms_and_are_sentences() -> None:
-    found = helps(cli, click.Context(cli, info_name="elastic-strips"))
+    found = helps(cli, click.Context(cli, info_name="elastic-strips", **cli.context_settings))  # click keeps its -h
     assert len(found) > 10
     assert not {name: odd for name, text in found if (odd := odd_forms(text))}
     for command in (

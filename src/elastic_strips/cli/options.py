@@ -275,7 +275,7 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
 
 def json_option(help: str) -> Callable[[_F], _F]:
     """``--json``: a file that can be written, ``-`` or None; for ``output.write_document``."""
-    help = help.removesuffix(".") + " as JSON; - writes it to standard output, and all else to standard error."
+    help = help.removesuffix(".") + " as JSON; - writes to standard output, and all other text goes to standard error."
     return click.option("--json", "json_file", metavar="FILE|-", type=JsonFile(), help=help)
 
 

@@ -316,8 +316,8 @@ def _read_state(state: Any, space: Any, names: list[str], row: list[float], sour
             _read_state(state[k], space.getSubspace(k), names, row, source)
     else:
         source.fail(
-            f"has states of {type(space).__name__}, of which nothing is known; RealVector, SO2, SE2 and what is made "
-            "of these are read. Hand over rows of numbers"
+            f"has states of {type(space).__name__}, which are not known; RealVector, SO2, SE2 and what is made "
+            "of these are read. Give rows of numbers"
         )
 
 
@@ -357,7 +357,7 @@ def _roboplan_columns(rows: Array, names: list[str], robot: RobotModel, source: 
     source.fail(
         f"has {rows.shape[1]} numbers for {len(names)} joints ({', '.join(names)[:300]}). Of {robot.name!r} "
         f"{', '.join(sorted(turning & set(names))) or 'none'} have (cos, sin), and {', '.join(follow) or 'none'} "
-        f"follow others and have none, which makes {sum(widths)}. Hand over rows, and joint_names="
+        f"follow others and have none, which makes {sum(widths)}. Give rows, and joint_names="
     )
 
 
@@ -388,7 +388,7 @@ def _curve(curve: Any, source: Source) -> tuple[Array, Array, tuple[str, ...]]:
         shortest = float(np.diff(times)[wide].min())
         if len(times) + len(wide) > _MOST_PIECES or shortest < _SHORTEST_PIECE * (end - start):
             source.fail(
-                f"jumps, or takes more than {_MOST_PIECES} straight pieces within {_CURVE_BOW:g} of it: hand over rows"
+                f"jumps, or takes more than {_MOST_PIECES} straight pieces within {_CURVE_BOW:g} of it: give rows"
             )
         times, rows = np.insert(times, wide + 1, inner[1][wide]), np.insert(rows, wide + 1, values[1][wide], axis=0)
     notes = () if worst <= _STRAIGHT else (f"a curve, taken as {len(times) - 1} straight pieces", RATES)

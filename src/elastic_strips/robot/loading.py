@@ -16,7 +16,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import KnownRobot, find_robot, is_known, is_ours
 from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
-from elastic_strips.errors import RobotError
+from elastic_strips.errors import RobotError, plural
 from elastic_strips.validation import MAX_LENGTH, named_arguments
 
 from .collada import meant_turned, said_of_turned
@@ -170,10 +170,10 @@ def _say_many_and_bare(robot: RobotModel) -> None:
         )
     if robot.bare_links:
         _log.warning(
-            "%s: %d links are drawn and have no collision shape, so nothing is proven about them: %s. "
-            'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
+            "%s: %s drawn without a collision shape, about which nothing is proven: %s. "
+            'visual_as_collision="missing" (--visual-as-collision missing) takes the drawn shapes',
             robot.name,
-            len(robot.bare_links),
+            plural(len(robot.bare_links), "link"),
             listed(robot.bare_links, 40),
         )
 
