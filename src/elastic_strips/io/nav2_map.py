@@ -279,7 +279,9 @@ def _filled(occupancy: Array, lethal: float, unknown: str, path: Path) -> Mask:
     left_out = ((np.count_nonzero(nothing & ~filled), "unknown"), (partly, "between free and occupied"))
     if any(count for count, _ in left_out):
         said = ", ".join(
-            f"{plural(count, 'cell')} that {'is' if count == 1 else 'are'} {what}" for count, what in left_out if count
+            f"{plural(int(count), 'cell')} that {'is' if count == 1 else 'are'} {what}"
+            for count, what in left_out
+            if count
         )
         _log.warning("%s: left out: %s", path, said)
     return filled
