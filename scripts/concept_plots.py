@@ -51,7 +51,7 @@ def draw_strip(axes: Axes, strip: es.Strip, proof: Certificate, *, apart: float 
 
 
 def strip() -> Figure:
-    """A line through an obstacle's influence, and the strip at rest."""
+    """A line through an obstacle's influence, and the converged strip."""
     robot = es.load_robot("silvermate")
     scene = es.Scene(
         [es.Box((0.6, 0.6, 1.4), at=(1.5, 0.75, 0.7), name="box"), es.Sphere(0.25, at=(3.0, -0.35, 1.0), name="ball")]
@@ -66,7 +66,7 @@ def strip() -> Figure:
             axes[1],
             report.strip,
             report.certificate,
-            f"at rest after {report.ticks} ticks: {report.clearance:.2f} m clear",
+            f"converged after {report.ticks} ticks: {report.clearance:.2f} m of clearance",
         ),
     ):
         draw_scene(one, scene)
@@ -182,7 +182,7 @@ def ticks() -> Figure:
 
 
 def tuned(**changes: float) -> dict[str, float]:
-    """Medians over ten corridors at rest: what the parameters do."""
+    """Medians over ten corridors, converged: what the parameters do."""
     rows = []
     for seed in range(10):
         run = es.run_scenario(es.get_scenario("corridor", seed=seed), overrides=changes)

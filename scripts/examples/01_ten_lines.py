@@ -1,4 +1,4 @@
-"""A robot, a scene, a goal: plan a strip, let it give way until it is at rest, and see that it is certified."""
+"""A robot, a scene, a goal: plan a strip, let it give way until it has converged, and see that it is certified."""
 
 import elastic_strips as es
 

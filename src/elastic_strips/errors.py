@@ -99,3 +99,8 @@ def nearest_name(name: object, valid: Iterable[str]) -> str:
     hint = f"; did you mean {close[0]!r}?" if close else "."
     shown = ", ".join(n if len(n) <= 60 else n[:57] + "..." for n in names[:20]) + (", …" if len(names) > 20 else "")
     return f"{hint} Valid: {shown}." if names else f"{hint} There are none."
+
+
+def plural(count: int, noun: str) -> str:
+    """A number with its noun, as in "1 segment" and "2 segments"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

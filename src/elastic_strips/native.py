@@ -46,7 +46,7 @@ def _load() -> tuple[ModuleType | None, str]:
         return None, f"compiled for Coal {native.coal_version}, and this is {coal.__version__}"
     why = _other_sources(native)
     if why:
-        _log.warning("the native kernel was %s: NumPy computes, several times slower; install elastic-strips anew", why)
+        _log.warning("the native kernel was %s: NumPy computes, several times slower; reinstall elastic-strips", why)
         return None, why
     return native, ""
 

@@ -224,7 +224,7 @@ class Path:
 
 def check(header: Part, rows: Array, segment: Whole, pair: Whole, span: Array, normal: Array) -> float:
     """The least that any interval proves beyond the clearance [m]; raises Refused where one does not."""
-    demand([header.get("format"), header.get("version")] == [FORMAT, VERSION], f"not {FORMAT} {VERSION}: make it anew")
+    demand([header.get("format"), header.get("version")] == [FORMAT, VERSION], f"not {FORMAT} {VERSION}: make it again")
     table([header], HEADER | {"scene": list}, "header")
     world = World(header["robot"], header["scene"])
     clearance, own = (float(numbers(header[key], (), key)) for key in ("clearance", "self_clearance"))

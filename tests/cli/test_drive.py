@@ -89,13 +89,13 @@ def test_by_sensors(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_a_level_hand(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     short.write_text(SHORT.replace("bridge-arm", "silvermate"))
     assert end_of("drive", str(short), "--level", "hand_frame", "--json", "d.json") == 0
-    assert "off level by at most" in capsys.readouterr().out
+    assert "°" in capsys.readouterr().out
     assert json.loads((tmp_path / "d.json").read_text())["max_constraint_error_rad"] < 0.1
 
 
 def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert end_of("drive", str(short), "--time-limit", "1.0") == 3
-    assert "not reached: stopped, the time was over" in capsys.readouterr().out
+    assert "not reached: stopped, the time limit" in capsys.readouterr().out
 
 
 @each(
@@ -113,7 +113,7 @@ def test_time_runs_out(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["drive", "case-1", "--level", "hand_fram"], "did you mean 'hand_frame'"),
         (["drive", "case-1", "--compute", "fast"], "'free', 'work', or a finite factor"),
         (["drive", "case-1", "--log", "l.jsonl"], "--realtime"),
-        (["drive", "case-1", "--realtime", "--compute", "2"], "takes its own time"),
+        (["drive", "case-1", "--realtime", "--compute", "2"], "--compute"),
         (["drive", "case-1", "--realtime", "--log", "no/such/folder/l.jsonl"], "no/such/folder"),
     ],
 )

@@ -39,7 +39,7 @@ def test_a_plot_shows_what_its_page_says(name: str, plots: ModuleType) -> None:
     titles = [axes.get_title("left") or axes.get_title() for axes in figure.axes]
     pyplot.close(figure)
     said = {
-        "strip": ["a straight line: segment", "at rest after"],
+        "strip": ["a straight line: segment", "converged after"],
         "motion-bound": ["the whole segment: not decided", "halved: free"],
         "certificate": ["proved: 20 of 20", "refuted: segment"],
         "braking": [""],

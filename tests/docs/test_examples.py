@@ -10,7 +10,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "scripts" / "examples"
 SAID = {
-    "01_ten_lines": "settled: certified and at rest",
+    "01_ten_lines": "settled: certified",
     "02_obstacle_in_motion": "8.0 s: certified True",
     "03_certificate": "mm deep in ball",
     "04_drive": "reached after",

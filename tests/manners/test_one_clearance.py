@@ -46,7 +46,7 @@ def test_page_command_report_and_document_agree(case, preset, capsys):
     assert rows["clearance"] == f"{clearance:.3f} m"
     rows = dict(card(drawn(result.robot, result.scenario.scene, result.report, live=True))["rows"])
     assert "clearance" not in rows
-    assert rows["clearance of the nodes"] == f"{result.report.node_clearance:.3f} m"
+    assert rows["clearance at the nodes"] == f"{result.report.node_clearance:.3f} m"
 
 
 def pin(commands: list[dict[str, Any]]) -> np.ndarray | None:
@@ -80,7 +80,7 @@ def test_a_blocked_strip_shows_the_gap_and_why():
     assert report.status is DeformStatus.BLOCKED
     commands = drawn(result.robot, result.scenario.scene, report)
     assert card(commands)["note"] == report.reason
-    assert any(name == "where it is blocked" for name, _ in card(commands)["legend"])
+    assert any(name == "where the strip is blocked" for name, _ in card(commands)["legend"])
     at = pin(commands)
     assert at is not None
     middle = np.mean([o.pose[:2, 3] for o in result.scenario.scene], axis=0)

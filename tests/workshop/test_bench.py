@@ -150,7 +150,7 @@ def test_bench_replan(tmp_path: Path) -> None:
 
 
 def test_bench_replan_into_the_strip(tmp_path: Path) -> None:
-    """What ticks do not mend is planned anew."""
+    """What ticks do not mend is replanned."""
     figures = _bench(tmp_path, "replan", "--seeds", "2", "--into", "0.3")
     assert figures["into_m"] == 0.3
     assert figures["anew"] == sum(run["anew"] for run in figures["runs"]) > 0

@@ -1,4 +1,4 @@
-"""Strict carving, held against the truth: what the map of images calls free, on surfaces that are known otherwise.
+"""Strict carving, compared with the truth: what the map of images calls free, on surfaces that are known otherwise.
 
 A voxel that holds a point of a true surface must never be free. The points are made here, on the triangles of the
 pieces' hulls; of the map nothing is asked but what it says of a point. Recorded clouds know no truth but themselves:

@@ -184,7 +184,7 @@ def _ticks(result: DriveResult) -> Figures:
 
 
 def _planned_anew(result: DriveResult) -> list[float]:
-    """Simulated times [s] for which the robot stood and waited for each strip that was planned anew."""
+    """Simulated times [s] for which the robot stood and waited for each strip that was replanned."""
     control = result.record.control
     stands = np.abs(control.v).max(axis=1) < _REST_SPEED
     begun: float | None = None

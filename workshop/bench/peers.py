@@ -1,6 +1,6 @@
 """Peers benchmark: other planners on the same robot, shapes and scenes, each in an environment of its own.
 
-The robot goes to them as a URDF of the very convex pieces that are planned with here, its base as three joints, with
+The robot goes to them as a URDF of the same convex pieces that are planned with here, its base as three joints, with
 an SRDF of the pairs that count; the scenes as boxes, balls, cylinders and meshes. A program of a few lines for each
 (``_peer_programs``) reads that, plans, and writes the paths and what they took. What a path is worth is measured here.
 """
@@ -116,7 +116,7 @@ def bench_peers(
     """First paths, and paths again after an obstacle was pushed into them; of this library and of its peers.
 
     Every planner's own path is pushed into, by its nearest obstacle that start and goal do not need; the peers then
-    plan anew, which is what they can do. Their paths are certified here, at clearance 0, as straight lines between
+    replan, which is what they can do. Their paths are certified here, at clearance 0, as straight lines between
     their waypoints.
 
     Args:

@@ -105,7 +105,7 @@ def bench_replan(robot: RobotModel, seeds: int, step: Note = silent, *, into: fl
         seeds: number of corridors.
         step: called after each with a note, for a progress bar.
         into: depth [m] to which the obstacle is pushed into the strip instead. A strip that stays broken for as many
-            ticks as the controller would have patience is planned anew then, from its start; that is in the time.
+            ticks as the controller would have patience is replanned then, from its start; that is in the time.
     """
     runs = []
     for seed, scene, report in _planned_corridors(robot, seeds, step):

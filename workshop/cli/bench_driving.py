@@ -382,7 +382,7 @@ def goals(
     processes: int | None,
     json_file: str | None,
 ) -> None:
-    """Drives with goals on the move, with computing charged by modelled times unless another cost is asked for.
+    """Drives with goals on the move, where computing takes modelled time unless another cost is given.
 
     every: a new goal every two seconds, taken at speed and, for comparison, after a stop. patrol: ten goals, passed
     and, for comparison, with a stop at each. path: a path of the base, kept to within 0.3 m. look: a hand that points

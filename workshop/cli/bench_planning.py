@@ -51,7 +51,7 @@ def plan(robot: str, seeds: int, scenario: str, grid: bool, json_file: str | Non
 def replan(robot: str, seeds: int, into: float | None, json_file: str | None) -> None:
     """Push the nearest obstacle 5 cm towards each planned strip, 4 times.
 
-    With --into a strip that stays broken is planned anew."""
+    With --into a strip that stays broken is replanned."""
     from elastic_strips.robot import load_robot
     from workshop.bench import bench_replan
 
@@ -59,7 +59,7 @@ def replan(robot: str, seeds: int, into: float | None, json_file: str | None) ->
     with options.LateProgress("replanning", seeds) as bar:
         figures = bench_replan(model, seeds, bar.step, into=into)
     output.say(f"{figures['robot']}, {figures['pushes']} pushes on {seeds} corridors")
-    anew = "" if into is None else f", {figures['anew']} planned anew"
+    anew = "" if into is None else f", {figures['anew']} replanned"
     row("certified again", f"{100 * figures['certified']:.1f} %{anew}")
     row("time", times(figures["time_to_certified_ms"]))
     ticks = figures["ticks"]
@@ -390,7 +390,7 @@ def others(
         row(
             "followed online",
             f"{some['reached']} of {some['drives']} reached; contacts at speed {some['contacts_at_speed']}, "
-            f"at rest {some['contacts_at_rest']}; {some['replans']} plans anew",
+            f"at rest {some['contacts_at_rest']}; {some['replans']} replans",
             some["contacts_at_speed"] == 0,
         )
     output.write_document("figures", json_file, figures)

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("record", metavar="RECORD.npz|LOG.jsonl", type=options.FILE)
-@options.robot_option(help="The robot of a log; of a record, where its robot is now.")
+@options.robot_option(help="The robot of a log. For a record: where its robot's file is now.")
 @options.base_option("For a log: how the base moves; the robot's own by default.")
 @click.option(
     "--tracking-error",
     type=options.Finite(0.001, 1.0),
     metavar="M",
-    help="DriveParams.tracking_error of the drive [m]; the default where not given.",
+    help="DriveParams.tracking_error of the drive [m]; its default if not given.",
 )
 @options.limit_options
 @options.json_option("Write the findings.")
@@ -33,14 +33,14 @@ def calibrate(
     limits: options.GivenLimits,
     json_file: str | None,
 ) -> int:
-    """Measure a machine by the record of a drive, and say which parameters to set.
+    """Measure a machine from the record of a drive, and say which parameters to set.
 
-    RECORD is of "drive --record"; or a log of a robot's executor (of "drive --log", and of a robot that speaks ROS 2),
-    which has no true state: how far the estimate is off, and the slip of the wheels, are not in it. The more the robot
-    does in it, the more it shows: drive straight and in curves, at full speed, move every joint, and stop once at full
-    speed.
+    RECORD is a record of "drive --record", or a log of a robot's executor ("drive --log", or of a robot that speaks
+    ROS 2). A log has no true state, so it shows neither how far the estimate is off nor how much the wheels slip. The
+    more the robot does in it, the more it shows: drive straight and in curves, at full speed, move every joint, and
+    stop once at full speed.
 
-    Exit code 0: nothing is worse than assumed. 2: wrong input. 3: something is; set what is named.
+    Exit code 0: nothing is worse than assumed. 2: wrong input. 3: something is; set the parameters that are named.
     """
     from elastic_strips.control import DriveParams
     from elastic_strips.control.calibration import calibrate as measure
@@ -54,11 +54,11 @@ def calibrate(
         params = replace(params, tracking_error=tracking_error)
     if record.lower().endswith(".jsonl"):
         if robot is None:
-            raise click.UsageError(f"{record} is a log, which does not say of which robot: --robot NAME|FILE.urdf")
+            raise click.UsageError(f"{record} is a log, which does not name its robot: give --robot NAME|FILE.urdf")
         rows, model = read_log(record), load_robot(robot, base=base)
     else:
         if base is not None:
-            raise click.UsageError("--base is for a log; a record has it")
+            raise click.UsageError("--base is only for a log; a record says how its base moves")
         rows = read_record(record)
         model = record_robot(rows, robot)
     found = measure(rows, model, limits=limits.of(model), params=params)

@@ -42,50 +42,66 @@ _JOINTS_LISTED = 12  # joints in a note
 @options.base_option()
 @robot_options
 @click.option(
-    "--clearance", type=options.Finite(0.0, 10.0), default=0.0, show_default=True, help="From obstacles, to prove [m]."
+    "--clearance",
+    type=options.Finite(0.0, 10.0),
+    default=0.0,
+    show_default=True,
+    help="Distance from obstacles that is to be proved [m].",
 )
 @click.option(
     "--self-clearance",
     type=options.Finite(0.0, 1.0),
     default=0.0,
     show_default=True,
-    help="Between the robot's own links, to prove [m].",
+    help="Distance between the robot's own links that is to be proved [m].",
 )
 @click.option(
     "--interpolation",
     default="line",
     type=options.LateChoice("elastic_strips.collision.path_certificate", "INTERPOLATIONS"),
     show_default=True,
-    help="The way between two configurations. line: base and joints go linearly; arc: a base goes on an arc, as wheels "
-    "do. Neither says which way an angle goes that changes by more than half a turn: values (linearly by the numbers) "
-    "and shortest do.",
+    help="How the robot moves between two configurations. line: base and joints move linearly; arc: the base drives an "
+    "arc, as wheels do. Where an angle changes by more than half a turn, these two do not say which way it turns; "
+    "values (linear in the numbers as given) and shortest do.",
 )
 @click.option(
     "--scene-time",
     "moment",
     metavar="SECONDS",
     type=options.Finite(-1e9, 1e9),
-    help="Take the scene as it stands then, whatever times the path has.",
+    help="Take the scene as it is at this time, whatever times the path has.",
 )
 @click.option(
     "--base-at",
     type=(options.Finite(), options.Finite(), options.Finite()),
     metavar="X Y YAW",
-    help="Where the base stands, if the path does not say so [m, m, rad].",
+    help="Where the base stands, if the path does not say [m, m, rad].",
 )
 @click.option(
     "--angles",
     type=click.Choice(["rad", "deg"]),
     help="Unit of the path's angles where it names none; radians by default.",
 )
-@click.option("--ignore", multiple=True, metavar="NAME", help="A column, array or key that does not matter.")
+@click.option(
+    "--ignore",
+    multiple=True,
+    metavar="NAME",
+    help="A column, array or key of the file that does not matter. May be repeated.",
+)
 @click.option(
     "--starts-at",
     type=options.Finite(-1e9, 1e9),
     metavar="SECONDS",
-    help="When the first configuration is reached, in the scene's time; as the path has it by default.",
+    help="When the first configuration is reached, in the scene's time; by default as the path says.",
 )
-@click.option("--repair", "repaired", metavar="FILE", type=options.OutputFile(), help="Push it free; write that path.")
+@click.option(
+    "--repair",
+    "repaired",
+    metavar="FILE",
+    type=options.OutputFile(),
+    help="Write the path. If it is not certified, it is first pushed away from what is too near; the answer says "
+    "whether it is certified then.",
+)
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
 def certify(
@@ -109,14 +125,15 @@ def certify(
 ) -> int:
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
 
-    PATH is a JointTrajectory (JSON or YAML, also what MoveIt prints), CSV, NPZ, or what OMPL prints. A path with times
-    is certified against the obstacles that move, appear and vanish, where the scene has some; a path without times
-    needs --scene-time then.
+    PATH is a JointTrajectory (JSON or YAML, also as MoveIt prints it), CSV, NPZ, or what OMPL prints. Where obstacles
+    of the scene move, appear or vanish, a path with times is certified against them as they are at those times; a path
+    without times needs --scene-time.
 
-    A path that differs from its file, such as one whose gripper moves and is held still here, is not certified:
-    the answer is unknown, and says what settles it.
+    Where the path that is looked at differs from its file, for instance because a gripper moves there and is held still
+    here, it is not certified: the answer is unknown, and says what would settle it.
 
-    Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; it says where.
+    Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; the answer says
+    where.
     """
     from elastic_strips.collision import Verdict
     from elastic_strips.collision import certify as certify_path
@@ -211,10 +228,10 @@ def _depends_on_time(path: str, given: PathFile, scene: SceneFile, moment: float
     moving = changes(scene.world)
     if not moving or moment is not None:
         return False
-    said = f"{', '.join(moving[:3])} move, appear or vanish with the time; "
+    said = f"{', '.join(moving[:3])} move, appear or vanish with time; "
     if given.times is None:
         raise click.UsageError(
-            f"{said}{path} has no times: give it some, or --scene-time SECONDS for the scene as it is then"
+            f"{said}{path} has no times: add times, or give --scene-time SECONDS to take the scene as it is then"
         )
     if writes:
         raise click.UsageError(f"{said}--repair and --proof need obstacles that stand still: give --scene-time SECONDS")
@@ -227,7 +244,7 @@ def _say_notes(given: PathFile, doubts: Sequence[str]) -> None:
     if given.held:
         still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
         more = f" and {len(still) - _JOINTS_LISTED} more" if len(still) > _JOINTS_LISTED else ""
-        notes.append(f"held still, and not in the file: {', '.join(still[:_JOINTS_LISTED])}{more}")
+        notes.append(f"held still, and missing from the file: {', '.join(still[:_JOINTS_LISTED])}{more}")
     for note in (*notes, *doubts):
         output.say(("note:", output.NOTE), f" {note}")
 

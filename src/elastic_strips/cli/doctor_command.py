@@ -25,7 +25,7 @@ import click
 
 from elastic_strips._version import __version__
 from elastic_strips.catalogue import own_robots, robot_names
-from elastic_strips.errors import RobotError
+from elastic_strips.errors import RobotError, plural
 
 from . import options, output
 
@@ -91,12 +91,14 @@ class Check:
 
 
 @click.command()
-@options.robot_option(help="Check a robot as well: what is not proven about it, and what two readers read differently.")
+@options.robot_option(
+    help="Check a robot as well: what is not proven about it, and where two readers of its URDF disagree."
+)
 @options.json_option("Write the findings.")
 def doctor(robot: str | None, json_file: str | None) -> int:
     """Check this installation: versions, the native kernel, extras, robots, browser, folders and the machine.
 
-    Each line is ok, a note (something that only some uses need), or a problem (the core does not work so).
+    Each line is ok, a note (something that only some uses need), or a problem (the core does not work as it is).
 
     Exit code 0: no problem. 3: a problem.
     """
@@ -111,7 +113,7 @@ def doctor(robot: str | None, json_file: str | None) -> int:
         "\n".join(f"{check.status:<8} {check.name:<22} {check.text}" for check in checks),
     )
     problems = sum(check.status == PROBLEM for check in checks)
-    count = "no problems" if not problems else f"{problems} problem{'s' if problems > 1 else ''}"
+    count = "no problems" if not problems else plural(problems, "problem")
     output.say(output.verdict(count, not problems))
     document = {
         "format": "elastic-strips-doctor",
@@ -168,13 +170,13 @@ def compare_kernel() -> tuple[str, str]:
     with native.twin():
         two = Deformer(robot).step(strip, scene)
     if len(one.strip) != len(two.strip) or one.certified != two.certified:
-        return PROBLEM, "loaded, and contradicts NumPy: set ELASTIC_STRIPS_NATIVE=0, and reinstall elastic-strips"
+        return PROBLEM, "loaded, but contradicts NumPy: set ELASTIC_STRIPS_NATIVE=0, and reinstall elastic-strips"
     moved = float(np.abs(one.strip.coordinates - two.strip.coordinates).max())
     apart = abs(one.clearance - two.clearance)
     if not (moved < 1e-4 and apart < 1e-6):  # as far as Coal's iterations may end elsewhere
         return PROBLEM, (
-            f"loaded, and differs from NumPy by {max(moved, apart):.1e} m: set ELASTIC_STRIPS_NATIVE=0, and install "
-            "elastic-strips anew"
+            f"loaded, but differs from NumPy by {max(moved, apart):.1e} m: set ELASTIC_STRIPS_NATIVE=0, and install "
+            "elastic-strips again"
         )
     return OK, f"loaded; a tick differs from NumPy's by {max(moved, apart):.0e}"
 
@@ -240,7 +242,7 @@ def _run(program: str, names: Sequence[str] = ()) -> tuple[list[tuple[str, str |
             errors="replace",
         )
     except subprocess.TimeoutExpired:
-        return [], f"hangs: nothing for {_CHECK_TIMEOUT:.0f} s"
+        return [], f"hangs: no answer for {_CHECK_TIMEOUT:.0f} s"
     except OSError as error:
         return [], str(error)
     found = [json.loads(line[7:]) for line in done.stdout.splitlines() if line.startswith("PROBED ")]
@@ -317,7 +319,7 @@ def _robots() -> Check:
     except RobotError as error:
         return Check("robots", PROBLEM, str(error))
     if "tiago" not in own:
-        return Check("robots", NOTE, f"{', '.join(own)}; without example-robot-data no others")
+        return Check("robots", NOTE, f"{', '.join(own)}; no others without example-robot-data")
     return Check("robots", OK, f"{', '.join(own)}, and {count - len(own)} more of example-robot-data")
 
 
@@ -371,6 +373,6 @@ def _processors() -> Check:
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     busy = load > count
     text = f"{count} for this process, load {load:.1f}" + (
-        ": figures of time will be of a busy machine" if busy else ""
+        ": measured times will be those of a busy machine" if busy else ""
     )
     return Check("processors", NOTE if busy else OK, text)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from elastic_strips.errors import plural
+
 from . import options, output
 from .robot_options import load_robot, robot_options
 
@@ -30,7 +32,7 @@ _LONGEST_DRIVE = 86400.0  # [s]
     "--speed", type=options.Finite(0.01, 100), default=2.0, show_default=True, help="Largest speed of dragging [m/s]."
 )
 @options.goals_option
-@click.option("--drive", "drives", is_flag=True, help="Let the robot drive, to wherever the goal is dragged.")
+@click.option("--drive", "drives", is_flag=True, help="Let the robot drive to wherever the goal is dragged.")
 @click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after this many seconds.")
 @options.browser_option
 @click.pass_context
@@ -48,25 +50,25 @@ def drag(
     seconds: float | None,
     no_browser: bool,
 ) -> int:
-    """Plan a strip and keep it alive in the browser: drag an obstacle with the mouse, or the ring at the goal. Without
-    a name it is case-7.
+    """Plan a strip and show it in the browser, where it gives way while you drag an obstacle, or the ring at the goal,
+    with the mouse. Without a name, the scenario is case-7.
 
-    With Shift, or the arrow, an obstacle goes up and down; with Alt, or the ring about it, it turns. The card says how
-    long a tick takes, how clear the strip is, and whether it is certified. With --drive the robot drives meanwhile, to
-    wherever the goal's ring or hand is dragged; obstacles then move by themselves alone. The server listens on this
-    machine only; Ctrl-C ends it.
+    Shift, or the arrow, moves an obstacle up and down; Alt, or the ring around it, turns it. The card shows how long a
+    tick takes, the clearance of the strip, and whether it is certified. With --drive the robot drives to wherever the
+    goal's ring or hand is dragged, and obstacles move only by themselves. The server listens on this machine only;
+    Ctrl-C ends it.
 
-    Exit code 0: the strip was certified at the end, or nothing was touched at speed. 2: wrong input. 3: it was broken,
-    or something was touched.
+    Exit code 0: the strip was certified at the end; with --drive, nothing was touched at speed. 2: wrong input. 3: the
+    strip was broken; with --drive, something was touched.
     """
     from elastic_strips.sim.scenarios import get_scenario
 
     options.check_outputs(scenario)
     if len(goals) > 1 and not drives:
-        raise click.UsageError("several goals are for --drive; a strip leads to one")
+        raise click.UsageError("several goals need --drive; a strip leads to one goal")
     for name in ("rate", "speed") if drives else ():
         if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
-            raise click.UsageError(f"--{name} is of a strip alone; with --drive the robot's own limits hold")
+            raise click.UsageError(f"--{name} is for a strip alone; with --drive the robot's own limits hold")
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, base=base)
     if drives:
@@ -104,9 +106,9 @@ def _keep(
                 pass
         report = live.report
         output.say(
-            f"{report.status.value}: clearance of the nodes {report.node_clearance:.3f} m, ",
+            f"{report.status.value}: clearance at the nodes {report.node_clearance:.3f} m, ",
             output.verdict("certified" if report.certified else "not certified", report.certified),
-            f", {live.ticks} ticks, {live.replans} planned anew",
+            f", {plural(live.ticks, 'tick')}, replanned {plural(live.replans, 'time')}",
         )
     return options.EXIT_DONE if report.certified else options.EXIT_NOT_DONE
 
@@ -137,8 +139,9 @@ def _drive(
     found = conclude(problem, driven, result).evaluation
     touched = len(found.collisions)
     output.say(
-        f"{driven.time:.1f} s, {found.path_m:.2f} m, {len(result.goals)} goals reached, {len(result.stops)} stops, ",
-        output.verdict(f"{touched} contacts at speed", not touched),
-        f", {len(found.rest_contacts)} times run into at rest",
+        f"{driven.time:.1f} s, {found.path_m:.2f} m, {plural(len(result.goals), 'goal')} reached, "
+        f"{plural(len(result.stops), 'stop')}, ",
+        output.verdict(f"{plural(touched, 'contact')} at speed", not touched),
+        f", run into {plural(len(found.rest_contacts), 'time')} at rest",
     )
     return options.EXIT_NOT_DONE if touched else options.EXIT_DONE

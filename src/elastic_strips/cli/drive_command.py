@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from elastic_strips.catalogue import FAULTS
+from elastic_strips.errors import plural
 
 from . import EXIT_INTERRUPTED, options, output
 from .robot_options import load_robot, robot_options
@@ -26,10 +27,13 @@ if TYPE_CHECKING:
 
 
 _STOPS_TOLD = 5
-_COMPUTING = {
-    "free": "computing free",
-    "work": "computing charged by work counted",
-    "realtime": "against the wall clock",
+_COMPUTING_FACTOR = (
+    "ms by the wall clock; {late} late in simulated time, in which computing costs {factor:g} × its processor time"
+)
+_COMPUTING = {  # by which clock ticks are measured, and by which they are late
+    "free": "ms, {late} late, both by the wall clock; computing costs no simulated time",
+    "work": "ms by the wall clock; {late} late in simulated time, in which computing costs its counted work",
+    "realtime": "ms, {late} late, both by the wall clock",
 }
 
 
@@ -49,7 +53,9 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
 @robot_options
 @options.base_option()
 @options.limit_options
-@click.option("--seed", type=options.SEED, help="Seed of plan, plant, noise and generated scenes.")
+@click.option(
+    "--seed", type=options.SEED, help="Seed of the planner, the simulated machine, its noise and generated scenes."
+)
 @click.option(
     "--plant",
     type=options.PLANT,
@@ -59,27 +65,27 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
 )
 @options.sensors_option
 @options.goals_option
-@click.option("--time-limit", type=options.Finite(0.1, 36000), help="Longest run [s of simulated time].")
+@click.option("--time-limit", type=options.Finite(0.1, 36000), help="Time limit of the drive [s of simulated time].")
 @options.evade_option
 @click.option(
     "--alternatives",
     type=click.IntRange(1, 8),
     default=1,
     show_default=True,
-    help="Strips to keep on different sides of the obstacles; another is followed where one is given up.",
+    help="How many strips to keep on different sides of the obstacles; where one is given up, another is followed.",
 )
 @options.level_option
 @options.compute_option
 @click.option(
     "--realtime",
     is_flag=True,
-    help="Against the wall clock: machine, control loop and planning run in processes of their own.",
+    help="Drive by the wall clock; machine, control loop and planning each run in a process of their own.",
 )
 @click.option(
     "--log",
     metavar="FILE.jsonl",
     type=click.Path(dir_okay=False, writable=True),
-    help="With --realtime: what the control loop writes to disk while it drives, a line each period.",
+    help="With --realtime: the log that the control loop writes while it drives, one line per control period.",
 )
 @click.option(
     "--disturb",
@@ -88,7 +94,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     multiple=True,
     type=options.FAULT,
     metavar="KIND[=SIZE]@START[+DURATION]",
-    help="Inject a fault, such as slip-left=0.5@4+2; times in seconds. May be given again. KIND: "
+    help="Inject a fault, such as slip-left=0.5@4+2; times in seconds. May be repeated. KIND: "
     + ", ".join(kind.replace("_", "-") for kind in FAULTS)
     + ".",
 )
@@ -98,14 +104,14 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     "record_file",
     metavar="FILE.npz|FILE.csv",
     type=click.Path(),
-    help="Write everything that happened; view replays it.",
+    help="Write a record of everything that happened, for 'elastic-strips view' to replay.",
 )
 @options.html_option("Write a standalone 3D page of the drive.")
 @options.picture_options
 @click.option(
     "--view",
     is_flag=True,
-    help="Show it while it drives, in the browser on this machine only; its goal can be dragged.",
+    help="Show the drive in the browser, on this machine only, while it goes on; its goal can be dragged.",
 )
 @options.browser_option
 def drive(
@@ -135,7 +141,7 @@ def drive(
     no_browser: bool,
 ) -> int:
     """Plan a strip and drive it in a closed loop: at every tick the strip gives way to sensed obstacles, the motion
-    ahead is certified to its stop, and the robot follows it. Moving obstacles move meanwhile.
+    ahead is certified down to its stop, and the robot follows it, while moving obstacles go on moving.
 
     Ctrl-C brings the robot to rest, and the record is written; a second one ends at once and writes nothing.
 
@@ -166,10 +172,10 @@ def drive(
     )
     if realtime and (compute or plant != "kinematic"):
         raise click.UsageError(
-            "--realtime takes its own time, with the kinematic plant: no --compute, no other --plant"
+            "--realtime goes by the wall clock, with the kinematic plant: leave out --compute, and any other --plant"
         )
     if log and not realtime:
-        raise click.UsageError("--log is for --realtime; --record has everything about other drives")
+        raise click.UsageError("--log is only for --realtime; for other drives, --record writes everything")
     if realtime:
         make = partial(make_realtime, problem, setup, log=log)
     else:
@@ -208,7 +214,7 @@ def drive_and_report(
         write_record(result.record, outputs.record_file)
     outcome = conclude(problem, driven, result)
     late = driven.time >= (driven.params.time_limit if time_limit is None else time_limit)
-    _summary(outcome, "interrupted" if interrupted else "the time was over" if late else result.reason)
+    _summary(outcome, "interrupted" if interrupted else "the time limit was reached" if late else result.reason)
     log = outputs.log
     unwritten = next((event.reason for event in result.events if log and event.reason.startswith(f"{log}: ")), None)
     if unwritten is not None:  # a log with a hole is not to be taken for whole
@@ -344,18 +350,15 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     ticks = result.statistics.percentiles()
     clearance = "none" if evaluation.closest is None else f"{evaluation.min_clearance_m:.3f} m"
     output.say(
-        f"  {evaluation.time_s:.1f} s, {evaluation.path_m:.2f} m, {len(evaluation.collisions)} collisions, "
-        f"least clearance {clearance}, {len(result.stops)} stops, {result.replans} times planned anew"
+        f"  {evaluation.time_s:.1f} s, {evaluation.path_m:.2f} m, {plural(len(evaluation.collisions), 'collision')}, "
+        f"least clearance {clearance}, {plural(len(result.stops), 'stop')}, replanned {plural(result.replans, 'time')}"
     )
-    output.say(
-        f"  planning ticks p50 {ticks['p50']:.1f}, p95 {ticks['p95']:.1f}, p99 {ticks['p99']:.1f} ms, "
-        f"{result.statistics.misses} of {len(result.statistics.seconds)} late; "
-        + _COMPUTING.get(
-            str(result.compute), f"computing charged × {result.compute:g}" if isinstance(result.compute, float) else ""
-        )
+    clocks = _COMPUTING.get(str(result.compute), _COMPUTING_FACTOR).format(
+        late=f"{result.statistics.misses} of {len(result.statistics.seconds)}", factor=result.compute
     )
+    output.say(f"  planning ticks: p50 {ticks['p50']:.1f}, p95 {ticks['p95']:.1f}, p99 {ticks['p99']:.1f} {clocks}")
     if outcome.constraint_error is not None:
-        output.say(f"  off level by at most {np.degrees(outcome.constraint_error):.1f}°")
+        output.say(f"  tilted from level by at most {np.degrees(outcome.constraint_error):.1f}°")
     if outcome.sensors:
         output.say(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
@@ -367,7 +370,7 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     for time, reason in result.stops[:_STOPS_TOLD]:
         output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
     if len(result.stops) > _STOPS_TOLD:
-        output.say(f"  … and {len(result.stops) - _STOPS_TOLD} more stops")
+        output.say(f"  … and {plural(len(result.stops) - _STOPS_TOLD, 'more stop')}")
 
 
 def _say_contacts(outcome: DriveOutcome) -> None:
@@ -378,7 +381,7 @@ def _say_contacts(outcome: DriveOutcome) -> None:
     called = dict(zip((piece.name for piece in pieces), link_labels(pieces), strict=True))
     for contact in evaluation.rest_contacts:
         link = called.get(contact.link, contact.link)
-        output.say(f"  {contact.obstacle} ran into {link} at rest, from {contact.time:.1f} s on")
+        output.say(f"  {contact.obstacle} ran into {link} while the robot was at rest, from {contact.time:.1f} s on")
     for contact in evaluation.collisions:
         link = called.get(contact.link, contact.link)
         output.say((f"  COLLISION of {link} with {contact.obstacle} at {contact.speed:.2f} m/s", output.BAD))

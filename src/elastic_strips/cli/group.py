@@ -26,7 +26,7 @@ _HELP = """Certified collision-free whole-body motion of mobile manipulators, by
 Start with:
 
 \b
-  elastic-strips list                     what there is to run
+  elastic-strips list                     what can be run
   elastic-strips run case-7 --view        run it and watch it in the browser
   elastic-strips drag case-7              push its obstacles with the mouse
   elastic-strips run case-7 --json r.json write the strip and its certificate
@@ -47,18 +47,22 @@ doctor: 0 no problem, 3 a problem.
 
 
 _COMMANDS = {
-    "calibrate": ("calibrate_command", "calibrate", "Measure a machine by a drive's record; parameters to set."),
-    "certify": ("certify_command", "certify", "Prove that anybody's path is free of collisions, or show where not."),
+    "calibrate": (
+        "calibrate_command",
+        "calibrate",
+        "Measure a machine from the record of a drive; say which parameters to set.",
+    ),
+    "certify": ("certify_command", "certify", "Prove that a path is free of collisions, or show where it is not."),
     "doctor": ("doctor_command", "doctor", "Check this installation: what is there, and what is broken."),
     "drag": ("drag_command", "drag", "Push obstacles and the goal with the mouse; the strip gives way."),
     "drive": ("drive_command", "drive", "Drive a scenario: the closed loop in simulated time."),
-    "list": ("list_command", "list_command", "Show the scenarios, robots and presets that have names."),
-    "robot": ("robot_command", "robot", "A robot's card: what is planned, what is assumed, what is not checked."),
+    "list": ("list_command", "list_command", "List the scenarios, robots and presets that have names."),
+    "robot": ("robot_command", "robot", "Show a robot's card: what is planned, what is assumed, what is not checked."),
     "ros2": ("ros2_command", "ros2", "Drive a robot that speaks ROS 2: topics in, velocities out."),
     "run": ("run_command", "run", "Run a scenario: plan, deform, certify."),
-    "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds into a table; resumable."),
+    "sweep": ("sweep_command", "sweep", "Run scenarios × parameters × seeds and write a table; can be resumed."),
     "teleop": ("teleop_command", "teleop", "Drive with keys or a stick in the browser, through the guard."),
-    "view": ("view_command", "view", "Look at a scenario, a result (run --json) or a record (drive --record)."),
+    "view": ("view_command", "view", "Show a scenario, a result (run --json) or a record (drive --record)."),
 }
 """Command → module, name in it, one line about it."""
 _IN_A_CHECKOUT = {"bench": "python -m workshop plan | tick | …", "study": "python -m workshop study"}
@@ -143,7 +147,7 @@ def run_cli(arguments: list[str] | None, command: click.Command = cli, program: 
         sys.exit(EXIT_UNREAD)
     except OSError as error:
         if _working_folder_is_gone():
-            output.say(("error:", output.BAD), " the working folder was removed: go to another one", err=True)
+            output.say(("error:", output.BAD), " the working folder was removed: change to another one", err=True)
             sys.exit(EXIT_INPUT)
         if error.errno not in _FULL or error.filename is not None:
             raise

@@ -11,8 +11,10 @@ from elastic_strips.catalogue import PRESETS, SCENARIOS, find_robot, own_robots,
 from . import options, output
 
 
-@click.command(name="list", help="Show the scenarios, robots and presets that have names.")
-@click.option("--robots", is_flag=True, help="Only the robots, and all of them, including those of example-robot-data.")
+@click.command(name="list", help="List the scenarios, robots and presets that have names.")
+@click.option(
+    "--robots", is_flag=True, help="List only robots, but all of them, including those of example-robot-data."
+)
 @options.json_option("Write the names, with all robots,")
 def list_command(robots: bool, json_file: str | None) -> None:
     everybody = {name: find_robot(name) for name in robot_names()}

@@ -269,13 +269,13 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
         multiple=True,
         type=JointValue(_POSITIVE),
         metavar="NAME=VALUE",
-        help="Largest speed of a joint [rad/s or m/s]; the URDF's by default. May be given again.",
+        help="Largest speed of a joint [rad/s or m/s]; the URDF's by default. May be repeated.",
     )(with_limits)
 
 
 def json_option(help: str) -> Callable[[_F], _F]:
     """``--json``: a file that can be written, ``-`` or None; for ``output.write_document``."""
-    help = help.removesuffix(".") + " as JSON; -: to standard output, and all else to standard error."
+    help = help.removesuffix(".") + " as JSON; - writes to standard output, and all other text goes to standard error."
     return click.option("--json", "json_file", metavar="FILE|-", type=JsonFile(), help=help)
 
 
@@ -287,45 +287,45 @@ def html_option(help: str) -> Callable[[_F], _F]:
 def picture_options(command: _F) -> _F:
     """``--png`` and ``--film``: names of a picture and a film, or None."""
     png = click.option(
-        "--png", "png_file", metavar="FILE.png", type=PictureFile(".png"), help="Write a picture (with Chromium)."
+        "--png", "png_file", metavar="FILE.png", type=PictureFile(".png"), help="Write a picture (needs Chromium)."
     )
     film = click.option(
         "--film",
         "film_file",
         metavar="FILE.gif|.mp4|.webm",
         type=PictureFile(".gif", ".mp4", ".webm"),
-        help="Write a film (with Chromium, and the extra 'film').",
+        help="Write a film (needs Chromium and the extra 'film').",
     )
     return png(film(command))
 
 
 processes_option = click.option(
-    "--processes", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
+    "--processes", type=click.IntRange(1, 256), help="How many runs to do at once; by default one per core."
 )
 compute_option = click.option(
     "--compute",
     metavar="FACTOR|work|free",
-    help="What computing costs in simulated time: this many times the processor time that it takes here [default: 1]; "
-    "work: the time that is modelled for the counted work, the same everywhere; free: nothing.",
+    help="What computing costs in simulated time. FACTOR: this many times the processor time that it takes here "
+    "[default: 1]; work: a time modelled from the counted work, the same on every machine; free: nothing.",
 )
 evade_option = click.option(
     "--evade/--no-evade",
     default=None,
-    help="Leave the strip where something moving comes [default], or only brake and wait.",
+    help="Leave the strip to evade what moves towards the robot [default], or only brake and wait.",
 )
 goals_option = click.option(
     "--goal",
     "goals",
     multiple=True,
     type=GoalText(),
-    help="A goal in place of the scenario's: of the base, with any heading where none is given, or of a frame of the "
-    "robot. May be given again for a drive: one after the other, without a stop where the way leads on.",
+    help="A goal in place of the scenario's: of the base, with any heading if none is given, or of a frame of "
+    "the robot. May be repeated for a drive: one after the other, without a stop where the way leads on.",
 )
 sensors_option = click.option(
     "--sensors",
     metavar="NAMES|FILE.yaml",
-    help="Drive by what the robot's simulated sensors see, not by the scene: by names (laser,sonar; all; head-camera: "
-    "the depth camera on the head of the Silvermate, TIAGo and Fetch), or by those of a file, as "
+    help="Drive by what the robot's simulated sensors see, not by the true scene: names (laser,sonar; all; "
+    "head-camera: the depth camera on the head of the Silvermate, TIAGo and Fetch), or a file of sensors, as "
     "elastic_strips.sim.sensors reads it.",
 )
 
@@ -333,7 +333,7 @@ level_option = click.option(
     "--level",
     metavar="FRAME",
     default="",
-    help="A frame of the robot that stays as level as it is at the start: a tray, or a hand with a cup.",
+    help="Keep this frame of the robot as level as it is at the start, such as a tray or a hand with a cup.",
 )
 
 browser_option = click.option(

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @options.limit_options
 @options.html_option("Write a page: the tables, and a picture that can be turned.")
 @click.option(
-    "--png", "png_file", metavar="FILE.png", type=options.PictureFile(".png"), help="Write a picture (with Chromium)."
+    "--png", "png_file", metavar="FILE.png", type=options.PictureFile(".png"), help="Write a picture (needs Chromium)."
 )
 @options.json_option("Write the card.")
 def robot(
@@ -105,10 +105,10 @@ def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
         for what, value, unit, option in (
             ("track", found.track, "m", given.track),
             ("wheel radius", found.wheel_radius, "m", given.wheel_radius),
-            ("speed of a rim", float(found.drive_speed[0]), "m/s", given.wheel_speed),
+            ("speed of a wheel's rim", float(found.drive_speed[0]), "m/s", given.wheel_speed),
         ):
             rows.append((what, f"{value:.4g} {unit}", "URDF" if option is None else "option"))
-        rows.append(("acceleration of a rim", f"{found.drive_acceleration[0]:g} m/s²", "assumed"))
+        rows.append(("acceleration of a wheel's rim", f"{found.drive_acceleration[0]:g} m/s²", "assumed"))
     elif model.base_kind.value == "omni":
         rows.append(("speed x, y, yaw", " ".join(f"{v:g}" for v in found.drive_speed) + " m/s, rad/s", "assumed"))
         rows.append(("acceleration x, y, yaw", " ".join(f"{v:g}" for v in found.drive_acceleration), "assumed"))

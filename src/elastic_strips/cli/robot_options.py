@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elastic_strips.catalogue import is_known
+from elastic_strips.errors import plural
 
 from . import output
 from .options import Finite, JointValue
@@ -21,35 +22,41 @@ _ROBOTS_NAMED = 12  # in a message
 
 
 _OPTIONS = (
-    click.option("--joints", metavar="NAMES", help="The joints to plan, separated by commas, and no others."),
+    click.option("--joints", metavar="NAMES", help="Plan these joints, separated by commas, and no others."),
     click.option(
         "--lock",
         multiple=True,
         metavar="NAME=VALUE",
         type=JointValue(Finite()),
-        help="A joint to hold still [rad or m], besides wheels and grippers that mimic; with what mimics it. May be "
-        "given again.",
+        help="A joint to hold still [rad or m], together with the joints that mimic it; wheels, and grippers that "
+        "mimic, are held still anyway. May be repeated.",
     ),
-    click.option("--srdf", metavar="FILE", type=click.Path(), help="Link pairs to ignore, home and groups."),
+    click.option(
+        "--srdf",
+        metavar="FILE",
+        type=click.Path(),
+        help="The SRDF file, with link pairs to ignore, a home posture and groups of joints.",
+    ),
     click.option(
         "--package-dir",
         multiple=True,
         metavar="DIR",
         type=click.Path(file_okay=False, exists=True),
-        help="Where package:// meshes are looked for, of a robot from a file. May be given again.",
+        help="A folder in which package:// meshes of a robot's file are looked for. May be repeated.",
     ),
     click.option(
         "--visual-as-collision",
         multiple=True,
         metavar="LINK|missing",
-        help="A link whose visual shapes are taken as its collision shapes; missing: all that have none. May be given "
-        "again.",
+        help="A link whose visual shapes are taken as its collision shapes; missing: every link without collision "
+        "shapes. May be repeated.",
     ),
     click.option(
         "--looking",
         metavar="NAMES",
-        help="Joints that turn at will and are not planned, as of a head, separated by commas: what hangs on them "
-        "counts as large as what it passes through, and a depth camera of --sensors looks about with them.",
+        help="Joints that are not planned and may turn at any time, such as those of a head, separated by commas: what "
+        "hangs on them counts as all the space that it passes through, and a depth camera of --sensors looks around "
+        "with them.",
     ),
 )
 
@@ -104,7 +111,7 @@ def load_robot(
     if described or not is_known(robot or problem.robot):
         joints = model.joint_names
         output.say(
-            f"{model.name} plans {len(joints)} joint{'s' * (len(joints) != 1)}: {_list(joints)}; "
+            f"{model.name} plans {plural(len(joints), 'joint')}: {_list(joints)}; "
             + (f"following: {_list(tuple(model.followers))}; " if model.followers else "")
             + f"locked: {_list(tuple(model.locked))}"
             + (f"; {model.unproven}" if model.unproven else "")

@@ -13,8 +13,8 @@ _EXIT_NOT_REACHED = 3
     context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
     short_help="Drive a robot that speaks ROS 2.",
 )
-@click.option("--robot", metavar="NAME|FILE.urdf", help="The robot; else the parameter of that name.")
-@click.option("--goals", type=click.IntRange(1), help="End after so many goals.  [default: never]")
+@click.option("--robot", metavar="NAME|FILE.urdf", help="The robot; if not given, the node's parameter of that name.")
+@click.option("--goals", type=click.IntRange(1), help="End after this many goals.  [default: never]")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[--ros-args …]")
 def ros2(robot: str | None, goals: int | None, arguments: tuple[str, ...]) -> int:
     """Drive a robot that speaks ROS 2, to goals on /goal_pose: odometry, joint states and scans in, velocities out.

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from elastic_strips.errors import plural
+
 from . import options, output
 from .robot_options import load_robot, robot_options
 
@@ -25,15 +27,15 @@ if TYPE_CHECKING:
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
 @click.option(
-    "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Longest planning [s]."
+    "--timeout", type=options.Finite(0.01, 3600), default=20.0, show_default=True, help="Time limit of planning [s]."
 )
 @click.option(
     "--start-depth",
     type=options.Finite(0.0, 0.05),
     default=0.0,
     metavar="M",
-    help="A start that touches by at most this much [m] is left along growing distance, and certified from where it is "
-    "free: the result has both parts, and is not certified as a whole.",
+    help="If the start touches something by at most this depth [m], lead out of it along growing distance, and certify "
+    "the strip from where it is free: the result has both parts, and is not certified as a whole.",
 )
 @options.json_option("Write the result.")
 @click.option(
@@ -46,7 +48,7 @@ if TYPE_CHECKING:
 @options.limit_options
 @options.html_option("Write a standalone 3D page of the result.")
 @options.picture_options
-@click.option("--view", is_flag=True, help="Show it in the browser, on this machine only, until Ctrl-C.")
+@click.option("--view", is_flag=True, help="Show the result in the browser, on this machine only, until Ctrl-C.")
 @options.browser_option
 def run(
     scenario: str,
@@ -66,7 +68,7 @@ def run(
     view: bool,
     no_browser: bool,
 ) -> int:
-    """Plan an initial strip, deform it away from the obstacles until it is at rest, and certify it.
+    """Plan an initial strip, deform it away from the obstacles until it has converged, and certify it.
 
     NAME is one of "elastic-strips list"; FILE.yaml is a scenario file, such as
 
@@ -98,7 +100,7 @@ def run(
     with options.LateProgress(f"{problem.name}: deforming") as bar:
 
         def watch(report: DeformReport) -> None:
-            bar.step(f"{report.status.value}, clearance of the nodes {report.node_clearance:.3f} m")
+            bar.step(f"{report.status.value}, clearance at the nodes {report.node_clearance:.3f} m")
 
         result = run_scenario(
             problem, robot=model, preset=preset, seed=seed, timeout=timeout, watch=watch, start_depth=start_depth
@@ -148,7 +150,7 @@ def _summary(result: RunResult) -> None:
     first = "-" if result.time_to_certified is None else f"{1e3 * result.time_to_certified:.0f} ms"
     output.say(
         f"  clearance {result.clearance:.3f} m, length {report.strip.length:.2f} m, {len(report.strip)} nodes, "
-        f"{result.ticks} ticks, first certified after {first}"
+        f"{plural(result.ticks, 'tick')}, first certified after {first}"
         + (f", passes {result.passing_side}" if result.passing_side else "")
     )
     if not result.certified and report.certificate.broken is not None:

@@ -12,7 +12,8 @@ from . import options
 
 SCENE_FILES = (
     "The obstacles: .yaml, such as obstacles: [{shape: box, size: [1, 1, 2], at: [2, 0, 1]}]; MoveIt's .scene, or a "
-    "PlanningScene (.yaml, .json); OctoMap's .bt or .ot; a Nav2 map's .yaml; a cloud with --voxel. May be given again."
+    "PlanningScene (.yaml, .json); OctoMap's .bt or .ot; a Nav2 map's .yaml; a point cloud with --voxel. May be "
+    "repeated."
 )
 _HEIGHT = options.Finite(-1000.0, 1000.0)
 _LENGTH = options.Finite(0.0, 100.0, min_open=True)
@@ -61,18 +62,27 @@ _OPTIONS = (
         help="How high a map's walls are [m], by default as high as the robot reaches; what is above is left out "
         "of octrees and clouds.",
     ),
-    click.option("--unknown", type=click.Choice(["free", "occupied"]), help="A map's unknown cells.  [default: free]"),
     click.option(
-        "--outside", type=click.Choice(["blocked", "free"]), help="What is outside a map.  [default: blocked]"
+        "--unknown",
+        type=click.Choice(["free", "occupied"]),
+        help="What a map's unknown cells count as.  [default: free]",
     ),
-    click.option("--voxel", metavar="M", type=_LENGTH, help="Edge of the cells that a cloud's points fill [m]."),
+    click.option(
+        "--outside",
+        type=click.Choice(["blocked", "free"]),
+        help="What the space outside a map counts as.  [default: blocked]",
+    ),
+    click.option("--voxel", metavar="M", type=_LENGTH, help="Edge length of the cells that a point cloud fills [m]."),
     click.option(
         "--own-points",
         metavar="M",
         type=options.Finite(0.0, 10.0),
-        help="Points of a cloud within so far [m] of the robot, where PATH begins, are its own and left out.",
+        help="Points of a cloud within this distance [m] of the robot, where PATH begins, are taken for the robot and "
+        "left out.",
     ),
-    click.option("--planes", type=click.Choice(["blocked", "free"]), help="MoveIt's planes.  [default: blocked]"),
+    click.option(
+        "--planes", type=click.Choice(["blocked", "free"]), help="What MoveIt's planes count as.  [default: blocked]"
+    ),
 )
 _READING = ("at", "low", "high", "unknown", "outside", "voxel", "own_points", "planes")
 """What they are called in `SceneOptions`, too."""

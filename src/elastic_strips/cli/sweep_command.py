@@ -8,7 +8,7 @@ from contextlib import closing, suppress
 
 import click
 
-from elastic_strips.errors import InputError
+from elastic_strips.errors import InputError, plural
 from elastic_strips.sim.jobs import SchedulerLost
 from elastic_strips.sim.sweep import Plot, Sweep, SweepStore, plot_sweep, read_sweep, run_sweep
 from elastic_strips.sim.sweep.plot import check_plot, plot_columns
@@ -24,29 +24,35 @@ _FAILURES_TOLD = 5  # runs
     "--out",
     metavar="FILE.csv|.parquet|.jsonl",
     type=click.Path(),
-    help="The table; beside it FILE.journal, from which the sweep is resumed.  [default: the sweep's name, .csv]",
+    help="The table to write; the sweep is resumed from FILE.journal beside it.  [default: the sweep's name, .csv]",
 )
 @click.option(
-    "--processes", "--jobs", type=click.IntRange(1, 256), help="How many runs at once; one for each core by default."
+    "--processes", "--jobs", type=click.IntRange(1, 256), help="How many runs to do at once; by default one per core."
 )
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
     help="Run on the workers of this Dask cluster instead (pip install 'elastic-strips[sweep]').",
 )
-@click.option("--retry-failed", is_flag=True, help="Run again what ended in an error.")
-@click.option("--dry-run", is_flag=True, help="List the runs, and run none.")
+@click.option("--retry-failed", is_flag=True, help="Repeat the runs that ended in an error.")
+@click.option("--dry-run", is_flag=True, help="List the runs without running them.")
 @click.option(
     "--plot",
     "plot_file",
     metavar="FILE.png",
     type=options.OutputFile(),
-    help="Draw the table (pip install 'elastic-strips[study]').",
+    help="Draw a plot of the table (pip install 'elastic-strips[study]').",
 )
-@click.option("--x", metavar="COLUMN", help="Of the plot; what varies first by default.")
-@click.option("--y", metavar="COLUMN", help="Of the plot; clearance_m of plans, time_s of drives by default.")
-@click.option("--hue", metavar="COLUMN", help="Of the plot: a colour for each value; what varies next by default.")
-@options.json_option("Write what was swept, and which runs ended in an error.")
+@click.option("--x", metavar="COLUMN", help="Column on the plot's x axis; by default the first that varies.")
+@click.option(
+    "--y", metavar="COLUMN", help="Column on the plot's y axis; by default clearance_m of plans, time_s of drives."
+)
+@click.option(
+    "--hue",
+    metavar="COLUMN",
+    help="Column whose values get a colour each in the plot; by default the next that varies.",
+)
+@options.json_option("Write what was swept and which runs ended in an error.")
 def sweep(
     file: str,
     out: str | None,
@@ -163,7 +169,7 @@ def _say_table(store: SweepStore) -> None:
     """Say what the table has, and the first of the runs that ended in an error."""
     failed = store.failed
     count = output.verdict(f"{len(failed)} with an error", not failed)
-    output.say(f"table   {store.path}  ({len(store.rows)} rows, ", count, ")")
+    output.say(f"table   {store.path}  ({plural(len(store.rows), 'row')}, ", count, ")")
     for row in failed[:_FAILURES_TOLD]:
         output.say(f"  run {row['run']}, {row['scenario']}, seed {row['seed']}: {row['error_type']}: {row['error']}")
     if len(failed) > _FAILURES_TOLD:
@@ -200,4 +206,4 @@ def _document(found: Sweep, store: SweepStore | None) -> dict[str, object]:
 
 
 def _runs(count: int) -> str:
-    return f"{count} run{'s' if count != 1 else ''}"
+    return plural(count, "run")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from elastic_strips.errors import plural
+
 from . import options, output
 from .robot_options import load_robot, robot_options
 
@@ -53,7 +55,9 @@ class _Hands:
 @robot_options
 @options.base_option()
 @options.limit_options
-@click.option("--seed", type=options.SEED, help="Seed of machine, noise and generated scenes.  [default: 0]")
+@click.option(
+    "--seed", type=options.SEED, help="Seed of the simulated machine, its noise and generated scenes.  [default: 0]"
+)
 @click.option("--for", "seconds", type=options.Finite(0.1, 1e5), help="End after this many seconds.")
 @options.browser_option
 def teleop(
@@ -66,11 +70,11 @@ def teleop(
     seconds: float | None,
     no_browser: bool,
 ) -> int:
-    """Drive the robot of a scenario in the browser, in simulated time against the wall clock: W A S D or the arrows, Q
-    E sideways where the base slides, or the stick in the page.
+    """Drive the robot of a scenario in the browser, in simulated time that runs with the wall clock: by W A S D or the
+    arrow keys, by Q and E sideways where the base can move so, or by the stick on the page.
 
-    Without a name it is moving-corridor. Try to crash it: what cannot be certified down to its stop is bent, and the
-    card says by what.
+    Without a name, the scenario is moving-corridor. Try to crash it: a command that cannot be certified down to its
+    stop is changed, and the card says what is in its way.
 
     Exit code 0: nothing was touched at speed. 2: wrong input. 3: something was.
     """
@@ -128,7 +132,7 @@ def _report(session: Teleop, shares: list[float]) -> int:
     touched = len(found.collisions)
     output.say(
         f"{session.time:.1f} s, {found.path_m:.2f} m{taken}, ",
-        output.verdict(f"{touched} contacts at speed", not touched),
-        f", {len(found.rest_contacts)} times run into at rest",
+        output.verdict(f"{plural(touched, 'contact')} at speed", not touched),
+        f", run into {plural(len(found.rest_contacts), 'time')} at rest",
     )
     return options.EXIT_NOT_DONE if touched else options.EXIT_DONE

@@ -26,14 +26,18 @@ _KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
 
 @click.command()
 @click.argument("what", metavar="NAME|FILE.yaml|RESULT.json|RECORD.npz", type=options.SCENARIO)
-@options.robot_option(help="A robot other than the scenario's. For a result or a record: where its robot is now.")
+@options.robot_option(
+    help="A robot other than the scenario's. For a result or a record: where its robot's file is now."
+)
 @options.base_option("For a scenario: how the base moves; the robot's own by default.")
 @click.option("--seed", type=options.SEED, help="For a scenario: seed of generated scenes.  [default: 0]")
 @click.option(
-    "--speed", type=options.Finite(1e-3, 1e3), help="For a record: how many times as fast as it was.  [default: 1]"
+    "--speed",
+    type=options.Finite(1e-3, 1e3),
+    help="For a record: speed of the replay, as a multiple of the true one.  [default: 1]",
 )
-@click.option("--begin", type=options.Finite(0.0), help="For a record: time to begin with [s].")
-@click.option("--end", type=options.Finite(0.0), help="For a record: time to end with [s].")
+@click.option("--begin", type=options.Finite(0.0), help="For a record: time at which the replay begins [s].")
+@click.option("--end", type=options.Finite(0.0), help="For a record: time at which the replay ends [s].")
 @options.html_option("Write a standalone page instead of serving one.")
 @options.picture_options
 @options.browser_option
@@ -113,7 +117,9 @@ def _from_result(path: Path, robot: str | None) -> tuple[RobotModel, Scene, Stri
 
     document = load_json(path, what="result", error=InputError).value
     if isinstance(document, dict) and document.get("format") == DRIVE_FORMAT:
-        raise InputError(f"{path}: holds figures of a drive and no motion; 'elastic-strips drive --record' writes that")
+        raise InputError(
+            f"{path}: holds the figures of a drive, but not its motion; 'elastic-strips drive --record' writes that"
+        )
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise InputError(f"{path}: is not a result of 'elastic-strips run --json' (format {FORMAT!r})")
     if document.get("version") != FORMAT_VERSION:

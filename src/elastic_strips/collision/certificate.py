@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.constants import CAPSULE_LOOSE, EXACT_WITHIN, GJK_EXCESS, MOST_OPEN_INTERVALS, OPEN_INTERVALS_A_PAIR
+from elastic_strips.errors import plural
 from elastic_strips.robot import Kinematics
 from elastic_strips.summary import Summary
 
@@ -97,7 +98,7 @@ class Certificate(Summary):
     checks: int
 
     def _summary(self) -> dict[str, object]:
-        proven = f"{int(self.segments.sum())} of {len(self.segments)} segments"
+        proven = f"{int(self.segments.sum())} of {plural(len(self.segments), 'segment')}"
         return {"certified": proven, "clearance": f"{self.clearance:g} m", "broken": str(self.broken)}
 
     @property

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _FEW_PAIRS = 60_000
 """So many pairs of nodes, bodies and parts are all kept: rows of what is near pay only above."""
 _ROOM = 0.15
-"""Rows hold parts that are so much [m] further than the influence distance: so far a body may go without others."""
+"""Rows hold parts up to this much [m] beyond the influence distance: so far a body may move without others."""
 _MOST_ALWAYS = 64
 """So many parts that move are in every row; where more do, the floor of all bodies falls instead."""
 _MOVING_TOLERANCE = 2e-3

@@ -445,9 +445,19 @@ class _Work:
             )
 
         if not segments:
-            said = "" if least is None else f", {_mm(least)} at the nearest" if np.isfinite(least) else ", nothing near"
-            return answer(Verdict.CERTIFIED, f"all {int(whole[-1])} segments are proven{said}", None, None)
-        others = f"; {len(segments) - 1} more segments are not certified" if len(segments) > 1 else ""
+            said = (
+                ""
+                if least is None
+                else f", {_mm(least)} at the nearest place"
+                if np.isfinite(least)
+                else ", with nothing near"
+            )
+            return answer(Verdict.CERTIFIED, f"{_every(int(whole[-1]))} proven{said}", None, None)
+        others = (
+            ""
+            if len(segments) < 2
+            else f"; {len(segments) - 1} more {'is' if len(segments) == 2 else 'are'} not certified"
+        )
         worst, found = self._worst(when)
         if unknown and (found is None or not found.certain):
             j, why = next(iter(unknown.items()))
@@ -465,7 +475,7 @@ class _Work:
             return answer(Verdict.UNKNOWN, f"segment {segment}: {why}{others}", broken, found)
         one, two = found.labels
         deep = f"{_mm(-found.distance)} deep in" if found.distance < 0.0 else f"{_mm(found.distance)} from"
-        reason = f"segment {segment}, at {place - segment:.3f} of it: {one} is {deep} {two}{others}"
+        reason = f"segment {segment}, {place - segment:.3f} of the way along it: {one} is {deep} {two}{others}"
         return answer(Verdict.REFUTED, reason, broken, found, place)
 
     def _worst(self, when: Array | None) -> tuple[_Broken | None, _Found | None]:
@@ -603,9 +613,13 @@ def _undecided(found: _Found, scene: Scene | World) -> str:
             f"which may have moved by {_mm(found.margin)} since"
         )
     return (
-        f"{one} and {two} come as near as {_mm(found.distance)}, too near to the clearance to decide: "
+        f"{one} and {two} come as near as {_mm(found.distance)}, too close to the clearance to decide: "
         "prove a smaller clearance, or look at the path in smaller pieces"
     )
+
+
+def _every(segments: int) -> str:
+    return "the only segment is" if segments == 1 else f"all {segments} segments are"
 
 
 def _mm(distance: float) -> str:

@@ -181,7 +181,7 @@ def _logged(rows: Sequence[Mapping[str, object]], robot: RobotModel) -> _Drive:
             values = {name: np.array(row[name], dtype=float) for name in widths}
             t = float(row["t"])  # type: ignore[arg-type]
         except (TypeError, ValueError):
-            raise RecordError(f"row {number} of the log has what is no number") from None
+            raise RecordError(f"row {number} of the log holds something that is not a number") from None
         except KeyError:
             raise RecordError(f"row {number} of the log has no time 't'") from None
         for name, width in widths.items():

@@ -114,7 +114,7 @@ class Controller:
         strip: first strip, such as `repair` makes of another planner's path; planned where None.
         path: waypoints (K, 2) [m] that the first plan tries first.
         grid: whether plans may use a path over a grid.
-        replanner: decides when a strip is planned anew, and how; a :class:`Replanner` where None.
+        replanner: decides when a strip is replanned, and how; a :class:`Replanner` where None.
         workers: run plans while the control loop goes on, one after the other; an own thread where None.
         seed: of the planner.
         events: the newest events and stops that are kept at least; all where None.
@@ -227,7 +227,7 @@ class Controller:
         self._active: Trajectory = self.executor.active  # of the planning tick
         self._proven = self._due = self.params.tracking_error  # [m] what it is certified with, and ought to be
         self._ready: list[tuple[float, PlanResult, float]] = []  # due when [s], what, proven with [m]
-        self._newest, self._trouble = scene, "" if scene is not None else "no scene has come yet"
+        self._newest, self._trouble = scene, "" if scene is not None else "no scene has arrived yet"
         self._stopping = ""
         self._next_tick = 0  # number of the step with the next planning tick
 
@@ -298,7 +298,7 @@ class Controller:
 
     @property
     def replans(self) -> int:
-        """How often a strip was planned anew."""
+        """How often a strip was replanned."""
         return self.replanner.count
 
     @property
@@ -623,7 +623,7 @@ class Controller:
         if self._vantage is not None:
             self._vantage.note(t, result, stands=at_rest)
         if result.late:
-            executor.log("fault", f"late tick: it is ready only after {result.late:.2f} s")
+            executor.log("fault", f"late tick: its result comes only after {result.late:.2f} s")
         if self.keeper.path is not None:
             if self.keeper.blocked(t, self.keeper.path, result, at_rest):
                 return

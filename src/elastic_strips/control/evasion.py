@@ -314,7 +314,7 @@ class EvasivePlanner(OneThread):
         """(D,) index of the shortest time for which each different target can be held and what follows keep clear of
         the forecast until the base has come to rest, at a free place; −1 where there is none.
 
-        The next tick plans anew, and most places are free: the longer times are tried where the shortest does not do.
+        The next tick replans, and most places are free: the longer times are tried where the shortest does not do.
         """
         kinds, longer = self._kinds, len(_LONGER_BY) - 1
         after = _FREE_PLACE_TIME + _ROOM_STEP

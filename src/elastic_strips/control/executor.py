@@ -15,7 +15,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate
-from elastic_strips.errors import ParameterError
+from elastic_strips.errors import ParameterError, plural
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits, ReferenceState, Retimer, Trajectory
 from elastic_strips.trajectory.trajectory import stationary
@@ -286,7 +286,10 @@ class MotionExecutor:
             self.log("fault", "late tick")
         known, most = self.monitor.uncertainty, self.params.monitor.brake_at * proven
         if not self.at_rest(self.time) and self._off + known > most:
-            self.reject(f"the new motion is certified for less than {1e3 * (self._off + known):.0f} mm off it")
+            may_be = 1e3 * (self._off + known)
+            self.reject(
+                f"the robot may be {may_be:.0f} mm off its reference, too much for the new motion's certificate"
+            )
             return
         if self.supervisor.submit(motion, certificate, self.time, at_goal=at_goal):
             self._before, self.proven = (motion.start_time, self._proven(self.time)), proven
@@ -429,7 +432,10 @@ class MotionExecutor:
         if not reason:
             reason = self.estimator.contradiction
         if not reason and off + known > params.monitor.brake_at * proven:
-            reason = f"{1e3 * off:.0f} mm off the reference, known to {1e3 * known:.0f} mm, of {1e3 * proven:.0f} mm"
+            reason = (
+                f"the robot is {1e3 * off:.0f} mm off its reference, known to within {1e3 * known:.0f} mm, and the "
+                f"proof allows for {1e3 * proven:.0f} mm"
+            )
             if self.estimator.doubt:
                 reason += f": {self.estimator.doubt}"
         beside = off > proven or bool(self.estimator.contradiction or monitor.motor_fault)
@@ -441,7 +447,7 @@ class MotionExecutor:
                 self.brake(reason)
         if self._halt and off > proven:
             self._beside = max(self._beside, off)
-            self.log("unproven", f"the robot is further off its reference than was proven with: {self._halt}")
+            self.log("unproven", f"the robot is further off its reference than the proof assumes: {self._halt}")
 
     def _check_arrival(self, t: float) -> None:
         """At rest at the end of a motion to the goal, check whether the robot is there, too."""
@@ -465,11 +471,11 @@ class MotionExecutor:
         if cooling or not (supervisor.at_rest(t) and self.settled):
             why = self._halt
         elif monitor.silent is not None or self.estimator.lost_for > 0.0:
-            why = "nothing is measured"
+            why = "no measurements arrive"
         elif self.estimator.doubt:
             why = self.estimator.doubt
         elif self.needed_error > max(params.monitor.largest, params.tracking_error):
-            why = f"the robot's place is known to {1e3 * self.coarse:.0f} mm only"
+            why = f"the robot's position is known only to within {1e3 * self.coarse:.0f} mm"
         self._agreed_since = None if why else t if self._agreed_since is None else self._agreed_since
         why = why or self._again_and_again(t)
         if why:
@@ -478,7 +484,10 @@ class MotionExecutor:
         if self._beside:
             self._recovered.append((t, self._beside))
         self._power_cut, self._beside, self._agreed_since = None, 0.0, None
-        self.log("recovered", f"goes on from {monitor.deviation:.2f} m beside its reference, after: {self._halt}")
+        self.log(
+            "recovered",
+            f"the robot goes on from {monitor.deviation:.2f} m beside its reference, after this: {self._halt}",
+        )
         self._halt = ""
         supervisor.reset(stationary(self.robot, self.limits, np.array(self.estimate), t, params.control_dt))
         supervisor.restart("recovered", t)
@@ -496,8 +505,8 @@ class MotionExecutor:
             return ""
         most = 1e3 * max(far for _, far in found)
         why = (
-            f"odometry and fixes contradict each other: the robot was {len(found)} times within "
-            f"{found[-1][0] - found[0][0]:.0f} s beside its reference, by {most:.0f} mm at most"
+            f"odometry and fixes contradict each other: within {found[-1][0] - found[0][0]:.0f} s the robot was found "
+            f"{plural(len(found), 'time')} beside its reference, by at most {most:.0f} mm"
         )
         self.log("fault", why)
         return why

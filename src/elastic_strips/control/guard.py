@@ -1,4 +1,4 @@
-"""Guard: anybody's commands, in every control period; what is driven of them is certified down to its stop.
+"""Guard: the commands of others, in every control period; what is driven of them is certified down to its stop.
 
 A joystick, a servo or a learned policy says what it wants. What cannot be certified is bent as little as can be, and
 the answer says how much was taken, and why.
@@ -273,7 +273,7 @@ class Guard:
         self._needed, self._due = _Peak(drive.tracking_error), _Peak(drive.tracking_error)
         self._doubts = SceneMonitor(drive.monitor, drive.assumptions)
         self._scene: Scene | None = None
-        self._trouble = "no scene has come yet"
+        self._trouble = "no scene has arrived yet"
         self._outlook: Outlook | None = None
         self._proof: tuple[Trajectory, Outlook] | None = None  # a certified motion, and what against
         self._refused = ("", "")  # the pair that motions were refused for last
@@ -517,7 +517,7 @@ class Guard:
             return self._none(t, "the command's time is still to come" if age < 0.0 else "the command is old")
         wanted = self._wanted(desired)
         if np.abs(wanted).max(initial=0.0) <= _ZERO:
-            rest = self._none(t, "the command is to rest", holds=True)
+            rest = self._none(t, "the command is to stand still", holds=True)
             return replace(rest, outcome=GuardOutcome.PASSED, share=1.0, reason="")
         if executor.at_rest(t) and self._off():
             resting = stationary(self.robot, self.limits, np.array(executor.estimate), t, self.params.drive.control_dt)

@@ -20,7 +20,7 @@ from elastic_strips.trajectory.braking import brought_to_rest
 
 _KEPT_AT = (0.0, 0.1, 0.2, 0.4, 0.8)
 """Times [s] after the beginning of a motion at which its joints are to satisfy the constraint; at its end besides. The
-next tick plans anew, and so the first ones count most."""
+next tick replans, and so the first ones count most."""
 _STEPS = 6
 """Newton's steps to there: what is turned further than these can follow is not reached by the joints either."""
 _SEARCH_EVERY, _SEARCHED = 5, 16

@@ -183,8 +183,8 @@ class MotionWatch:
                 far = float(np.linalg.norm(off[k], axis=1).max())
                 found.append(
                     f"obstacle {name!r} is {1e3 * far:.0f} mm from where it {_said(scene.obstacles[k])}, after "
-                    f"{span[k]:.2f} s, for which {1e3 * allowed[k]:.0f} mm are assumed; its motion counts as unknown, "
-                    f"up to {bound:.1f} m/s"
+                    f"{span[k]:.2f} s, for which {1e3 * allowed[k]:.0f} mm are assumed; its motion now counts as "
+                    f"unknown, with up to {bound:.1f} m/s"
                 )
         self._suspects = suspects
         return tuple(found)
@@ -247,7 +247,7 @@ class MotionWatch:
 def _said(obstacle: Obstacle) -> str:
     """Where an obstacle ought to be by its stated motion, in words."""
     if obstacle.motion is None:
-        return "has stood by what is said of it"
+        return "would be if it stood still, as the scene says"
     if isinstance(obstacle.motion, UnknownMotion):
-        return f"was, with at most {obstacle.motion.max_speed:.1f} m/s"
-    return f"is by its stated {float(np.linalg.norm(obstacle.velocity()[0])):.2f} m/s"
+        return f"was, although it is said to have at most {obstacle.motion.max_speed:.1f} m/s"
+    return f"would be at its stated {float(np.linalg.norm(obstacle.velocity()[0])):.2f} m/s"

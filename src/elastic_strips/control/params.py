@@ -216,8 +216,8 @@ class DriveParams(Checked):
         maintain_every: planning ticks from one insertion and removal of nodes to the next.
         horizon: longest time ahead that the strip gives way to predicted motion.
         max_scene_age: a scene that is older is not driven on.
-        replan_after: time after which a strip that stays broken, at rest, is planned anew.
-        replan_time: least time from the decision to plan anew until that begins.
+        replan_after: time after which a strip that stays broken, at rest, is replanned.
+        replan_time: least time from the decision to replan until that begins.
         speeds: fractions of full speed that are tried one after the other until one is certified.
         speed_scale, acceleration_scale: parts of the motors' limits that motions are planned with; the rest is used
             where the path changes and these parts are not enough.

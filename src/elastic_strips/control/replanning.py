@@ -1,4 +1,4 @@
-"""Replanning: when a strip has to be planned anew, and how; alternative strips.
+"""Replanning: when a strip has to be replanned, and how; alternative strips.
 
 What decides runs in the control loop, what plans beside it, one task after the other: requests go one way, values come
 back.
@@ -74,7 +74,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replanned:
-    """What planning anew came to: the strip, or None, and the reason; whether there are no others to it."""
+    """The outcome of replanning: the strip, or None, and the reason; whether there are no others to it."""
 
     strip: Strip | None
     reason: str

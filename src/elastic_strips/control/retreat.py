@@ -79,7 +79,7 @@ class Retreat:
             return bool(executor.contact)
         certificate = planner.certify_leaving(motion, scene)
         if certificate.certified:
-            executor.log("leaving", f"backs off along the way that it came, after: {near}")
+            executor.log("leaving", f"the robot backs off along the way that it came, after this: {near}")
             proven = planner.margins.tracking_error
             executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
             self.went(motion)

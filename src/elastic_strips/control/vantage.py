@@ -86,7 +86,7 @@ class Vantage:
                 certificate = self._planner.certify(executor.active.tail(begin), scene)
                 if not certificate.certified:
                     self._braked = True
-                    executor.brake(f"the way to where it was to look is not free: {certificate.broken}")
+                    executor.brake(f"the way to the place from which it was to look is not free: {certificate.broken}")
             return True
         if self._motion is not None:
             self._came = t if self._came == -np.inf else self._came
@@ -118,7 +118,7 @@ class Vantage:
             self._tried += 1
             for rows in (self._backed(here), here[None]):
                 if self._sets_out(_turned(rows, yaw), begin, scene, speed):
-                    self._executor.log("looking", "goes to see from elsewhere what is in its way")
+                    self._executor.log("looking", "the robot goes to look from elsewhere at what is in its way")
                     self._looks, self._since = True, None
                     return True
         return False

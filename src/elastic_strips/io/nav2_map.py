@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Mask
-from elastic_strips.errors import ScenarioError, missing_extra
+from elastic_strips.errors import ScenarioError, missing_extra, plural
 from elastic_strips.files import read_input
 from elastic_strips.scene import Box, ConvexHull, Obstacle, Scene, Voxels
 from elastic_strips.scene.parts import MAX_CENTERS
@@ -278,7 +278,11 @@ def _filled(occupancy: Array, lethal: float, unknown: str, path: Path) -> Mask:
         filled |= nothing
     left_out = ((np.count_nonzero(nothing & ~filled), "unknown"), (partly, "between free and occupied"))
     if any(count for count, _ in left_out):
-        said = ", ".join(f"{count} cells that are {what}" for count, what in left_out if count)
+        said = ", ".join(
+            f"{plural(int(count), 'cell')} that {'is' if count == 1 else 'are'} {what}"
+            for count, what in left_out
+            if count
+        )
         _log.warning("%s: left out: %s", path, said)
     return filled
 

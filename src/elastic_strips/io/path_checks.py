@@ -129,7 +129,7 @@ def check_times(table: PathTable, placed: PlacedPath, starts_at: float | None) -
         placed.time_doubts.append(f"{where}: the robot is at two places at {times[k]:.9g} s")
     if starts_at is not None:
         placed.times = times - times[0] + starts_at
-        placed.notes.append(f"the path begins at {starts_at:g} s, as was asked")
+        placed.notes.append(f"the path begins at {starts_at:g} s, as requested")
     elif abs(times[0]) > _SAME_TIME:
         said = (
             f"the first configuration is reached at {times[0]:.9g} s, and the file does not say from where; begin it "

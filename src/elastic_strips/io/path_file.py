@@ -258,7 +258,7 @@ def _arrays(
                 raise
             source.fail(f"the path file {problem}")
     asked = [each for each in ignore if each in arrays]
-    notes = (f"not looked at, as was asked: {', '.join(asked)}",) if asked else ()
+    notes = (f"ignored, as requested: {', '.join(asked)}",) if asked else ()
     notes = (*notes, RATES) if set(arrays) & _RATES - set(ignore) else notes
     if taken.names is None and taken.beside and taken.rows.shape[1] == robot.nv:
         taken.names = (*(BASE_NAMES if robot.space.planar else ()), *robot.joint_names)
@@ -420,7 +420,7 @@ class _Lines:
             if self.delimiter != "," and "," in line:
                 comma = True
                 if "." in line:
-                    self.source.fail("has numbers with points and with commas", number)
+                    self.source.fail("mixes decimal points and decimal commas", number)
                 parts = [part.replace(",", ".") if _WITH_COMMA.fullmatch(part) else part for part in parts]
             try:
                 if "_" in (said := "".join(parts)) or not said.isascii():  # Python takes them for parts of numbers
@@ -448,7 +448,7 @@ def _table(text: str, robot: RobotModel, source: Source) -> PathTable:
     if names is None and width > 2 and head == [str(k) for k in range(width)]:
         source.fail(f"begins with the numbers 0 … {width - 1}: column numbers are not a configuration", lines.first)
     if comma and any("." in line for _, line in lines.rows):
-        source.fail("has numbers with points and with commas")
+        source.fail("mixes decimal points and decimal commas")
     numbers = [number for number, _ in lines.rows]
     return PathTable(
         source,

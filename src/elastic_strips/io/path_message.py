@@ -109,7 +109,7 @@ def message_table(roots: list[Node], source: Source, ignore: Collection[str] = (
     if several:
         notes.append(f"{len(trajectories)} trajectories, one after the other")
     if ignored := [name for name in ignore if name in keys]:
-        notes.append(f"not looked at, as was asked: {', '.join(ignored)}")
+        notes.append(f"ignored, as requested: {', '.join(ignored)}")
     result = PathTable(
         source,
         names,

@@ -237,14 +237,14 @@ def _array(value: Any, source: Source) -> Array:
         rows = rows.astype(float)
     except Exception as problem:  # of a type that nobody here knows
         source.fail(
-            f"{shown(value)} is no path that is known ({problem}). Known are rows of numbers with joint_names=, a "
+            f"{shown(value)} is not a known kind of path ({problem}). Known are rows of numbers with joint_names=, a "
             "JointTrajectory or RobotTrajectory, OMPL's SimpleSetup or PathGeometric, VAMP's PlanningResult, cuRobo's "
             "JointState, RoboPlan's JointPath and JointTrajectory, and Drake's trajectories"
         )
     if rows.ndim == 3 and len(rows) == 1:  # a batch of one
         rows = rows[0]
     if rows.ndim != 2:
-        more = f": {len(rows)} paths of a batch; hand over one of them" if rows.ndim == 3 else ""
+        more = f": {len(rows)} paths of a batch; pass one of them" if rows.ndim == 3 else ""
         source.fail(f"has an array of shape {rows.shape}{more}; rows (N, joints) are needed")
     return rows
 
@@ -256,7 +256,7 @@ def _column(value: Any, source: Source) -> Array | None:
     try:
         return np.asarray(_plain_array(value), dtype=float).reshape(-1)
     except (TypeError, ValueError) as problem:
-        source.fail(f"has times that are no numbers: {problem}")
+        source.fail(f"has times that are not numbers: {problem}")
 
 
 # --- OMPL ------------------------------------------------------------------------------------------------------------
@@ -316,8 +316,8 @@ def _read_state(state: Any, space: Any, names: list[str], row: list[float], sour
             _read_state(state[k], space.getSubspace(k), names, row, source)
     else:
         source.fail(
-            f"has states of {type(space).__name__}, of which nothing is known; RealVector, SO2, SE2 and what is made "
-            "of these are read. Hand over rows of numbers"
+            f"has states of {type(space).__name__}, which are not known; RealVector, SO2, SE2 and what is made "
+            "of these are read. Give rows of numbers"
         )
 
 
@@ -357,7 +357,7 @@ def _roboplan_columns(rows: Array, names: list[str], robot: RobotModel, source: 
     source.fail(
         f"has {rows.shape[1]} numbers for {len(names)} joints ({', '.join(names)[:300]}). Of {robot.name!r} "
         f"{', '.join(sorted(turning & set(names))) or 'none'} have (cos, sin), and {', '.join(follow) or 'none'} "
-        f"follow others and have none, which makes {sum(widths)}. Hand over rows, and joint_names="
+        f"follow others and have none, which makes {sum(widths)}. Give rows, and joint_names="
     )
 
 
@@ -388,7 +388,7 @@ def _curve(curve: Any, source: Source) -> tuple[Array, Array, tuple[str, ...]]:
         shortest = float(np.diff(times)[wide].min())
         if len(times) + len(wide) > _MOST_PIECES or shortest < _SHORTEST_PIECE * (end - start):
             source.fail(
-                f"jumps, or takes more than {_MOST_PIECES} straight pieces within {_CURVE_BOW:g} of it: hand over rows"
+                f"jumps, or takes more than {_MOST_PIECES} straight pieces within {_CURVE_BOW:g} of it: give rows"
             )
         times, rows = np.insert(times, wide + 1, inner[1][wide]), np.insert(rows, wide + 1, values[1][wide], axis=0)
     notes = () if worst <= _STRAIGHT else (f"a curve, taken as {len(times) - 1} straight pieces", RATES)

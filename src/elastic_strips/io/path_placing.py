@@ -94,7 +94,7 @@ def _unnamed(
         raise ConfigurationError(f"ignore={list(ignore)!r}: the columns of {table.source.path} have no names")
     if base_at is not None and rows.shape[1] == space.nv - 3:
         rows = np.column_stack((np.tile(base_at, (len(rows), 1)), rows))
-        placed.notes.append(f"base at {_said(base_at)}, as was asked")
+        placed.notes.append(f"base at {_said(base_at)}, as requested")
     elif base_at is not None:
         table.source.fail(
             f"has {rows.shape[1]} columns without names; with base_at= (--base-at) it has to have {space.nv - 3}, the "
@@ -146,7 +146,7 @@ def _named(
     _clock(table, columns, placed)
     _left_out(table, robot, columns, placed, angles)
     if ignore:
-        placed.notes.append(f"not looked at, as was asked: {', '.join(ignore)}")
+        placed.notes.append(f"ignored, as requested: {', '.join(ignore)}")
     missing = [
         f"{name} at {coordinates[0, b + k]:.6g}" for k, name in enumerate(robot.joint_names) if b + k not in units
     ]
@@ -166,7 +166,7 @@ def _place_base(table: PathTable, placed: PlacedPath, base_at: Sequence[float] |
             table.source.fail(f"places the base itself; base_at={tuple(base_at)} (--base-at) is one place too many")
         placed.coordinates[:, open_] = [base_at[k] for k in open_]
         named = ", ".join(f"{BASE_NAMES[k]} = {base_at[k]:.6g}" for k in open_)
-        placed.notes.append(f"base at {named}, as was asked")
+        placed.notes.append(f"base at {named}, as requested")
     elif open_:
         placed.doubts.append(
             f"the file does not say {', '.join(BASE_NAMES[k] for k in open_)} of the base, which can move: taken for "

@@ -132,7 +132,7 @@ class SceneEstimator:
             raise ParameterError(f"the reading of {reading.sensor!r} has the time {reading.time!r}; it must be finite")
         if reading.time < self._newest.get(reading.sensor, -math.inf):
             raise ParameterError(
-                f"the reading of {reading.sensor!r} at {reading.time:g} s comes after the one at "
+                f"the reading of {reading.sensor!r} at {reading.time:g} s came after the one at "
                 f"{self._newest[reading.sensor]:g} s; the readings of a sensor must be given in their order"
             )
         if isinstance(reading, LaserScan):
@@ -219,8 +219,8 @@ class SceneEstimator:
         if report is not None and report.reason:
             return report.reason
         if sensor not in self._newest:
-            return f"nothing has come from {sensor!r} yet"
-        return f"nothing has come from {sensor!r} since {time:.2f} s"
+            return f"nothing has arrived from {sensor!r} yet"
+        return f"nothing has arrived from {sensor!r} since {time:.2f} s"
 
     def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> None:
         rays = rays_of(scan, base_pose)

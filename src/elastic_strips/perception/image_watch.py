@@ -1,7 +1,7 @@
 """Image watch: whether the images of a camera or a 3-D lidar can be as they say, and what is wrong where they cannot.
 
-An image is held against the floor, against what the same sensor saw a moment ago, against what a laser sees now, and
-against the robot's own body. What no image of this kind can show (glass; without a laser, an error that was there from
+An image is compared with the floor, with what the same sensor saw a moment ago, with what a laser sees now, and with
+the robot's own body. What no image of this kind can show (glass; without a laser, an error that was there from
 the start and shifts nothing) is not found.
 """
 
@@ -253,7 +253,7 @@ class ImageWatch:
         if repeated > _SAME and (self._noisy or self._moved()):
             return f"{name} is frozen: the same image comes again and again, from {image.time:.2f} s on"
         if unanswered > _BLIND or (unanswered > _MOST_UNANSWERED and image.time - self._sees > _UNANSWERED_FOR):
-            return f"{name} hardly sees: {100 * unanswered:.0f} % of its pixels say nothing"
+            return f"{name} hardly sees anything: {100 * unanswered:.0f} % of its pixels say nothing"
         if alone > _MOST_ALONE:
             return (
                 f"{name} sees what is not there: {100 * alone:.0f} % of its pixels end before all about them, "

@@ -23,7 +23,7 @@ _SOLID_SLACK = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedObstacle:
-    """A mover as the sensors see it: an upright cylinder with a velocity, and how certain both are.
+    """A moving obstacle as the sensors see it: an upright cylinder with a velocity, and how certain both are.
 
     Attributes:
         name: name of the track and of the obstacle, ``"track-3"``; it stays with the thing.

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, Mask
-from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
+from elastic_strips.errors import ConfigurationError, GoalError, ParameterError, plural
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseTarget
 from elastic_strips.scene import Scene
@@ -364,7 +364,7 @@ class _Finder:
         goals = sources[0].said if len(sources) == 1 else f"any of {len(sources)} goals"
         order = np.argsort(self._distances(rows), kind="stable")[:count]
         found = self._configurations([rows[k] for k in order])
-        return GoalSearch(found, f"{goals}: {len(found)} configurations")
+        return GoalSearch(found, f"{goals}: {plural(len(found), 'configuration')}")
 
     def taken(self, most: int) -> Array:
         """What was found since the last time (K, nq), to be tried in this order: of each goal one after the other,
@@ -423,7 +423,11 @@ class _Finder:
             worst = min(near, key=lambda each: each.distance)
             counted[f"{worst.one} and {worst.two}"] += 1
         touching = tuple(name for name, _ in counted.most_common())
-        each = "the only configuration" if len(source.touching) == 1 else f"all {len(source.touching)} that were found"
+        each = (
+            "the only configuration that was found"
+            if len(source.touching) == 1
+            else f"all {len(source.touching)} configurations that were found"
+        )
         reason = f"{source.said}: {each} would touch something: {'; '.join(touching[:3])}"
         return GoalSearch(none, reason, touching=touching)
 

@@ -102,7 +102,7 @@ def grid_path(
     owner = owner_map(scene, low, shape, resolution, footprint.height, over=over)
     clear = clearance_map(owner >= 0, resolution)
     if over():
-        return GridPath(None, "the time was over before the grid was searched")
+        return GridPath(None, "the time ran out before the grid was searched")
     for axis, cells in enumerate(shape.tolist()):  # the outermost cells can lie outside by less than a cell
         middle = low[axis] + resolution * np.arange(cells)
         outside = (middle < low_in[axis]) | (middle > high_in[axis])

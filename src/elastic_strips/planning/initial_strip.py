@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ParameterError
+from elastic_strips.errors import ParameterError, plural
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.robot.space import wrap_angle
 from elastic_strips.strip import Strip
@@ -306,8 +306,8 @@ def relax_path(
 ) -> DeformReport:
     """Relax a strip until it is certified, and a few ticks more where it is still very near an obstacle.
 
-    It is given up at rest, after 30 ticks, after ``stuck`` ticks in a row in which it got no clearer (None: never for
-    that), or where ``over()`` is true; ``over`` is the problem's deadline where None.
+    It is given up when it has converged, after 30 ticks, after ``stuck`` ticks in a row in which it got no clearer
+    (None: never for that), or where ``over()`` is true; ``over`` is the problem's deadline where None.
     """
     deformer, scene, over = problem.deformer, problem.scene, over or problem.deadline.over
     clearest, since = -np.inf, 0
@@ -370,7 +370,8 @@ class PathSearch:
         touching = work.obstacles.clearance() < 0.0
         links, share = int(touching.any(axis=0).sum()), float(touching.any(axis=1).mean())
         if links > _LINE_LINKS or share > _LINE_SHARE:
-            return f"{links} links touch something, for {100 * share:.0f} % of the way"
+            touch = "touches" if links == 1 else "touch"
+            return f"{plural(links, 'link')} {touch} something, for {100 * share:.0f} % of the way"
         return ""
 
     def relax_line(self, strip: Strip, relax: bool) -> DeformReport:

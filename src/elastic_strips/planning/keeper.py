@@ -1,4 +1,4 @@
-"""Keeper: a strip that is kept certified while the world changes: deformed, and planned anew where it stays broken."""
+"""Keeper: a strip that is kept certified while the world changes: deformed, and replanned where it stays broken."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BETWEEN_SEARCHES, _LONGEST_SEARCH = 1.0, 1.0  # [s]
 class StripKeeper(OneThread):
     """Workspace: keeps one strip, tick by tick.
 
-    Where the strip stays broken for 0.4 s a path is planned anew, in another thread, and taken where it is certified in
+    Where the strip stays broken for 0.4 s a path is replanned, in another thread, and taken where it is certified in
     the scene of that moment and leads to the same goal. While start or goal touches something the strip waits.
 
     It is no `Controller`: nothing moves along the strip, and nobody has to stop for it.
@@ -114,7 +114,7 @@ class StripKeeper(OneThread):
         return None
 
     def _look_for_path(self, now: float, scene: Scene) -> None:
-        """Plan anew where the strip stays broken."""
+        """Replan where the strip stays broken."""
         if self.report.certified:
             self._broken_since = None
             return

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import plural
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
@@ -161,7 +162,7 @@ class PlanSearch(PathSearch):
     def _grid_path(self, inner: float | None, over: Callable[[], bool]) -> Array | None:
         """A path (K, 2) on the smallest grid that has one."""
         problem = self.problem
-        none = "the time was over before the grid was searched"
+        none = "the time ran out before the grid was searched"
         for box in self.region.boxes(_FIRST_GRID_REACH) if self.region else ():
             if over():
                 break
@@ -253,7 +254,7 @@ class PlanSearch(PathSearch):
                     break
                 stages.append(stage)
             if len(stages) < 2:
-                self.reasons.append(f"no path of the joints was found from or to where they are {joints}")
+                self.reasons.append(f"no path of the joints was found from or to their values {joints}")
                 break
             rows = staged_rows(self.problem, path, np.stack((before[1], after[0])), stages[0], stages[1])
             report = self.as_found(rows, "grid", what)
@@ -309,7 +310,7 @@ class PlanSearch(PathSearch):
                 return report
             step *= 0.5
         if futile:
-            self.reasons.append(f"no path of the joints was found in {futile} searches")
+            self.reasons.append(f"no path of the joints was found in {futile} search{'es' * (futile != 1)}")
         return None
 
     def with_ompl(self, seconds: float = np.inf) -> PlanReport | None:
@@ -404,7 +405,7 @@ class PlanSearch(PathSearch):
         failure = self.problem.failure(report)
         if not failure:
             self.initial = initial
-            reason = f"the {what} relaxed to a certified strip in {report.ticks} ticks{self._eased}"
+            reason = f"the {what} relaxed to a certified strip in {plural(report.ticks, 'tick')}{self._eased}"
             return self._done(report.strip, report, method, reason)
         if report.usable:
             report = replace(report, reason=failure)

@@ -100,7 +100,8 @@ def plan_straight(
     length = float(np.linalg.norm(offset))
     reason = f"straight by {length:g} m"
     if left > 0.0:
-        reason = f"{frame!r} gets no further than {length - left:.3g} m of {length:g} m: the joints end, or would jump"
+        done = f"{length - left:.3g} m of {length:g} m"
+        reason = f"{frame!r} gets no further than {done}: beyond that, joints would leave their limits or jump"
     elif why or not report.usable:
         reason = why or report.reason
     elif eased:

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
-from elastic_strips.errors import RobotError
+from elastic_strips.errors import RobotError, plural
 from elastic_strips.summary import Summary, shortened
 
 from .collada import meant_turned, said_of_turned
@@ -182,7 +182,7 @@ def _troubles(robot: RobotValue) -> list[str]:
     found = []
     if robot.bare_links:
         found.append(
-            f"{len(robot.bare_links)} links are drawn and have no collision shape, so nothing is proven about them: "
+            f"{plural(len(robot.bare_links), 'link')} drawn without a collision shape, about which nothing is proven: "
             f"{', '.join(robot.bare_links)}"
         )
     hit = robot.self_collision(robot.home_q)
@@ -190,10 +190,10 @@ def _troubles(robot: RobotValue) -> list[str]:
         touching = free_posture(robot)[1]
         found.append(
             f"home collides: {hit[0]!r} and {hit[1]!r}"
-            + (f"; no posture was found without: at best {touching} are in each other" if touching else "")
+            + (f"; no posture without collision was found: at best {touching} are in each other" if touching else "")
         )
     if len(robot.joint_names) > 20:
-        found.append(f"{len(robot.joint_names)} joints are planned, which are many")
+        found.append(f"{len(robot.joint_names)} joints are planned, which is many")
     return found
 
 

@@ -75,7 +75,7 @@ def said_of_turned(links: tuple[str, ...]) -> str:
     return (
         f"the Collada meshes of {len(links)} links hold their centres of mass only if <up_axis>Y_UP</up_axis> counted, "
         f"which is ignored, as in RViz: {', '.join(links[:8])}{', …' * (len(links) > 8)}. If they look turned, write "
-        "the meshes anew with Z_UP"
+        "the meshes again with Z_UP"
     )
 
 

@@ -209,7 +209,7 @@ def footprint_polygon(robot: RobotModel, rows: ArrayLike, *, place: ArrayLike | 
     space = robot.space
     given = np.atleast_2d(np.array(rows, dtype=float))
     if given.ndim != 2 or given.shape[1] != space.nv or not len(given) or not np.isfinite(given).all():
-        raise RobotError(f"rows of shape {np.shape(rows)}: finite coordinates (K, {space.nv}) are wanted")
+        raise RobotError(f"rows of shape {np.shape(rows)}: finite coordinates (K, {space.nv}) are needed")
     way, pad = _divided(robot, given)
     if place is None:
         place = given[0, :3] if space.planar else np.zeros(3)

@@ -56,7 +56,7 @@ def say_what_grew(robot: RobotModel, links: tuple[str, ...]) -> None:
         far = sticks_out(robot.model, robot.shapes, piece) if set(piece.links) & set(links) else 0.0
         if far > _GROWTH_TOLD:
             _log.warning(
-                "%s: the convex piece %r of what is drawn reaches %.0f mm out of it, so more is refused than need be",
+                "%s: the convex piece %r of what is drawn reaches %.0f mm out of it, and so too much is refused",
                 robot.name,
                 piece.name,
                 1e3 * far,

@@ -16,7 +16,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import KnownRobot, find_robot, is_known, is_ours
 from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
-from elastic_strips.errors import RobotError
+from elastic_strips.errors import RobotError, plural
 from elastic_strips.validation import MAX_LENGTH, named_arguments
 
 from .collada import meant_turned, said_of_turned
@@ -104,9 +104,9 @@ def load_robot(
         visual_as_collision: links whose visual shapes are taken as their collision shapes, meshes as convex hulls; or
             ``"missing"``: all links that are drawn and have no collision shape. Otherwise nothing is proven about
             these.
-        looking: joints with limits, as of a head's pan and tilt, that turn at will and are not planned. What hangs on
-            them is as large as the space that it passes through, so that proofs hold wherever it looks; where it does,
-            ``RobotModel.seeing`` is the robot for its sensors.
+        looking: joints with limits, as of a head's pan and tilt, that may turn at any time and are not planned. What
+            hangs on them is as large as the space that it passes through, so that proofs hold wherever it looks; where
+            it does, ``RobotModel.seeing`` is the robot for its sensors.
 
     Raises:
         RobotError: an unknown name, or a name that several robots share; an unknown joint or group; a joint that looks
@@ -163,17 +163,17 @@ def _say_many_and_bare(robot: RobotModel) -> None:
     """Warn of many planned joints, and of links about which nothing is proven."""
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning(
-            "%s plans %d joints, which are many: slow to plan and to deform. %s",
+            "%s plans %d joints, which is many: planning and deforming will be slow. %s",
             robot.name,
             len(robot.joint_names),
             what_to_lock(robot),
         )
     if robot.bare_links:
         _log.warning(
-            "%s: %d links are drawn and have no collision shape, so nothing is proven about them: %s. "
-            'visual_as_collision="missing" (--visual-as-collision missing) takes what is drawn',
+            "%s: %s drawn without a collision shape, about which nothing is proven: %s. "
+            'visual_as_collision="missing" (--visual-as-collision missing) takes the drawn shapes',
             robot.name,
-            len(robot.bare_links),
+            plural(len(robot.bare_links), "link"),
             listed(robot.bare_links, 40),
         )
 

@@ -1,4 +1,4 @@
-"""Joints that look: a head's pan and tilt, which turn at will while the planner holds them still.
+"""Joints that look: a head's pan and tilt, which may turn at any time while the planner holds them still.
 
 Whatever hangs on them is taken as large as the space that it passes through: so what is proven of the robot holds
 wherever it looks.

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike, Indices
-from elastic_strips.errors import ConfigurationError, RobotError, nearest_name
+from elastic_strips.errors import ConfigurationError, RobotError, nearest_name, plural
 from elastic_strips.summary import Summary
 
 from .geometry import LinkGeometry, collision_data
@@ -54,8 +54,8 @@ class RobotValue(Summary):
         shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``.
         description: the URDF file as it was read, where there is one. A copy from another process has neither.
         round_wheels: wheels among the locked joints that look the same however far they have turned.
-        looking: locked joints that turn at will, to look about: what hangs on them is as large as the space that it
-            passes through.
+        looking: locked joints that may turn at any time, to look around: what hangs on them is as large as the space
+            that it passes through.
         eyes: the same robot, with these as joints like the others; read ``RobotModel.seeing``.
     """
 
@@ -164,7 +164,7 @@ class RobotValue(Summary):
             return ""
         more = len(bare) - _LINKS_NAMED
         names = ", ".join(bare[:_LINKS_NAMED]) + (f" and {more} more" if more > 0 else "")
-        return f"nothing is proven about {len(bare)} link{'s' * (len(bare) > 1)} without a collision shape: {names}"
+        return f"nothing is proven about {plural(len(bare), 'link')} without a collision shape: {names}"
 
     def same_as(self, other: RobotValue) -> bool:
         """Whether another robot moves alike and has the same shape, so that a proof for one holds for the other."""

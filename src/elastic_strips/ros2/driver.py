@@ -17,7 +17,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.control.guard import Desired
 from elastic_strips.control.interfaces import Command, Measurement
-from elastic_strips.errors import ConfigurationError, ParameterError, missing_extra
+from elastic_strips.errors import ConfigurationError, ParameterError, missing_extra, plural
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
 
@@ -175,7 +175,7 @@ class Ros2Driver:
             if time.monotonic() - began > _LONGEST_DISCOVERY:
                 deaf = [p.topic_name for p in listeners if not p.get_subscription_count()]
                 why = (
-                    f"nothing has come of {self._reader.missing}"
+                    f"no message has arrived of {self._reader.missing}"
                     if self._reader.missing
                     else (f"nobody listens to {', '.join(deaf)}")
                 )
@@ -186,8 +186,8 @@ class Ros2Driver:
 
     def _said(self) -> str:
         """What was wrong with messages so far."""
-        wrong = ", ".join(f"{what} ({count} times)" for what, count in self.counts.most_common(3))
-        return f"of what came, this was wrong: {wrong}" if wrong else "is the robot on, and are the topics right?"
+        wrong = ", ".join(f"{what} ({plural(count, 'time')})" for what, count in self.counts.most_common(3))
+        return f"of what arrived, this was wrong: {wrong}" if wrong else "is the robot on, and are the topics right?"
 
     def _hear(self, kind: Any, topic: str, qos: Any, take: Callable[[Any], None]) -> None:
         self._subscriptions.append((topic, self._node.create_subscription(kind, topic, lambda _: None, qos), take))
@@ -261,7 +261,9 @@ class Ros2Driver:
     def _emergency_stop(self) -> str:
         if self._params.emergency is None or self._emergency is False:
             return ""
-        return "emergency stop pressed" if self._emergency else f"nothing has come from {self._params.emergency!r} yet"
+        return (
+            "emergency stop pressed" if self._emergency else f"nothing has arrived from {self._params.emergency!r} yet"
+        )
 
     def send(self, t: float, command: Command) -> None:
         """Pass a command on; a safe stop is a velocity of zero, for a topic cuts no power.
@@ -272,7 +274,7 @@ class Ros2Driver:
         drive, joints = np.asarray(command.drive, dtype=float), np.asarray(command.joints, dtype=float)
         wanted = (len(self._limits.drive_speed),), (len(self._limits.joint_speed),)
         if (drive.shape, joints.shape) != wanted or not (np.isfinite(drive).all() and np.isfinite(joints).all()):
-            raise ParameterError(f"command {drive} and {joints}: finite speeds of the sizes {wanted} are wanted")
+            raise ParameterError(f"command {drive} and {joints}: finite speeds of the sizes {wanted} are needed")
         if command.stop:
             drive, joints = 0.0 * drive, 0.0 * joints
         now = self._node.get_clock().now().nanoseconds

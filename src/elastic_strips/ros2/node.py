@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from elastic_strips.arrays import Array
-from elastic_strips.errors import ElasticStripsError, ParameterError, nearest_name
+from elastic_strips.errors import ElasticStripsError, ParameterError, nearest_name, plural
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.trajectory import MotionLimits
@@ -191,7 +191,7 @@ class Ros2Node:
 
     def _on_depth(self, topic: str, message: Any) -> None:
         if topic not in self._cameras:
-            raise MessageError("no camera_info has come yet")
+            raise MessageError("no camera_info has arrived yet")
         with self._lock:
             self.sensing.offer("depth", topic, (message, self._cameras[topic]), self._time(message))
 
@@ -282,7 +282,7 @@ class Ros2Node:
     @property
     def wrong(self) -> str:
         """What was wrong with messages most often, to be added to a sentence."""
-        found = ", ".join(f"{what} ({count} times)" for what, count in self.sensing.counts.most_common(3))
+        found = ", ".join(f"{what} ({plural(count, 'time')})" for what, count in self.sensing.counts.most_common(3))
         return f"; wrong was: {found}" if found else ""
 
     @property
@@ -304,7 +304,7 @@ class Ros2Node:
                 except Exception:  # of one callback: the others go on
                     if ending.is_set() or not self.context.ok():
                         return
-                    _log.exception("a message, or a request, could not be taken")
+                    _log.exception("a message or a request could not be handled")
 
         def end() -> None:
             ending.set()

@@ -28,7 +28,7 @@ _LASER_PLANE = 0.3  # [m] pieces that reach below this height are in the plane o
 _OWN_PADDING = 0.02  # [m] by which the robot is thicker for its own lasers
 _WAITING = 20  # messages that wait to be looked at, at most; the oldest are dropped
 _TOO_LATE = "not looked at in time"
-_NEWER = "a newer one had come"
+_NEWER = "a newer one had arrived"
 _VOXEL = 0.05  # [m] edge of the cells of a cloud
 _SHORT_NAME = 40  # of what is counted
 
@@ -235,7 +235,7 @@ class Sensing:
         things = [*(found or ()), *self._map, *(cloud for _, cloud in self._clouds.values() if cloud is not None)]
         if behind:
             since = f"since {time:.2f} s" if topic in self._clouds else "yet"
-            self.scene = Scene(things, time=time, held_up=f"nothing has come from {topic!r} {since}")
+            self.scene = Scene(things, time=time, held_up=f"nothing has arrived from {topic!r} {since}")
         else:
             assert found is not None
             self.scene = Scene(things, time=found.stamp, held_up=found.held_up)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array, Indices
-from elastic_strips.errors import SceneError, nearest_name
+from elastic_strips.errors import SceneError, nearest_name, plural
 from elastic_strips.summary import Summary, shortened, table
 from elastic_strips.validation import check_type, named_arguments, shown
 
@@ -350,7 +350,7 @@ class Scene:
 
     def __repr__(self) -> str:
         names = shortened(", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else ""))
-        return f"Scene({len(self.obstacles)} obstacles at t = {self.time:g} s: {names})"
+        return f"Scene({plural(len(self.obstacles), 'obstacle')} at t = {self.time:g} s: {names})"
 
     def _repr_html_(self) -> str:
         rows = {o.name or "": f"{o.shape} at {np.round(o.pose[:3, 3], 3).tolist()} m" for o in self.obstacles[:20]}

@@ -144,7 +144,9 @@ class FaultyPerception:
         if wanted:
             suite = getattr(inner, "suite", None)
             if not isinstance(suite, SensorSuite) or not suite.imagers:
-                raise ParameterError(f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar to have it")
+                raise ParameterError(
+                    f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar that could have it"
+                )
             setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # of a protocol
         self._last: Scene | None = None
 
@@ -156,7 +158,7 @@ class FaultyPerception:
         if faults.active("nan_obstacle", t):
             raise PerceptionError("the sensed scene holds a pose that is not finite")
         if faults.active("sensing_exception", t):
-            raise RuntimeError("sensing exception put in on purpose")
+            raise RuntimeError("injected sensing exception")
         if self._last is None or not faults.active("scene_frozen", t):
             self._last = self._inner.sense(t - faults.size("scene_late", t))
         if faults.active("scene_empty", t):
@@ -255,7 +257,7 @@ class FaultyPlant:
         self._next_fix = -math.inf
         self._drift = np.zeros(3)  # [m] of fixes from the truth
         if any(f.kind.startswith(("slip", "spin")) for f in faults.faults) and not isinstance(inner, KinematicPlant):
-            raise ParameterError("wheels slip on purpose on the kinematic plant only")
+            raise ParameterError("wheel slip can be injected on the kinematic plant only")
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._inner, name)
@@ -275,7 +277,7 @@ class FaultyPlant:
             measurement = replace(measurement, drive=measurement.drive + self._unread)
         if faults.active("driver_exception", t):
             self._unread = 0.0 if measurement.drive is None else measurement.drive
-            raise RuntimeError("driver exception put in on purpose")
+            raise RuntimeError("injected driver exception")
         self._unread = 0.0
         drift, yaw = faults.size("fix_drift", t), float(inner.coordinates[2]) if inner.robot.space.base_nv else 0.0
         sideways = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
@@ -339,7 +341,7 @@ def faulty_planning(
 
     def faulty(now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
         if faults.active("planning_exception", now):
-            raise RuntimeError("planning exception put in on purpose")
+            raise RuntimeError("injected planning exception")
         result = plan_tick(now, scene, active, begin)
         if not faults.active("slow_tick", now):
             return result

@@ -267,7 +267,7 @@ class MachineDriver:
         if not (sound and np.isfinite(drive).all() and np.isfinite(joints).all() and math.isfinite(t)):
             raise ParameterError(
                 f"command {drive} and {joints} of time {t}: {self._count[0]} finite speeds of the drive and "
-                f"{self._count[1]} of joints are wanted"
+                f"{self._count[1]} of joints are needed"
             )
         put(self._channel, (float(t), drive.tolist(), joints.tolist(), bool(command.stop)))
 

@@ -357,7 +357,7 @@ class KinematicPlant:
         drive, joints = command.drive.tolist(), command.joints.tolist()
         if len(drive) != self._k or len(joints) != self._n or not math.isfinite(sum(drive) + sum(joints)):
             raise ParameterError(
-                f"command {drive} and {joints}: {self._k} finite speeds of the drive and {self._n} of joints are wanted"
+                f"command {drive} and {joints}: {self._k} finite speeds of the drive and {self._n} of joints are needed"
             )
         if command.stop:
             drive, joints = [0.0] * self._k, [0.0] * self._n

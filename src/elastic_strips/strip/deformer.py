@@ -70,7 +70,7 @@ _CONTROL = TickPolicy()
 class Deformer(OneThread):
     """Deforms strips of one robot; owns mutable buffers, so one per thread.
 
-    Give each report's strip back to the next :meth:`step`: then only what moved is computed anew. Forces act at the
+    Give each report's strip back to the next :meth:`step`: then only what moved is recomputed. Forces act at the
     links' witness points, an update is one implicit step, and the rolling constraint holds exactly afterwards.
 
     Args:
@@ -204,10 +204,10 @@ class Deformer(OneThread):
         watch: Callable[[DeformReport], object] | None = None,
         detail: bool = False,
     ) -> DeformReport:
-        """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over.
+        """Ticks until the strip has converged, or is certified, or ``max_ticks`` are over.
 
-        On the way to rest strips get no worse: no tick raises their energy, but for nodes that come or go, and what
-        they had of clearance a stiff layer keeps. One that is certified when the ticks are over, and not at rest, is
+        Until they converge, strips get no worse: no tick raises their energy, but for nodes that come or go, and what
+        they had of clearance a stiff layer keeps. One that is certified when the ticks are over, and not converged, is
         ``DEFORMING``.
 
         Args:
@@ -450,7 +450,7 @@ class Deformer(OneThread):
     def _shortened(self, before: Array, coordinates: Array, asked: _Request, full: TickResult) -> TickResult:
         """A step must not lose the certificate where a shorter one, or none, keeps it; the next ones are shorter too.
 
-        The strip does not count as at rest then: ``moved`` stays that of the full step.
+        The strip does not count as converged then: ``moved`` stays that of the full step.
         """
         space, work, scene = self.robot.space, self.workspace, asked.scene
         self._trust = max(0.5 * self._trust, 0.05)

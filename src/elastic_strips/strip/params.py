@@ -24,7 +24,7 @@ class StripParams(Checked):
         self_clearance: distance that the certificate proves between the robot's own links; 0 proves that none touch.
         k_r: repulsion gain.
         k_c: contraction gain.
-        rest_step: a strip whose iteration moves less is at rest [m or rad].
+        rest_step: a strip whose iteration moves less has converged [m or rad].
         max_ticks: largest number of ticks of ``settle``.
         certificate_depth: largest number of halvings of a segment, after which it counts as not decided.
     """

@@ -10,6 +10,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate, ProtectiveHulls
+from elastic_strips.errors import plural
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
 
@@ -22,8 +23,8 @@ SLIP_LIMIT = 1e-6
 class DeformStatus(str, Enum):
     """State of a strip after a tick.
 
-    ``SETTLED``: certified and at rest. ``DEFORMING``: still moving. ``BROKEN``: at rest (or out of ticks) with a
-    segment that has no certificate. ``BLOCKED``: the protective hulls do not connect (preset ``paper``).
+    ``SETTLED``: certified and converged. ``DEFORMING``: not converged yet. ``BROKEN``: converged (or out of ticks)
+    with a segment that has no certificate. ``BLOCKED``: the protective hulls do not connect (preset ``paper``).
     """
 
     SETTLED = "settled"
@@ -102,7 +103,7 @@ class DeformReport(Summary):
             "reason": self.reason,
             "robot": self.strip.robot.name,
             "nodes": len(self.strip),
-            "certified": f"{int(segments.sum())} of {len(segments)} segments",
+            "certified": f"{int(segments.sum())} of {plural(len(segments), 'segment')}",
             "ticks": self.ticks,
         }
 
@@ -149,14 +150,14 @@ def tick_status(certificate: Certificate, rest: bool, wide: str = "") -> tuple[D
 
     Args:
         certificate: the strip's certificate.
-        rest: whether the strip has stopped moving.
+        rest: whether the strip has converged, which means that it has stopped moving.
         wide: a phrase that says how far apart the nodes are, if they are too far apart.
     """
     if not certificate.certified:
         return DeformStatus.BROKEN if rest else DeformStatus.DEFORMING, str(certificate.broken)
     if rest:
-        return DeformStatus.SETTLED, f"certified and at rest{wide}"
-    return DeformStatus.DEFORMING, f"certified, still moving{wide}"
+        return DeformStatus.SETTLED, f"certified and converged{wide}"
+    return DeformStatus.DEFORMING, f"certified, not converged yet{wide}"
 
 
 def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: float, queries: int) -> R:
@@ -164,9 +165,9 @@ def settled_report(last: R, ticks: int, timings: dict[str, float], seconds: floa
     status, reason = last.status, last.reason
     if status is DeformStatus.DEFORMING:
         if last.usable:
-            reason = f"certified after {ticks} ticks, not yet at rest"
+            reason = f"certified after {plural(ticks, 'tick')}, not converged yet"
         else:
-            status, reason = last.failure, f"{reason} (after {ticks} ticks)"
+            status, reason = last.failure, f"{reason} (after {plural(ticks, 'tick')})"
     return replace(
         last,
         status=status,

@@ -1,4 +1,4 @@
-"""Settling: ticks until a strip is at rest, and what only they need: on the way there a strip gets no worse."""
+"""Settling: ticks until a strip has converged, and what only they need: on the way there a strip gets no worse."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROUNDING_OF_ENERGY = 1e-9  # part of the energy by which a step may raise it
 _DAMPING_FACTOR = 0.02  # what a step may not do is seen before it is done
 _STRETCH_GAIN, _TAUT_SHARE = 20.0, 0.75  # of segments beyond this part of ``max_spacing``
 _STIFF_LAYER_GAIN, _STIFF_LAYER_ROOM = 250.0, 0.004  # [1]; what it adds [m] for the way between two nodes
-_FLAT_TICKS, _FLAT_SHARE = 10, 5e-4  # at rest: so many ticks that lower the energy by less than this part of it
+_FLAT_TICKS, _FLAT_SHARE = 10, 5e-4  # converged: so many ticks that lower the energy by less than this part of it
 _CLEARANCE_LOSS = 1e-3  # what a strip may lose of its clearance [m]
 _FELT_SHARE = 0.98  # part of the influence distance up to which clearance is kept
 Energies = Mapping[str, float]
@@ -77,7 +77,7 @@ class TickPolicy:
         """Told that the nodes are others now: node i was node ``source[i]`` before, −1 for a new one."""
 
     def rests(self, still: bool, energies: Energies) -> bool:
-        """Whether the strip is at rest.
+        """Whether the strip has converged.
 
         Args:
             still: whether the last iteration has moved it less than ``rest_step``.
@@ -209,7 +209,7 @@ def run_ticks(
     watch: Callable[[R], object] | None,
     joined: Callable[[R, R], R] | None = None,
 ) -> R:
-    """Ticks until the strip is at rest, or ``until`` says so, or ``limit`` of them are over; the report of all.
+    """Ticks until the strip has converged, or ``until`` says so, or ``limit`` of them are over; the report of all.
 
     Args:
         tick: one tick of a strip.

@@ -330,7 +330,7 @@ class Workspace(OneThread):
         self.load(strip, scene, to_move=to_move)
 
     def iterate(self, iteration: Callable[[], TickResult], budget: float | None) -> TickResult:
-        """Iterations of one tick: one without a budget [s], else until it is spent or the strip is at rest."""
+        """Iterations of one tick: one without a budget [s], else until it is spent or the strip has converged."""
         count = 0
         while True:
             began = self.clock.elapsed

@@ -399,7 +399,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
         row = planning.row_at(t)
         if row >= 0:
             if np.isfinite(planning.clearance[row]):
-                rows.append(["clearance of the nodes", f"{planning.clearance[row]:.3f} m"])
+                rows.append(["clearance at the nodes", f"{planning.clearance[row]:.3f} m"])
             if np.isfinite(planning.tick_ms[row]):
                 rows.append(["tick", f"{planning.tick_ms[row]:.1f} ms"])
         chip = [record.states[code], _color(record, code)]

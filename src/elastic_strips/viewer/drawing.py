@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.errors import plural
 from elastic_strips.hulls import convex_hull
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -21,8 +22,8 @@ from .sensed import Seen, SeenDrawing
 
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
 BASE_THREAD, HAND_THREAD = "#1f5f8b", "#f0902b"
-THREADS = ["threads, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
-_MOTION, _UNCHECKED = ("certified motion", CERTIFIED), ("base, not checked", UNCHECKED)
+THREADS = ["threads: paths of the arm, base to hand", f"linear-gradient(90deg, {BASE_THREAD}, {HAND_THREAD})"]
+_MOTION, _UNCHECKED = ("certified motion", CERTIFIED), ("base's path, not checked", UNCHECKED)
 _HATCHED = f"repeating-linear-gradient(135deg, {geometry.BARE} 0 3px, #a9b0b8 3px 6px)"
 STATIC = ("/ghosts", "/strip", "/forces", "/trouble", "/predictions")
 """Parts of a still picture that an animation may hide."""
@@ -228,7 +229,9 @@ class Drawing:
         """The legend of what is in a picture because of a report."""
         legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
         if self._pinned:
-            legend.append([f"where it is {report.status.value}" if _bad(report) else "not clear here", _TROUBLE])
+            legend.append(
+                [f"where the strip is {report.status.value}" if _bad(report) else "not certified here", _TROUBLE]
+            )
         if report.forces is not None and len(report.forces.points):
             legend.append(["forces", _FORCE])
         if report.hulls is not None:
@@ -311,7 +314,7 @@ class Drawing:
             ball, head = geometry.spheres(spot, _SPOT_RADIUS), geometry.spheres(top, _PIN_HEAD_RADIUS)
             pole = geometry.between(foot[None], top[None], _POLE_RADIUS)
         clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
-        reason = "" if report is None else report.reason or "not clear here"
+        reason = "" if report is None else report.reason or "not certified here"
         top = (
             np.zeros((0, 3))
             if spot is None
@@ -370,8 +373,8 @@ def _measured(report: DeformReport, live: bool) -> list[list[str]]:
     segments, clearance = report.certificate.segments, report.node_clearance if live else report.clearance
     rows = [["state", report.status.value]] if live else []
     if np.isfinite(clearance):
-        rows.append(["clearance of the nodes" if live else "clearance", f"{clearance:.3f} m"])
-    return [*rows, ["certified", f"{int(segments.sum())} of {len(segments)} segments"]]
+        rows.append(["clearance at the nodes" if live else "clearance", f"{clearance:.3f} m"])
+    return [*rows, ["certified", f"{int(segments.sum())} of {plural(len(segments), 'segment')}"]]
 
 
 def bare_legend(robot: RobotModel) -> list[list[str]]:

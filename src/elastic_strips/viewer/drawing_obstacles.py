@@ -16,11 +16,11 @@ from .geometry import Floats, linear
 
 _KINDS = {  # of obstacles: what they are called, and their colour
     "standing": ("obstacle", "#c9a27e"),
-    "moving": ("obstacle that moves", "#e07a3f"),
-    "points": ("points that were sensed", "#a3adb8"),
-    "voxels": ("map of voxels", "#8f9db0"),
+    "moving": ("moving obstacle", "#e07a3f"),
+    "points": ("sensed points", "#a3adb8"),
+    "voxels": ("voxel map", "#8f9db0"),
     "unseen": ("not seen yet", "#8a5fb0"),
-    "estimated": ("what moves, as it is estimated", "#1f9c8c"),
+    "estimated": ("moving obstacle, as estimated", "#1f9c8c"),
 }
 MOVING_COLOR = _KINDS["moving"][1]
 _STANDING, MOVING = linear(_KINDS["standing"][1]), linear(MOVING_COLOR)

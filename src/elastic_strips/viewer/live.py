@@ -32,7 +32,7 @@ class LiveStrip:
     """A strip that gives way, tick by tick, while obstacles and goal are moved.
 
     Things that are moved, by :meth:`move`, :meth:`move_goal` or with the mouse in the viewer's page, go there no faster
-    than ``speed``. Where the strip stays broken for 0.4 s a path is planned anew, in another thread, and taken where
+    than ``speed``. Where the strip stays broken for 0.4 s a path is replanned, in another thread, and taken where
     it is certified in the scene of that moment. While start or goal touches something the strip waits, and says so.
     Obstacles that have a motion move on by the clock until they are grabbed; then they stay where they are put.
 
@@ -260,7 +260,7 @@ class LiveStrip:
         self._count += 1
         self._ticks.append(report.seconds)
         if self._viewer is not None:
-            notes = [("planned anew", "looking for a way" if keeper.searching else str(keeper.replans))]
+            notes = [("replanned", "looking for a way" if keeper.searching else str(keeper.replans))]
             self._viewer.update(report, scene, tick=float(np.median(self._ticks)), notes=notes)
 
     def _moved(self, scene: Scene) -> Scene:

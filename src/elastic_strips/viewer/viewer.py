@@ -402,9 +402,9 @@ class Viewer:
                 if self._steered is not None:
                     self._steered(steer)
             else:
-                _log.debug("a page sent something that is not understood: %r", line[:200])
+                _log.debug("a page sent a message that is not understood: %r", line[:200])
         except Exception:
-            _log.exception("the listener to the pages fails")
+            _log.exception("the listener to the pages failed")
 
     def _send(self, items: list[Command]) -> None:
         if self._server is None or self._lost:

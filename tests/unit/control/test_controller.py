@@ -91,7 +91,7 @@ def test_without_a_scene_it_does_not_set_out_and_with_an_old_one_it_stops(silver
     wheels = Wheels(silvermate)
     k = drive(controller, wheels, 50, lambda t: None)
     assert (wheels.coordinates[:3] == 0.0).all()
-    assert controller.reason == "no scene has come yet"
+    assert "no scene" in controller.reason
     k = drive(controller, wheels, 100, still(CRATE), first=k + 1)
     assert controller.state is RunState.MOVING
     drive(controller, wheels, 300, lambda t: None, first=k + 1)

@@ -184,7 +184,7 @@ def test_silence_brakes_and_the_robot_goes_on_from_where_it_is(moving: Rig):
 def test_a_robot_that_was_pushed_recovers_beside_its_reference(moving: Rig):
     moving.machine.travel = moving.machine.travel + np.array([0.0, 0.03])  # one wheel slid on
     moving.step()
-    assert moving.says("off the reference")
+    assert moving.says("off its reference")
     assert moving.executor.run.state is RunState.BRAKING
     moving.until(lambda: moving.executor.recoveries == 1)
     off = moving.executor.estimate - moving.executor.reference(moving.time).coordinates

@@ -84,7 +84,7 @@ def test_who_has_left_the_strip_at_its_end_still_arrives(silvermate, aside, yaw)
 
 
 def test_a_motion_that_leads_nowhere_is_none(silvermate):
-    """A strip of one segment that the wheels cannot follow: there is something to be planned anew."""
+    """A strip of one segment that the wheels cannot follow: there is something to replan."""
     ride = Ride(silvermate, Scene([PILLAR]))
     here, goal = silvermate.home(x=4.0, y=0.04), silvermate.home(x=4.0)
     rows = silvermate.space.to_coordinates(np.stack((here, goal)))

@@ -144,7 +144,7 @@ def test_a_robot_beside_its_strip_is_taken_up(silvermate) -> None:
 
 
 def test_nothing_left_is_said_once_and_planned_anew(silvermate) -> None:
-    """Both sides are closed, then one opens again: planned anew, with the reason."""
+    """Both sides are closed, then one opens again: it is replanned, with the reason."""
     family = StripSet(
         silvermate, silvermate.home(x=6.0), params=StripSetParams(count=1, plan_every=6, patience=2, timeout=1.0)
     )

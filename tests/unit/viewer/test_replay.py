@@ -121,7 +121,7 @@ def test_the_state_is_told_by_ring_and_card(played, record):
         assert card["chip"] == [name, STATE_COLORS[name]]
         rows = dict(card["rows"])
         assert rows["time"] == f"{t:.1f} s"
-        assert float(rows["clearance of the nodes"].split()[0]) == pytest.approx(
+        assert float(rows["clearance at the nodes"].split()[0]) == pytest.approx(
             record.planning.clearance[record.planning.row_at(t)], abs=1e-3
         )
     assert played.card(0.5)["note"] == "start: the goal is ahead"

@@ -169,9 +169,7 @@ def test_what_moves_shows_where_it_will_be_and_everything_has_a_name(robot, scen
     with Viewer(server=False) as viewer:
         page = pictured(viewer.show(robot, scene, make_report()))
         legend = dict(page["", "hud"]["legend"])
-        assert {"obstacle", "obstacle that moves", "map of voxels", "start", "goal", "robot along the strip"} <= set(
-            legend
-        )
+        assert {"obstacle", "moving obstacle", "voxel map", "start", "goal", "robot along the strip"} <= set(legend)
         assert len(set(legend.values())) == len(legend)  # no colour means two things
         for k, ahead in ((0, 0.5), (1, 1.0)):
             T = page[f"/predictions/{k}/capsule-4", "transforms"]["matrices"].data

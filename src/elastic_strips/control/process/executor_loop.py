@@ -130,7 +130,7 @@ class Loop:
         self.link, self.executor, self.driver, self.log = link, executor, driver, log
         self.epoch, self.dt = 0.0, executor.params.control_dt
         self.heard: float | None = None  # [s] when the last word of planning came
-        self.planned: float | None = None  # [s] when its last tick was over
+        self.planned: float | None = None  # [s] when its last tick ended
         self.silent = self.hangs = self.gone = self.closing = False
         self.serial = 0
         self.own = 0  # trajectories of the executor's own so far
@@ -204,7 +204,7 @@ class Loop:
         try:
             command = self.command(t, measurement)
         except Exception as error:
-            _log.exception("no command could be made")
+            _log.exception("no command could be computed")
             executor.log("fault", f"no command: {type(error).__name__}: {error}")
             command = replace(executor.tracker.rest, stop=True)
         try:
@@ -251,10 +251,10 @@ class Loop:
         elif heard is not None and t - heard > executor.params.monitor.heartbeat:
             if not (self.silent or self.gone):
                 self.silent = True
-                executor.fail(f"nothing is heard of the planner for {t - heard:.2f} s")
+                executor.fail(f"nothing has been heard from the planner for {t - heard:.2f} s")
         elif self.silent:
             self.silent = False
-            executor.log("planner", "it is heard again")
+            executor.log("planner", "the planner is heard again")
         self.check_ticks(t)
 
     def check_ticks(self, t: float) -> None:
@@ -263,10 +263,10 @@ class Loop:
         ago = 0.0 if self.planned is None or self.silent or self.gone else t - self.planned
         if not self.hangs and ago > params.planner_hangs and not executor.at_rest(t):
             self.hangs = True
-            executor.log("fault", f"the planner hangs: its last tick was over {ago:.2f} s ago")
+            executor.log("fault", f"the planner hangs: its last tick ended {ago:.2f} s ago")
         elif self.hangs and ago <= params.planner_hangs:
             self.hangs = False
-            executor.log("planner", "it plans again")
+            executor.log("planner", "the planner plans again")
 
     def lose(self) -> None:
         """Planning is gone for good."""

@@ -209,7 +209,7 @@ class ExecutorProcess:
         silent = self.now - self._status.time
         if self._gone or silent <= self.params.monitor.heartbeat:
             return self._gone
-        return f"nothing is heard of the executor for {silent:.2f} s"
+        return f"nothing has been heard from the executor for {silent:.2f} s"
 
     # what planning sees
 

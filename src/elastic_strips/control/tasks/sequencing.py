@@ -12,7 +12,7 @@ from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING
 
-from elastic_strips.errors import ParameterError, missing_extra
+from elastic_strips.errors import ParameterError, missing_extra, plural
 
 if TYPE_CHECKING:
     from .tree import Tree
@@ -131,7 +131,7 @@ class SequencingLayer:
         if board.planning:
             return self._wait("the deliberative layer is planning")
         if board.attempts >= self._attempts:
-            self.reason = f"{board.attempts} paths were of no use: {board.trouble}"
+            self.reason = f"{plural(board.attempts, 'path')} could not be used: {board.trouble}"
             return False, self.reason
         self.order, self.reason = Order.REQUEST_PATH, board.trouble
         return None, board.trouble

@@ -206,7 +206,7 @@ class AlternativesSearch(PathSearch):
         word = self._class(report.strip)
         cost = strip_cost(report, problem.params)
         if word in self._without or (word in self.found and self.found[word].cost <= cost):
-            self._notes.append(f"{what}: relaxed into a class that is there already")
+            self._notes.append(f"{what}: relaxed into a class that has a strip already")
         else:
             self.found[word] = Alternative(report.strip, report, word, method, report.strip.length, cost)
             self.initial[word] = strip
@@ -234,7 +234,7 @@ class AlternativesSearch(PathSearch):
         if not self.problem.robot.space.planar:
             why = "the base is fixed: there is one class only"
         elif self.problem.deadline.over():
-            why = "the time was over"
+            why = "the time ran out"
         elif not self.clusters:
             why = "nothing stands in the way that could be passed on another side"
         else:

@@ -37,7 +37,7 @@ class StripSetParams(Checked):
         count: largest number of strips, the current one included.
         margin: share by which another strip must be cheaper than the current one to be better.
         patience: how many times in a row another strip must be found better before it is followed, and broken
-            before it is dropped; or the current one be broken before it is planned anew.
+            before it is dropped; or the current one be broken before it is replanned.
         divergence_distance: how far ahead [m] the directions of strips are compared, once the robot has gone as far
             since it was planned.
         divergence_angle: a strip is dropped if its direction then differs from that of a certified current one by more

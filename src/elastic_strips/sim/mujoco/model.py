@@ -340,7 +340,7 @@ def _driven_wheels(mujoco: ModuleType, spec: Any, limits: MotionLimits, path: Pa
     if len(found) != 2 or found[0][0] * found[1][0] >= 0.0:
         raise ParameterError(
             f"{path}: of the continuous joints named *wheel* about ±y, {[f[1] for f in found]} lie half a track "
-            f"({0.5 * limits.track:g} m) off the middle; one on either side is wanted"
+            f"({0.5 * limits.track:g} m) off the middle; one on either side is needed"
         )
     (_, right, right_sign), (_, left, left_sign) = found
     return [(left, left_sign), (right, right_sign)]

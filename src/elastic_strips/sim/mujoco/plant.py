@@ -186,7 +186,7 @@ class MujocoPlant:
         wanted = np.concatenate([command.drive / self.limits.wheel_radius, command.joints])
         if wanted.shape != self._top.shape or not np.isfinite(wanted).all():
             raise ParameterError(
-                f"command {command}: 2 finite rim speeds and {len(self._top) - 2} of joints are wanted"
+                f"command {command}: 2 finite rim speeds and {len(self._top) - 2} of joints are needed"
             )
         count = round(dt / self.timestep)
         if count < 1 or abs(count * self.timestep - dt) > 1e-9:

@@ -224,7 +224,9 @@ class _Course:
 def moving_corridor(
     seed: int = 0, count: int | None = None, speed: tuple[float, float] = MOVER_SPEEDS, *, yielding: bool = False
 ) -> Scenario:
-    """The corridor of that seed with movers; `Scenario.world` holds them, `Scenario.scene` those that exist at time 0.
+    """The corridor of that seed with moving obstacles, called movers here.
+
+    `Scenario.world` holds them, `Scenario.scene` those that exist at time 0.
 
     A third of the movers aim at the robot's place if it advances at 0.6 m/s: they cross its path, or come head-on and
     turn aside afterwards. The others wander. They are persons, carts, balls and hanging loads, the last at the height
@@ -308,7 +310,7 @@ def _mover(
         motion = PedestrianMotion(motion, YIELDING_ACCELERATION) if yielding else motion
         name = f"{role}-{body.kind}-{k}" if role else f"{body.kind}-{k}"
         return body.make(name, motion, (0.0, 0.0, math.sin(half), math.cos(half))), plan.begin, float(times[-1])
-    raise ScenarioError(f"{MOVING}: found no course for mover {k} of at most {high:g} m/s; try another seed")
+    raise ScenarioError(f"{MOVING}: found no course for moving obstacle {k} of at most {high:g} m/s; try another seed")
 
 
 def _body(rng: np.random.Generator) -> _Body:

@@ -108,7 +108,7 @@ def run_scenario(
     timeout: float = 20.0,
     start_depth: float = 0.0,
 ) -> RunResult:
-    """Plan an initial strip, deform it to rest and measure it.
+    """Plan an initial strip, deform it until it has converged, and measure it.
 
     Args:
         scenario: the problem.

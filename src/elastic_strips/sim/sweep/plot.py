@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elastic_strips.errors import missing_extra, nearest_name
+from elastic_strips.errors import missing_extra, nearest_name, plural
 from elastic_strips.files import atomic_write, check_writable
 from elastic_strips.validation import check_choice, shown
 
@@ -58,7 +58,7 @@ def plot_sweep(sweep: Sweep, rows: Sequence[Row], path: str | os.PathLike[str], 
     axes = figure.add_subplot()
     _draw(axes, good, Plot(x, y, hue))
     lost = len(rows) - len(good)
-    title = f"{sweep.path.stem}: {len(good)} runs" + (f", {lost} without {y}" if lost else "")
+    title = f"{sweep.path.stem}: {plural(len(good), 'run')}" + (f", {lost} without {y}" if lost else "")
     axes.set_title(title, fontsize=10, parse_math=False)
     stream = BytesIO()
     figure.savefig(stream, format=target.suffix.lstrip(".").lower() or "png", dpi=120)

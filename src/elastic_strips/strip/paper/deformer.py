@@ -153,7 +153,7 @@ class PaperDeformer(OneThread):
         watch: Callable[[PaperReport], object] | None = None,
         detail: bool = False,
     ) -> PaperReport:
-        """Ticks until the strip is at rest, or certified, or ``max_ticks`` are over; see :meth:`Deformer.settle`.
+        """Ticks until the strip has converged, or is certified, or ``max_ticks`` are over; see :meth:`Deformer.settle`.
 
         Returns:
             The last tick's report; ``BLOCKED`` where the protective hulls do not connect.

@@ -3,7 +3,7 @@ const LAYERS = [  // name, whether it is shown at first, what belongs to it
   ["ghosts", true, (p) => p[0] === "ghosts"],
   ["strip", true, (p) => p[p.length - 1] === "base" && p[0] !== "robot"],
   ["threads", true, (p) => p[p.length - 1] === "threads"],
-  ["tunnel", false, (p) => p[0] === "hulls"],
+  ["protective hulls", false, (p) => p[0] === "hulls"],
   ["forces", true, (p) => p[0] === "forces"],
   ["driven", true, (p) => p[1] === "trace"],
   ["trails", true, (p) => p[1] === "trails"],
@@ -157,7 +157,7 @@ function plainer() {
   each_mesh(viewer.scene_tree, [], simplify);
   viewer.set_dirty();
   document.body.dataset.plain = plain;
-  if (plain === 2) toast("drawn plainer, for this machine is slow; #fine at the end of the address: in full");
+  if (plain === 2) toast("drawn more plainly because this machine is slow; #fine at the end of the address draws everything");
 }
 if (SOFTWARE) plainer();
 const one_pixel = new Uint8Array(4);
