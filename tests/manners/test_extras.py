@@ -14,6 +14,7 @@ import elastic_strips as es
 from elastic_strips.cli import main
 from elastic_strips.errors import InputError, MissingExtraError
 from elastic_strips.sim import PerceptionError
+from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.trajectory import RetimingError
 
 if sys.version_info >= (3, 11):
@@ -33,7 +34,7 @@ def _hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
 def _mujoco(robot: es.RobotModel) -> object:
     from elastic_strips.sim.scenarios import make_simulation
 
-    return make_simulation(es.get_scenario("case-1"), robot=robot, plant="mujoco")
+    return make_simulation(get_scenario("case-1"), robot=robot, plant="mujoco")
 
 
 def _tree(robot: es.RobotModel) -> object:
@@ -80,7 +81,7 @@ def _xacro(robot: es.RobotModel) -> object:
 
 
 def _mcap(robot: es.RobotModel) -> object:
-    trajectory = es.trajectory.retime(es.Strip(robot, [robot.home(), robot.home(0.5)]))
+    trajectory = es.retime(es.Strip(robot, [robot.home(), robot.home(0.5)]))
     with tempfile.TemporaryDirectory() as folder:
         return es.io.write_trajectory(Path(folder) / "t.mcap", trajectory)
 

@@ -132,6 +132,15 @@ def load_path(
         ConfigurationError: the file is missing, too large or damaged; the planner found no path, or it is of no type
             that is known; or its columns or values do not fit the robot. The message names file and place.
         ParameterError: unknown ``angles``, or a ``starts_at`` that is not a number.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> names = ["x", "y", "yaw", *robot.joint_names]
+        >>> rows = [robot.space.to_coordinates(robot.home(x=x)).tolist() for x in (0.0, 0.5, 1.0)]
+        >>> points = [{"positions": row, "time_from_start": 2.0 * k} for k, row in enumerate(rows)]
+        >>> path = es.load_path({"joint_names": names, "points": points}, robot)  # a JointTrajectory; or a file's name
+        >>> path.times.tolist(), es.certify(robot, es.Scene(), path).certified
+        ([0.0, 2.0, 4.0], True)
     """
     check_type("robot", robot, RobotModel, RobotError)
     if angles is not None:

@@ -80,6 +80,12 @@ def read_scene(
 
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
+
+    Examples:
+        >>> with open("room.yaml", "w") as file:
+        ...     _ = file.write("obstacles: [{shape: box, size: [0.6, 0.6, 1.4], at: [1.5, 0.1, 0.7], name: shelf}]")
+        >>> es.read_scene("room.yaml").names
+        ('shelf',)
     """
     world = read_world(path, robot=robot, q=q, options=options)
     return world.at(world.scene.time) if world.names_moving or world.event_times else world.scene
@@ -296,6 +302,11 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
 
     Raises:
         SceneError: A motion is neither a twist nor keyframes nor unknown, or the file cannot be written.
+
+    Examples:
+        >>> es.write_scene(es.Scene([es.Sphere(0.25, at=(2.4, 0.8, 1.0), name="lamp")]), "room.yaml")
+        >>> es.read_scene("room.yaml").names
+        ('lamp',)
     """
     check_type("scene", scene, Scene, SceneError)
     _write(scene, {}, path)
