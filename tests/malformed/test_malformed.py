@@ -157,10 +157,9 @@ def _tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-# what may stand beside the message: click's usage, and what Coal prints about NaN and urdfdom about a shape it drops
+# what may stand beside the message: where the usage is said, and what Coal prints about NaN and urdfdom about a shape it drops
 _BESIDE = (
-    "Usage: elastic-strips",
-    "Try 'elastic-strips",
+    "  elastic-strips",
     "eigen: too many iterations",
     "Error:   ",
     "         at line ",

@@ -36,7 +36,7 @@ _DOCUMENTS: tuple[tuple[str, Content, str], ...] = (
     ("binary garbage", bytes(range(256)) * 4, "not UTF-8"),
     ("zero bytes", bytes(64), "not valid YAML"),
     ("UTF-16", SCENE.encode("utf-16"), "not UTF-8"),
-    ("a tab as indent", "obstacles:\n\t- {}\n", "not valid YAML"),
+    ("a tab as indent", "obstacles:\n\t- {}\n", "bad.yaml:2: not valid YAML: a tab; use spaces"),
     ("open bracket", "obstacles: [\n", "not valid YAML"),
     ("open quote", "obstacles: 'abc\n", "not valid YAML"),
     ("aliases of aliases", _ALIASES, "aliases are not allowed"),

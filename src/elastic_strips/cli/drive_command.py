@@ -69,7 +69,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
 @options.evade_option
 @click.option(
     "--alternatives",
-    type=click.IntRange(1, 8),
+    type=options.Whole(1, 8),
     default=1,
     show_default=True,
     help="How many strips to keep on different sides of the obstacles; where one is given up, another is followed.",
@@ -252,10 +252,11 @@ def watched_drive(
 
     viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
     dragged: DraggedGoal | None = None
+    ways: dict[int, float] = {}
     with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(driven: Simulation[Controller]) -> None:
-            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
+            _show_way(bar, driven, time_limit, ways)
             if viewer is None or dragged is None:
                 return
             dragged.tell()
@@ -285,6 +286,19 @@ def watched_drive(
         finally:
             driven.plant.close()
     return driven, result, bool(interrupted)
+
+
+def _show_way(
+    bar: options.LateProgress, driven: Simulation[Controller], time_limit: float | None, ways: dict[int, float]
+) -> None:
+    """Show how far it is to the goal; ``ways`` remembers how far it was to each of them at first."""
+    controller = driven.controller
+    left, reached = controller.strip.length, controller.reached
+    way = ways.setdefault(reached, left)
+    goal = f", goal {reached + 1} of {reached + 1 + len(controller.goals)}" if reached or controller.goals else ""
+    limit = driven.params.time_limit if time_limit is None else time_limit
+    note = f"{driven.time:.1f} s of at most {limit:g} s simulated{goal}, {controller.state.label}"
+    bar.come(left, way, "m" if driven.robot.space.planar else "rad", note)
 
 
 def _seen(perception: object) -> Seen | None:

@@ -211,7 +211,10 @@ def _warn_of_millimetres(path: Path, scene: Scene) -> None:
 def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
     """What a mapping node says, as a scene file or a scenario's ``scene`` holds it; no boxes around maps yet."""
     entries = node.mapping(("version", "time", "obstacles", "sources"), what="a scene")
-    if not any(key in entries and entries[key].value is not None for key in ("obstacles", "sources")):
+    for key in ("obstacles", "sources"):
+        if key in entries and entries[key].value is None:
+            entries[key].fail("nothing follows; write [] where there are none")
+    if not ("obstacles" in entries or "sources" in entries):
         node.fail("a scene needs the key 'obstacles', or 'sources', files that hold some")
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
