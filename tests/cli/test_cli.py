@@ -72,14 +72,13 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_number_has_a_unit() -> None:
     """... or it is a count, which its name or help says, or is said to be a multiple of something."""
     checked = 0
-    for words in _commands(cli):
-        command = cli.get_command(click.Context(cli), words[0])
-        for option in command.params if command is not None else []:
+    for name in cli.list_commands(click.Context(cli)):
+        command = cli.get_command(click.Context(cli), name)
+        assert command is not None
+        for option in command.params:
             if isinstance(option, click.Option) and _takes_a_measure(option.type):
-                assert re.search(r"\[[^]]*\b(m|rad|s)\b[^]]*\]|\bmultiple of\b", option.help or ""), (
-                    words,
-                    option.opts,
-                )
+                said = re.search(r"\[[^]]*\b(m|rad|s)\b[^]]*\]|\bmultiple of\b", option.help or "")
+                assert said, (name, option.opts)
                 checked += 1
     assert checked > 40
 

@@ -157,7 +157,7 @@ def _tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-# what may stand beside the message: where the usage is said, and what Coal prints about NaN and urdfdom about a shape it drops
+# what may stand beside the message: where help is, and what Coal prints about NaN and urdfdom about a shape it drops
 _BESIDE = (
     "  elastic-strips",
     "eigen: too many iterations",

@@ -137,6 +137,42 @@ def test_a_drive_without_mujoco_ends_with_the_command_and_no_traceback(monkeypat
     assert "\n" not in told
 
 
+@each(
+    ("package", "words"),
+    [
+        ("", "run case-7 --png a.png"),
+        ("", "drive case-7 --film a.gif"),
+        ("imageio", "drive case-7 --film a.gif"),
+        ("imageio_ffmpeg", "run case-7 --film a.mp4"),
+        ("rosbags", "run case-7 --trajectory a.mcap"),
+        ("mujoco", "sweep sweep.yaml"),
+        ("pyarrow", "sweep sweep.yaml --out a.parquet"),
+        ("matplotlib", "sweep sweep.yaml --plot a.png"),
+    ],
+)
+def test_what_is_missing_is_found_before_the_work(monkeypatch, capsys, tmp_path, package, words):
+    """... and not after it; without a package it is Chromium that is missing."""
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yaml").write_text("kind: drive\nscenarios: [case-7]\nseeds: [0]\nfixed: {plant: mujoco}\n")
+    browser = tmp_path / "chromium"
+    browser.write_text("#!/bin/sh\n")
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path) if package else "/nowhere")
+    monkeypatch.delenv("CHROMIUM", raising=False)
+    if package:
+        _hide(monkeypatch, package)
+    for work in ("run_scenario", "make_simulation"):
+        monkeypatch.setattr(f"elastic_strips.sim.scenarios.{work}", lambda *_, **__: pytest.fail("it has begun"))
+    monkeypatch.setattr("elastic_strips.cli.sweep_command.run_sweep", lambda *_, **__: pytest.fail("it has begun"))
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    told = capsys.readouterr().err.strip()
+    assert ended.value.code == 2
+    assert told.startswith("error: ")
+    assert {"": "Chromium", "imageio_ffmpeg": "imageio-ffmpeg"}.get(package, package) in told
+    assert {path.name for path in tmp_path.iterdir()} == {"sweep.yaml", "chromium"}
+
+
 def test_what_the_notebooks_need_is_in_their_extra():
     extras = tomllib.loads(PROJECT.read_text())["project"]["optional-dependencies"]
     names = {line.split(">")[0] for line in extras["notebooks"]}
