@@ -115,8 +115,9 @@ def load_path(
     Args:
         path: the file; its name's ending says its format: ``.json``, ``.yaml``, ``.yml``, ``.csv``, ``.npz``,
             ``.npy``; anything else is text. Or rows of numbers (N, C) of any library; a JointTrajectory or
-            RobotTrajectory, or what holds one; OMPL's SimpleSetup or PathGeometric; VAMP's PlanningResult; cuRobo's
-            JointState; RoboPlan's JointPath or JointTrajectory; a trajectory of Drake's.
+            RobotTrajectory, or what holds one, as messages or as dictionaries like them; OMPL's SimpleSetup or
+            PathGeometric; VAMP's PlanningResult; cuRobo's JointState; RoboPlan's JointPath or JointTrajectory; a
+            trajectory of Drake's.
         robot: the robot of the path.
         joint_names: (C,) names of the columns, in their order, where the path has none; ``x``, ``y`` and ``yaw`` are
             the base.
