@@ -92,7 +92,7 @@ def _keep(
     start, end = problem.ends(model)
     plan = plan_report(model, problem.scene, start, goals[0] if goals else end, seed=seed)
     if not plan.certified:
-        output.say(f"warning: {plan.reason}", err=True)
+        output.say(("warning:", output.NOTE), f" {plan.reason}", err=True)
     with options.open_viewer(no_browser=no_browser, title=problem.name) as viewer:
         from elastic_strips.viewer import LiveStrip
 
