@@ -31,7 +31,7 @@ from .messages import (
     spatial_pose,
 )
 from .motion import MotionReader, carried, correction_of
-from .params import Ros2Params
+from .params import Ros2Params, posture_of
 from .requests import Request, Requests
 from .sensing import Sensing
 from .stamps import StampClock, read_together
@@ -75,7 +75,7 @@ class Ros2Node:
             self.limits: MotionLimits = MotionLimits.for_robot(self.robot)
             self.slower: MotionLimits = self.limits.scaled(self.params.speed, 1.0)  # that it is driven with
             self.sensing: Sensing = Sensing(self.robot, self.params)
-            self.requests: Requests = Requests(self.params.within)
+            self.requests: Requests = Requests(self.params.within, posture_of(self.robot, self.params.path_posture))
             self._lock = threading.Lock()
             self._reader = MotionReader(self.robot, self.limits)
             self._clock = StampClock(self.params.oldest)
@@ -93,7 +93,7 @@ class Ros2Node:
         """The parameters that ROS has; an empty text, or an empty list, is none."""
         kinds = load("rclpy.parameter").Parameter.Type
         values: dict[str, Any] = {}
-        lists = ("scans", "clouds", "depths", "mounts")
+        lists = ("scans", "clouds", "depths", "mounts", "path_posture")
         for name, default in Ros2Params.names().items():
             if name in lists:
                 value = (

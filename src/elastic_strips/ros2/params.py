@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
+from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams, MonitorParams
 from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ParameterError
+from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import Bound, Checked, Count, Finite, NonNegative, Positive, check_choice
 
@@ -57,6 +59,9 @@ class Ros2Params(Checked):
             be set to less, and back, while it runs. At 0 it stands.
         backward: whether the robot may plan, or be commanded, backwards: something has to look there.
         within: largest distance of the base from a path of others.
+        path_posture: posture of the arm on such a path: ``home``, or another one that the robot's SRDF has a name
+            for, or positions as ``joint:value``, the other joints as at home. The arm is moved first, while the base
+            stands. None: it stays as it is when the path comes.
         goal_position, goal_angle: how near counts as reached.
         footprint_ahead: the ``footprint`` holds the robot for so long on its motion; 0: now.
         low, high: heights between which the points of clouds count.
@@ -100,6 +105,7 @@ class Ros2Params(Checked):
     speed: Annotated[float, Bound(above=0.0, high=1.0)] = LASER_EASE
     backward: bool = False
     within: Positive = 0.3
+    path_posture: tuple[str, ...] | None = None
     goal_position: Positive = 0.05
     goal_angle: Positive = 0.05
     footprint_ahead: NonNegative = 0.0
@@ -114,6 +120,8 @@ class Ros2Params(Checked):
         check_choice("mode", self.mode, MODES)
         for mount in self.mounts or ():
             mount_of(mount)
+        if self.path_posture and self.arm == "none":
+            raise ParameterError(f"path_posture={self.path_posture}: with arm='none' the arm is not commanded")
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -140,6 +148,31 @@ def mount_of(text: str) -> tuple[str, tuple[float, ...]]:
     if not frame or len(numbers) != 6:
         raise ParameterError(f"mounts: {text!r} is not frame:x:y:z:roll:pitch:yaw")
     return frame, numbers
+
+
+def posture_of(robot: RobotModel, told: tuple[str, ...] | None) -> Array | None:
+    """(n,) positions of the joints [rad or m] that ``path_posture`` names; None where it does not.
+
+    Raises:
+        ParameterError: neither one name nor joints with values.
+        ConfigurationError: there is no such posture, or no such joint, or one is beyond its range.
+    """
+    if not told:
+        return None
+    if len(told) == 1 and ":" not in told[0]:
+        q = robot.home() if told[0] == "home" else robot.state(told[0])
+    else:
+        joints: dict[str, float] = {}
+        for entry in told:
+            name, _, value = entry.partition(":")
+            try:
+                joints[name] = float(value)
+            except ValueError:
+                raise ParameterError(
+                    f"path_posture: {entry!r} is neither the one name of a posture nor joint:value"
+                ) from None
+        q = robot.home(joints=joints)
+    return robot.space.to_coordinates(q)[robot.space.base_nv :]
 
 
 def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> DriveParams:

@@ -40,14 +40,18 @@ class Request(NamedTuple):
 class Requests:
     """Workspace: takes requests in any thread, and does them in the one that plans.
 
+    Args:
+        within: largest distance [m] of the base from a path that it follows.
+        posture: (n,) of the joints on it; None: as they are.
+
     Attributes:
         state: what has become of the last goal, and
         reason: why.
         number: of the last goal; each one takes the place of those before it.
     """
 
-    def __init__(self, within: float) -> None:
-        self._within = within
+    def __init__(self, within: float, posture: Array | None = None) -> None:
+        self._within, self._posture = within, posture
         self._waiting: deque[Request] = deque(maxlen=100)
         self._changed = threading.Condition()
         self.state: GoalState = GoalState.NONE
@@ -96,7 +100,7 @@ class Requests:
                 x, y, z, *turn = request.where.tolist()
                 controller.retarget(HandPose(request.reason, (x, y, z), (turn[0], turn[1], turn[2], turn[3])))
             else:
-                controller.follow(request.where, within=self._within)
+                controller.follow(request.where, within=self._within, joints=self._posture)
             self._asked = controller.time
             self._set(GoalState.DRIVING, request.kind)
         elif request.kind == "cancel":
