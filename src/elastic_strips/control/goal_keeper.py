@@ -130,7 +130,8 @@ class GoalKeeper:
         yaw = float(rows[-1, 2]) if rows.shape[1] == 3 else None
         drive = PathDrive(robot, followed, yaw, posture, wait=wait)
         self.goals = []
-        same = before is not None and posture is not None and np.array_equal(before.joints, posture)
+        known = None if before is None else before.joints
+        same = known is not None and posture is not None and np.array_equal(known, posture)
         if same and self.next_path is not None:  # the joints are on their way
             self.next_path = drive
             self._planner.keep_to(followed if self._moves_joints else None)
@@ -233,6 +234,11 @@ class GoalKeeper:
     def planning(self) -> bool:
         """Whether the way to another goal is still planned."""
         return self._next is not None
+
+    @property
+    def gave_up(self) -> bool:
+        """Whether nothing leads to the goal, and nothing is planned that may: ``no_way`` says why."""
+        return bool(self.no_way) and not self.planning and self.next_path is None
 
     @property
     def goes_on(self) -> bool:

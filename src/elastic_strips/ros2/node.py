@@ -19,6 +19,7 @@ from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.trajectory import MotionLimits
 
+from .actions import serve
 from .driver import close_node, load, open_node, quality
 from .messages import (
     MessageError,
@@ -47,6 +48,7 @@ _DIAGNOSTICS_PERIOD = 1.0  # [s]
 _RATE_SPAN = 1.0  # [s] in which the rate of odometry is measured
 _PLAN_AHEAD = 30.0  # [s] of the way that is shown, and
 _PLAN_STEP = 0.2  # [s] from pose to pose
+_LAST_WORDS = 0.3  # [s] in which clients are told that their goals are over
 _NEWEST_EVENTS = 50  # that are looked at, at most
 _SAME_WARNING = 5.0  # [s] from a warning until the same is said again
 _NUMBER = re.compile(r"-?[0-9.]+")  # by which alone what is said again and again differs
@@ -93,7 +95,7 @@ class Ros2Node:
         """The parameters that ROS has; an empty text, or an empty list, is none."""
         kinds = load("rclpy.parameter").Parameter.Type
         values: dict[str, Any] = {}
-        lists = ("scans", "clouds", "depths", "mounts", "path_posture")
+        lists = ("scans", "clouds", "depths", "mounts", "path_posture", "actions")
         for name, default in Ros2Params.names().items():
             if name in lists:
                 value = (
@@ -163,6 +165,7 @@ class Ros2Node:
                 return response
 
             self.node.create_service(trigger, f"~/{kind}", answer)
+        self._end_actions = serve(self.node, self.params, self.requests, self.telling.log)
 
     # what comes, in the thread of ROS
 
@@ -307,8 +310,11 @@ class Ros2Node:
                     _log.exception("a message or a request could not be handled")
 
         def end() -> None:
+            if self.requests.close("the node ends"):
+                time.sleep(_LAST_WORDS)
             ending.set()
             thread.join(2.0)
+            self._end_actions()
             executor.shutdown()
             close_node(self.context, self.node)
 

@@ -15,6 +15,8 @@ from elastic_strips.validation import Bound, Checked, Count, Finite, NonNegative
 
 ARMS = ("none", "trajectory", "velocity")
 """How the arm is commanded: not at all, by trajectories that end at rest, or by velocities."""
+ACTIONS = ("navigate_to_pose", "follow_path")
+"""The actions that the node may serve, of the types of nav2_msgs."""
 MODES = ("drive", "guard")
 """What is driven: to goals, or what somebody else commands, as far as the guard passes it on."""
 _LOST_MESSAGES = 4.0  # so many periods of odometry may pass without one before that counts as silence
@@ -33,6 +35,8 @@ class Ros2Params(Checked):
         odom_frame, base_frame: frames that odometry has to be in; None: any.
         odom, joint_states, cmd_vel, goal_pose, plan_in, hand_pose: topics.
         hand: frame of the robot that goals on ``hand_pose`` are for; None: none are taken.
+        actions: those of `ACTIONS` that are served, where nav2_msgs is there; None: none. Beside Nav2's own servers of
+            the same name leave these out.
         scans: topics of lasers; None, or one empty name: none.
         clouds: topics of point clouds.
         depths: topics of depth images, rectified; each has its ``camera_info`` beside it.
@@ -90,6 +94,7 @@ class Ros2Params(Checked):
     hand_pose: str = "hand_pose"
     hand: str | None = None
     plan_in: str = "plan_in"
+    actions: tuple[str, ...] | None = ACTIONS
     cmd_vel: str = "cmd_vel"
     stamped: bool = True
     arm: str = "trajectory"
@@ -118,6 +123,8 @@ class Ros2Params(Checked):
         Checked.__post_init__(self)
         check_choice("arm", self.arm, ARMS)
         check_choice("mode", self.mode, MODES)
+        for action in self.actions or ():
+            check_choice("actions", action, ACTIONS)
         for mount in self.mounts or ():
             mount_of(mount)
         if self.path_posture and self.arm == "none":

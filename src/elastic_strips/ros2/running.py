@@ -43,6 +43,7 @@ _DIAGNOSTICS_PERIOD = 1.0  # [s]
 _RATE_SPAN = 1.0  # [s] in which the rate of odometry is measured
 _PLAN_AHEAD = 30.0  # [s] of the way that is shown, and
 _PLAN_STEP = 0.2  # [s] from pose to pose
+_PROGRESS_EVERY = 2  # planning ticks from one look at how far it still is to the next
 _SHOWN_EVERY = 4  # planning ticks from one shown plan to the next
 
 
@@ -200,6 +201,8 @@ def _plan(node: Ros2Node, controller: Controller, executor: ExecutorProcess, rat
         node.telling.tell_state(controller)
         node.telling.tell_wait(controller, t)
         node.telling.warn(list(controller.events))
+        if ticks % _PROGRESS_EVERY == 0:
+            node.requests.note_progress(controller)
         if ticks % _SHOWN_EVERY == 0 and node.requests.state is GoalState.DRIVING and node.robot.space.planar:
             node.telling.show(controller.ahead(_PLAN_AHEAD, _PLAN_STEP))
         node.telling.show_footprint(executor)

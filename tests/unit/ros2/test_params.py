@@ -12,6 +12,12 @@ from elastic_strips.ros2 import Ros2Params
 from elastic_strips.ros2.params import posture_of
 
 
+def given(robot: RobotModel, *told: str) -> np.ndarray:
+    found = posture_of(robot, told)
+    assert found is not None
+    return found
+
+
 def joints(robot: RobotModel, q: np.ndarray) -> np.ndarray:
     return robot.space.to_coordinates(q)[robot.space.base_nv :]
 
@@ -19,11 +25,11 @@ def joints(robot: RobotModel, q: np.ndarray) -> np.ndarray:
 def test_a_posture_has_a_name_or_positions(silvermate: RobotModel, tiago: RobotModel):
     home = joints(silvermate, silvermate.home())
     assert posture_of(silvermate, None) is None
-    np.testing.assert_allclose(posture_of(silvermate, ("home",)), home)
-    np.testing.assert_allclose(posture_of(silvermate, ("reach",)), joints(silvermate, silvermate.state("reach")))
-    told = posture_of(silvermate, ("arm_1_joint:0.4", "arm_7_joint:-0.2"))
+    np.testing.assert_allclose(given(silvermate, "home"), home)
+    np.testing.assert_allclose(given(silvermate, "reach"), joints(silvermate, silvermate.state("reach")))
+    told = given(silvermate, "arm_1_joint:0.4", "arm_7_joint:-0.2")
     np.testing.assert_allclose(told, [0.4, *home[1:6], -0.2])
-    np.testing.assert_allclose(posture_of(tiago, ("home",)), joints(tiago, tiago.home()))
+    np.testing.assert_allclose(given(tiago, "home"), joints(tiago, tiago.home()))
 
 
 @each(
