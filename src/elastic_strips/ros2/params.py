@@ -135,6 +135,11 @@ class Ros2Params(Checked):
         """The topics of sensors, all of which scenes rest on."""
         return *(self.scans or ()), *(self.depths or ()), *(self.clouds or ())
 
+    @property
+    def frame(self) -> str:
+        """The frame of what is published in the world."""
+        return self.world_frame or self.odom_frame or "odom"
+
     @staticmethod
     def names() -> dict[str, object]:
         """The parameters' names and defaults."""

@@ -118,6 +118,7 @@ def _guard(node: Ros2Node, stack: ExitStack, start: Array, rate: float, drive: D
             told = t
             node.telling.tell_state(guard.run, guard.pilot)
             node.telling.show_footprint(guard)
+            node.telling.show_markers(guard, seen)
             node.telling.warn(list(guard.run.events))
         if t > diagnosed + _DIAGNOSTICS_PERIOD:
             diagnosed = t
@@ -206,6 +207,7 @@ def _plan(node: Ros2Node, controller: Controller, executor: ExecutorProcess, rat
         if ticks % _SHOWN_EVERY == 0 and node.requests.state is GoalState.DRIVING and node.robot.space.planar:
             node.telling.show(controller.ahead(_PLAN_AHEAD, _PLAN_STEP))
         node.telling.show_footprint(executor)
+        node.telling.show_markers(executor, controller.scene, controller)
         if t > told + _DIAGNOSTICS_PERIOD:
             told = t
             node.telling.diagnose(controller, executor, rate)
