@@ -20,7 +20,7 @@ from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.trajectory import MotionLimits
 
 from .actions import serve
-from .driver import close_node, load, open_node, quality
+from .driver import TF_AHEAD, TF_DEPTH, close_node, load, open_node, quality
 from .messages import (
     MessageError,
     check_frame,
@@ -30,9 +30,10 @@ from .messages import (
     place_of,
     planar_pose,
     spatial_pose,
+    transform_of,
 )
 from .motion import MotionReader, carried, correction_of
-from .params import Ros2Params, posture_of
+from .params import TF, Ros2Params, posture_of
 from .requests import Request, Requests
 from .sensing import Sensing
 from .stamps import StampClock, read_together
@@ -82,7 +83,8 @@ class Ros2Node:
             self._reader = MotionReader(self.robot, self.limits)
             self._clock = StampClock(self.params.oldest)
             self._clock.epoch = time.monotonic()
-            self._fix: tuple[float, Array] | None = None
+            self._fix: Array | None = None  # the base's newest pose in the world, by localization
+            self._transform: Array | None = None  # where the frame of odometry is in the world, by tf
             self._cameras: dict[str, Any] = {}  # the newest camera_info of each topic of depths
             self.correction: Array = np.zeros(3)
             self._subscribe()
@@ -134,6 +136,8 @@ class Ros2Node:
             self._hear(nav.OccupancyGrid, topic, kept, lambda m: self.sensing.offer("map", topic, m, 0.0))
         if params.fix is not None:
             self._hear(geometry.PoseWithCovarianceStamped, params.fix, once, self._on_fix)
+        if params.fix_from_tf:
+            self._hear(load("tf2_msgs.msg").TFMessage, TF, quality(TF_DEPTH), self._on_tf)
         self._hear(geometry.PoseStamped, params.goal_pose, once, self._on_goal)
         if params.hand is not None:
             if find_frame(self.robot.model, params.hand) is None:
@@ -170,8 +174,11 @@ class Ros2Node:
     # what comes, in the thread of ROS
 
     def _time(self, message: Any) -> float:
+        return self._time_of(nanoseconds(message.header.stamp))
+
+    def _time_of(self, stamp: int, ahead: float | None = None) -> float:
         now, monotonic = read_together(lambda: int(self.node.get_clock().now().nanoseconds))
-        return self._clock.time(nanoseconds(message.header.stamp), now, monotonic)
+        return self._clock.time(stamp, now, monotonic, ahead)
 
     def _on_odometry(self, message: Any) -> None:
         check_frame(message, self.params.odom_frame or "")
@@ -186,7 +193,14 @@ class Ros2Node:
 
     def _on_fix(self, message: Any) -> None:
         check_frame(message, self.params.world_frame or "")
-        self._fix = self._time(message), place_of(message).pose
+        self._time(message)  # which refuses what is old
+        self._fix = place_of(message).pose
+
+    def _on_tf(self, message: Any) -> None:
+        found = transform_of(message, self.params.world_frame or "", self.params.odom_frame or "")
+        if found is not None:
+            self._time_of(found.stamp, TF_AHEAD)  # which refuses what is old
+            self._transform = found.pose
 
     def _on_seen(self, kind: str, topic: str, message: Any) -> None:
         with self._lock:
@@ -266,11 +280,14 @@ class Ros2Node:
             if t == -math.inf or self._reader.period == math.inf:
                 return None
             row = self._reader.row(t)
-        if self.params.fix is not None and self.robot.space.planar:
-            if self._fix is None:
+        if self.params.fixes and self.robot.space.planar:
+            if self._transform is not None:
+                self.correction = self._transform
+            elif self._fix is not None:
+                self.correction = correction_of(self._fix, row[:3])
+            else:
                 return None
-            self.correction = correction_of(self._fix[1], row[:3])
-            row[:3] = self._fix[1]
+            row[:3] = carried(self.correction, row[:3])
         return row
 
     @property
@@ -278,8 +295,8 @@ class Ros2Node:
         """What has not come yet."""
         with self._lock:
             parts = [self._reader.missing]
-        if self.params.fix is not None and self._fix is None:
-            parts.append(f"a pose from {self.params.fix!r}")
+        if self.params.fixes and self._fix is None and self._transform is None:
+            parts.append(f"a pose from {self.params.fixes!r}")
         return ", ".join(part for part in parts if part) or "more messages of odometry and joint states"
 
     @property

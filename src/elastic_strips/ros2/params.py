@@ -17,6 +17,8 @@ ARMS = ("none", "trajectory", "velocity")
 """How the arm is commanded: not at all, by trajectories that end at rest, or by velocities."""
 ACTIONS = ("navigate_to_pose", "follow_path")
 """The actions that the node may serve, of the types of nav2_msgs."""
+TF = "/tf"
+"""Topic of transforms, in every namespace."""
 MODES = ("drive", "guard")
 """What is driven: to goals, or what somebody else commands, as far as the guard passes it on."""
 _LOST_MESSAGES = 4.0  # so many periods of odometry may pass without one before that counts as silence
@@ -31,7 +33,7 @@ class Ros2Params(Checked):
     Attributes:
         robot: name or URDF file of the robot.
         mode: one of `MODES`.
-        world_frame: frame of goals, paths and maps; that of odometry where no ``fix`` is taken.
+        world_frame: frame of goals, paths and maps; that of odometry where no fix is taken.
         odom_frame, base_frame: frames that odometry has to be in; None: any.
         odom, joint_states, cmd_vel, goal_pose, plan_in, hand_pose: topics.
         hand: frame of the robot that goals on ``hand_pose`` are for; None: none are taken.
@@ -44,6 +46,9 @@ class Ros2Params(Checked):
         depth_pixels: of images with more pixels, squares of some are taken as one.
         map: topic of an occupancy grid; None: none.
         fix: topic of a ``PoseWithCovarianceStamped`` of the base in the world; None: none.
+        fix_from_tf: whether the transform on ``/tf`` from ``world_frame`` to ``odom_frame``, both of which have to be
+            named then, is taken as such a fix instead, with the pose of odometry.
+        tf_noise: standard deviation of such a fix [m, rad]; a transform has none of its own.
         emergency: topic of a ``Bool`` that is true while the emergency stop is pressed; None: none. Where one is
             named and nothing has come, the stop counts as pressed.
         mounts: poses of sensors that no link of the robot has the name of: frame, x, y, z, roll, pitch, yaw, with
@@ -88,6 +93,8 @@ class Ros2Params(Checked):
     depth_pixels: Count = 20_000
     map: str | None = None
     fix: str | None = None
+    fix_from_tf: bool = False
+    tf_noise: Positive = 0.03
     emergency: str | None = None
     mounts: tuple[str, ...] | None = None
     goal_pose: str = "goal_pose"
@@ -123,6 +130,10 @@ class Ros2Params(Checked):
         Checked.__post_init__(self)
         check_choice("arm", self.arm, ARMS)
         check_choice("mode", self.mode, MODES)
+        if self.fix_from_tf and not (self.world_frame and self.odom_frame):
+            raise ParameterError("fix_from_tf=True: world_frame and odom_frame have to be named, map and odom say")
+        if self.fix_from_tf and self.fix is not None:
+            raise ParameterError(f"fix_from_tf=True and fix={self.fix!r}: a fix comes from one of them")
         for action in self.actions or ():
             check_choice("actions", action, ACTIONS)
         for mount in self.mounts or ():
@@ -134,6 +145,11 @@ class Ros2Params(Checked):
     def seen(self) -> tuple[str, ...]:
         """The topics of sensors, all of which scenes rest on."""
         return *(self.scans or ()), *(self.depths or ()), *(self.clouds or ())
+
+    @property
+    def fixes(self) -> str:
+        """The topic from which fixes come; empty: none do."""
+        return TF if self.fix_from_tf else self.fix or ""
 
     @property
     def frame(self) -> str:

@@ -50,3 +50,13 @@ def test_what_is_no_posture_is_refused(told: tuple[str, ...], error: type[Except
 def test_an_arm_that_is_not_commanded_takes_no_posture():
     with refused(ParameterError, "path_posture"):
         Ros2Params(arm="none", path_posture=("home",))
+
+
+def test_fixes_come_from_one_place_and_transforms_are_between_named_frames():
+    assert Ros2Params().fixes == ""
+    assert Ros2Params(fix="amcl_pose").fixes == "amcl_pose"
+    assert Ros2Params(fix_from_tf=True, world_frame="map", odom_frame="odom").fixes == "/tf"
+    with refused(ParameterError, "world_frame"):
+        Ros2Params(fix_from_tf=True, odom_frame="odom")
+    with refused(ParameterError, "fix_from_tf"):
+        Ros2Params(fix_from_tf=True, world_frame="map", odom_frame="odom", fix="amcl_pose")
