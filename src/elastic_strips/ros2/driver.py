@@ -237,7 +237,8 @@ class Ros2Driver:
         params = self._params
         found = transform_of(message, params.world_frame or "", params.odom_frame or "")
         if found is not None:
-            self._reader.note_transform(self._time_of(found.stamp, TF_AHEAD), found.pose, params.tf_noise)
+            noise = params.tf_noise, params.tf_angle_noise
+            self._reader.note_transform(self._time_of(found.stamp, TF_AHEAD), found.pose, noise)
 
     def _on_emergency(self, message: Any) -> None:
         self._emergency = bool(message.data)

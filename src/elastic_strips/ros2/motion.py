@@ -64,7 +64,7 @@ class MotionReader:
         self._told: tuple[float, Array | None] = (-math.inf, None)
         self._fix: tuple[float, BasePlace] | None = None
         self._transform: tuple[float, Array] = (-math.inf, np.full(3, math.nan))  # that counted last
-        self._transform_noise: float | None = None  # of the one that is not told yet
+        self._transform_noise: Array | None = None  # covariance of the one that is not told yet
 
     def note_odometry(self, t: float, place: BasePlace) -> None:
         """Take in where odometry has the base at a time [s].
@@ -91,15 +91,16 @@ class MotionReader:
         """Take in where the base was at a time [s] by localization; it is handed on with the next measurement."""
         self._fix = t, place
 
-    def note_transform(self, t: float, transform: Array, noise: float) -> None:
-        """Take in where the frame of odometry is in the world (3,) at a time [s], with a standard deviation [m, rad].
+    def note_transform(self, t: float, transform: Array, noise: tuple[float, float]) -> None:
+        """Take in where the frame of odometry is in the world (3,) at a time [s], with standard deviations [m], [rad].
 
         With odometry's pose of then, it is a fix of the base, which is handed on with the next measurement.
         """
         before, last = self._transform
         same = bool(np.array_equal(transform, last))
         if t >= before + (_SAME_AGAIN if same else _CHANGED_AGAIN) - 1e-6:
-            self._transform, self._transform_noise = (t, np.array(transform, dtype=float)), noise
+            self._transform = t, np.array(transform, dtype=float)
+            self._transform_noise = np.diag(np.square([noise[0], noise[0], noise[1]]))
 
     @property
     def missing(self) -> str:
@@ -164,7 +165,7 @@ class MotionReader:
                 place = carried(transform, self.odometry.at(at))
             except MessageError:  # it is from before odometry, or from a gap of it
                 return Measurement(t, drive, joints)
-            return Measurement(t, drive, joints, place, at, noise**2 * np.eye(3))
+            return Measurement(t, drive, joints, place, at, noise)
         if self._fix is None or self._fix[0] > t:  # one of a time that is not known yet waits
             return Measurement(t, drive, joints)
         (at, place), self._fix = self._fix, None

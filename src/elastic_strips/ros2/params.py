@@ -48,7 +48,7 @@ class Ros2Params(Checked):
         fix: topic of a ``PoseWithCovarianceStamped`` of the base in the world; None: none.
         fix_from_tf: whether the transform on ``/tf`` from ``world_frame`` to ``odom_frame``, both of which have to be
             named then, is taken as such a fix instead, with the pose of odometry.
-        tf_noise: standard deviation of such a fix [m, rad]; a transform has none of its own.
+        tf_noise, tf_angle_noise: standard deviations of such a fix, as a transform has none of its own.
         emergency: topic of a ``Bool`` that is true while the emergency stop is pressed; None: none. Where one is
             named and nothing has come, the stop counts as pressed.
         mounts: poses of sensors that no link of the robot has the name of: frame, x, y, z, roll, pitch, yaw, with
@@ -94,7 +94,8 @@ class Ros2Params(Checked):
     map: str | None = None
     fix: str | None = None
     fix_from_tf: bool = False
-    tf_noise: Positive = 0.03
+    tf_noise: Positive = 0.02
+    tf_angle_noise: Positive = 0.01
     emergency: str | None = None
     mounts: tuple[str, ...] | None = None
     goal_pose: str = "goal_pose"
