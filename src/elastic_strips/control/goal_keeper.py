@@ -147,6 +147,8 @@ class GoalKeeper:
     def _posture(self, joints: npt.ArrayLike) -> Array:
         """Positions (n,) of the joints, as coordinates."""
         space = self._robot.space
+        if not np.size(joints) and space.nv == space.base_nv:
+            return np.zeros(0)
         given = check_array("joints", joints, (space.nv - space.base_nv,))
         row = self._executor.estimate.copy()
         row[space.base_nv :] = given
@@ -187,13 +189,13 @@ class GoalKeeper:
         executor, replanner = self._executor, self._replanner
         if self.planning or not executor.at_rest(t):
             return
+        far = self._too_far(t, path.path)  # it came to rest meanwhile
+        if far:
+            self.cancel(far)
+            return
         if self._holds(t, path) and executor.settled:
-            far = self._too_far(t, path.path)
             self.forget()
-            if far:
-                self.cancel(far)
-            else:
-                self._begin_path(t, path, latency)
+            self._begin_path(t, path, latency)
             return
         none = self._moves_joints and (self.no_way or replanner.no_way)
         if none and not path.wait:

@@ -116,7 +116,8 @@ class Following:
 
 
 def posture(robot, name="reach"):
-    return robot.space.to_coordinates(robot.state(name))[robot.space.base_nv :]
+    q = robot.home() if name is None else robot.state(name)
+    return robot.space.to_coordinates(q)[robot.space.base_nv :]
 
 
 def test_the_joints_are_moved_first_and_stay_so_on_the_path(silvermate):
@@ -181,6 +182,22 @@ def test_it_waits_where_the_joints_cannot_be_moved_yet(silvermate):
     drive.run(60.0, lambda: drive.controller.ended)
     assert drive.controller.ended, drive.controller.reason
     np.testing.assert_allclose(drive.rows[-1][3:], wanted, atol=0.06)
+
+
+def test_where_it_is_not_to_wait_for_its_joints_the_path_is_given_up(silvermate):
+    before = Box((0.1, 0.6, 0.5), at=(0.56, -0.2, 0.85), name="before")
+    drive = Following(silvermate, lambda t: Scene([before], time=t))
+    drive.run(0.1)
+    drive.controller.follow(PATH, within=0.3, joints=posture(silvermate), wait=False)
+    drive.run(10.0, lambda: drive.controller.halted)
+    assert drive.controller.halted
+    assert "before" in drive.controller.reason
+
+
+def test_a_robot_without_joints_has_its_posture(jackal_box):
+    controller = Controller(jackal_box, jackal_box.home(), jackal_box.home(), Scene([]))
+    controller.follow(PATH, within=0.3, joints=posture(jackal_box, None))
+    assert controller.keeper.path is not None
 
 
 def test_what_is_no_posture_is_refused(silvermate):
