@@ -404,8 +404,9 @@ class Controller:
             wait: whether the robot waits where it cannot go on; else the path is given up, as by :meth:`cancel`, with
                 the reason.
             joints: (n,) positions [rad or m] as the joints are to be on the way. Where they are elsewhere, the robot
-                first comes to rest, and moves them while its base stands. None: as they are now, or were to be on a
-                path that is followed now. Either way they give way to what is near, and return.
+                first comes to rest, and moves them before it sets out; its base may give way meanwhile. None: as they
+                are now, or were to be on a path that is followed now. Either way they give way to what is near, and
+                return.
 
         Raises:
             ParameterError: a path of another shape, or a distance that is too small.

@@ -185,7 +185,7 @@ class GoalKeeper:
         self._planner.take(strip, beside=moves)
 
     def _get_ready(self, t: float, path: PathDrive, scene: Scene, latency: float) -> None:
-        """Move the joints as they are to be on a path, while the base stands; and then follow it."""
+        """Move the joints as they are to be on a path, from where the robot stands; and then follow it."""
         executor, replanner = self._executor, self._replanner
         if self.planning or not executor.at_rest(t):
             return

@@ -69,8 +69,8 @@ class Ros2Params(Checked):
         backward: whether the robot may plan, or be commanded, backwards: something has to look there.
         within: largest distance of the base from a path of others.
         path_posture: posture of the arm on such a path: ``home``, or another one that the robot's SRDF has a name
-            for, or positions as ``joint:value``, the other joints as at home. The arm is moved first, while the base
-            stands. None: it stays as it is when the path comes.
+            for, or positions as ``joint:value``, the other joints as at home. The arm is moved before the robot sets
+            out. None: it stays as it is when the path comes.
         goal_position, goal_angle: how near counts as reached.
         footprint_ahead: the ``footprint`` holds the robot for so long on its motion; 0: now.
         low, high: heights between which the points of clouds count.
