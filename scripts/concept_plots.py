@@ -1,11 +1,14 @@
-"""The plots of docs/concepts.md and docs/tuning.md, computed by the library; scripts/figures draws them.
+"""The plots of docs/concepts.md and docs/tuning.md, computed by the library, and the chart of the front page, whose
+numbers are those of docs/benchmarks.md; scripts/figures draws them.
 
 Each function returns a figure of matplotlib (extra ``study``). Lengths are in metres, angles in radians.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import matplotlib
 
@@ -229,7 +232,72 @@ def tuning() -> Figure:
     return figure
 
 
+BENCHMARKS = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
+ON_BOTH = "#757d87"
+"""A grey that can be read on white and on black."""
+PEERS = {  # in the chart's order: what a row of the benchmarks' table begins with, and what the chart calls it
+    "here, certified": "elastic_strips",
+    "RoboPlan": "RoboPlan 0.7.0, RRT-Connect",
+    "TrajOpt": "TrajOpt (tesseract 0.5.1)",
+    "Drake": "Drake 1.51.1, trajectory optimization",
+    "OMPL": "OMPL 2.0.1, RRT-Connect",
+    "the same, simplified": "OMPL 2.0.1, RRT-Connect, simplified",
+    "MPlib": "MPlib 0.2.1",
+}
+
+
+def touched() -> dict[str, list[tuple[str, int, int]]]:
+    """By task: planner, how many of its paths touch something, and of how many, as docs/benchmarks.md has them."""
+    page = BENCHMARKS.read_text(encoding="utf-8")
+    peers = []
+    for begins, name in PEERS.items():
+        row = re.search(rf"^\| {re.escape(begins)}[^\n]*?\| (\d+) of (\d+) \| [\d.]+ m \|$", page, re.MULTILINE)
+        assert row is not None, f"the table of docs/benchmarks.md has no row {begins!r}"
+        peers.append((name, int(row[1]), int(row[2])))
+    text = " ".join(page.split())
+    found = re.search(r"(\d+) of (\d+) of the Panda's paths and (\d+) of (\d+) of the Fetch's touch", text)
+    assert found is not None
+    reached = []
+    for robot, k in (("Panda", 1), ("Fetch", 3)):
+        row = re.search(rf"^\| {robot} \| \d+ \| (\d+) \(", page, re.MULTILINE)
+        assert row is not None, f"the table of docs/benchmarks.md has no row {robot!r}"
+        reached.append((f"elastic_strips, {robot}", 0, int(row[1])))
+        reached.append((f"VAMP 0.6.4, {robot}", int(found[k]), int(found[k + 1])))
+    return {"TIAGo in cluttered corridors": peers, "Arms reaching into shelves, boxes and cages": reached}
+
+
+def touching() -> Figure:
+    """The share of paths that touch something, by planner."""
+    tasks = touched()
+    figure, axes = plt.subplots(
+        len(tasks), 1, figsize=(7.6, 4.0), sharex=True, height_ratios=[len(rows) for rows in tasks.values()]
+    )
+    figure.patch.set_alpha(0.0)
+    for one, (task, rows) in zip(axes, tasks.items(), strict=True):
+        one.patch.set_alpha(0.0)
+        for k, (name, touch, count) in enumerate(rows):
+            colour = FREE if name.startswith("elastic_strips") else "#d1603d"
+            one.barh(k, 100.0 * touch / count, color=colour, height=0.62)
+            one.plot(0.0, k, "|", color=colour, ms=11, mew=3)
+            one.text(
+                100.0 * touch / count + 1.5, k, f"{touch} of {count}", va="center", color=ON_BOTH, fontsize=9.5,
+                fontweight="bold" if colour == FREE else "normal",
+            )  # fmt: skip
+        one.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=9.5)
+        one.set_title(task, fontsize=10, loc="left", color=ON_BOTH, fontweight="bold")
+        one.set(xlim=(0.0, 100.0), ylim=(len(rows) - 0.4, -0.6))
+        one.tick_params(colors=ON_BOTH, length=0)
+        for label in one.get_yticklabels():
+            label.set_fontweight("bold" if label.get_text().startswith("elastic_strips") else "normal")
+        for side in one.spines.values():
+            side.set_visible(False)
+    axes[-1].set_xticks(range(0, 101, 25), [f"{share} %" for share in range(0, 101, 25)])
+    axes[-1].set_xlabel("paths that touch something", color=ON_BOTH)
+    return figure
+
+
 PLOTS: dict[str, Callable[[], Figure]] = {
+    "touching": touching,
     "strip": strip,
     "motion-bound": motion_bound,
     "certificate": certificate,

@@ -14,7 +14,7 @@ pyplot = pytest.importorskip("matplotlib.pyplot")
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs" / "images"
-NAMES = ["strip", "motion-bound", "certificate", "braking", "ticks"]
+NAMES = ["touching", "strip", "motion-bound", "certificate", "braking", "ticks"]
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +39,7 @@ def test_a_plot_shows_what_its_page_says(name: str, plots: ModuleType) -> None:
     titles = [axes.get_title("left") or axes.get_title() for axes in figure.axes]
     pyplot.close(figure)
     said = {
+        "touching": ["TIAGo in cluttered corridors", "Arms reaching into shelves, boxes and cages"],
         "strip": ["a straight line: segment", "converged after"],
         "motion-bound": ["the whole segment: not decided", "halved: free"],
         "certificate": ["proved: 20 of 20", "refuted: segment"],
@@ -47,6 +48,15 @@ def test_a_plot_shows_what_its_page_says(name: str, plots: ModuleType) -> None:
     }[name]
     assert len(titles) == len(said)
     assert all(title.startswith(what) for title, what in zip(titles, said, strict=True)), titles
+
+
+def test_the_chart_of_the_front_page_has_the_figures_of_the_benchmarks(plots: ModuleType) -> None:
+    touched = plots.touched()
+    page = " ".join((ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8").split())
+    for name, touch, count in (row for rows in touched.values() for row in rows):
+        assert 0 <= touch <= count
+        assert (f"{touch} of {count}" in page) or (touch == 0 and f"| {count} |" in page), name
+    assert {row[1] for rows in touched.values() for row in rows if row[0].startswith("elastic_strips")} == {0}
 
 
 @pytest.mark.parametrize("changes", [{"influence": 0.1}, {"k_c": 10.0}])

@@ -106,6 +106,15 @@ def test_pictures_are_small() -> None:
         assert picture.stat().st_size < 250_000, picture.name
 
 
+def test_pictures_of_the_gallery_are_small() -> None:
+    sizes = {picture.name: picture.stat().st_size for picture in (ROOT / "docs" / "images").glob("*.webp")}
+    assert sizes.pop("drag.webp") < 3e6
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    assert set(sizes) == set(re.findall(r"\(images/([\w-]+\.webp)\)", page))
+    assert max(sizes.values()) < 300_000
+    assert sum(sizes.values()) < 2.5e6
+
+
 @pytest.mark.parametrize("document", ["design.md", "decisions.md"])
 def test_named_code_exists(document: str) -> None:
     """Every `room.name` that these pages point to is there; test_paper_map.py does that for the paper's map."""

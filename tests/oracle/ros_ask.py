@@ -1,6 +1,6 @@
 """Asks the node of elastic_strips for goals "x,y,yaw" [m, rad], or "hand:x,y,z" of its hand, once it is ready for one;
-to follow "path:x,y,yaw;x,y,yaw"; to stop, resume, cancel; for "speed:0.3"; and for its footprint, whose corners it
-prints."""
+to follow "path:x,y,yaw;x,y,yaw"; to stop, resume, cancel; for "speed:0.3"; for its footprint, whose corners it prints;
+and for its markers, whose namespaces and numbers it prints."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from geometry_msgs.msg import PolygonStamped, PoseStamped
 from nav_msgs.msg import Path
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 from elastic_strips.ros2.driver import close_node, open_node, quality
 from elastic_strips.ros2.messages import fill_path, fill_pose
@@ -77,15 +78,15 @@ def set_speed(context, node, value: float) -> None:
     executor.shutdown()
 
 
-def hear_footprint(node) -> None:
-    heard = node.create_subscription(PolygonStamped, "footprint", lambda _: None, quality(1))
+def hear(node, kind, topic: str):
+    heard = node.create_subscription(kind, topic, lambda _: None, quality(1))
     end, taken = time.monotonic() + LONGEST, None
     while taken is None:
-        assert time.monotonic() < end, "no footprint comes"
+        assert time.monotonic() < end, f"nothing comes on {topic}"
         with heard.handle:
-            taken = heard.handle.take_message(PolygonStamped, False)
+            taken = heard.handle.take_message(kind, False)
         time.sleep(0.02)
-    print(json.dumps([taken[0].header.frame_id, [[point.x, point.y] for point in taken[0].polygon.points]]))
+    return taken[0]
 
 
 context, node = open_node("asker")
@@ -98,7 +99,11 @@ for word in sys.argv[1:]:
     elif word.startswith("speed:"):
         set_speed(context, node, float(word.removeprefix("speed:")))
     elif word == "footprint":
-        hear_footprint(node)
+        found = hear(node, PolygonStamped, "footprint")
+        print(json.dumps([found.header.frame_id, [[point.x, point.y] for point in found.polygon.points]]))
+    elif word == "markers":
+        found = hear(node, MarkerArray, "elastic_strips/markers").markers
+        print(json.dumps([[one.header.frame_id, one.ns, one.id] for one in found]))
     else:
         call(context, node, word)
 close_node(context, node)

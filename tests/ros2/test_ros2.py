@@ -197,6 +197,8 @@ def test_a_goal_gives_way_to_another_and_a_stop_can_be_taken_back(python: Path, 
         drive.ask("4,0,0", "stop")
         drive.until("robot", "it stands again")
         assert drive.node.poll() is None, "a robot that was stopped waits"
+        shown = {name for _, name, _ in json.loads(drive.ask("markers"))}
+        assert shown >= {"strip_base", "strip_hand", "obstacles"}
         assert drive.ask("speed:0.9", "speed:0.5", "resume").split() == ["False", "True"], "it was started with 0.6"
         assert drive.node.wait(LONGEST) == 0, drive.said("node")
         drive.end_robot()
@@ -210,6 +212,7 @@ def test_somebody_elses_velocities_are_guarded(python: Path, tmp_path: Path):
     with driven(python, tmp_path, ["--seed", "4"], ["mode:=guard"]) as drive:
         drive.until("node", "ready for commands")
         frame, corners = json.loads(drive.ask("footprint"))
+        markers = json.loads(drive.ask("markers"))
         drive.call("-m", "workshop", "ros-pilot", "--seed", "4", "--for", "6", "--spoilt")
         drive.node.send_signal(signal.SIGINT)
         assert drive.node.wait(LONGEST) == 130, drive.said("node")
@@ -221,6 +224,9 @@ def test_somebody_elses_velocities_are_guarded(python: Path, tmp_path: Path):
     assert seen["contacts_at_speed"] == 0
     assert seen["at_rest"]
     assert seen["last_command_was_rest"]
+    assert {frame for frame, *_ in markers} == {"odom"}
+    assert {name for _, name, _ in markers} == {"obstacles"}, "it stood, and has no strip"
+    assert len({(name, number) for _, name, number in markers}) == len(markers)
     assert frame == "base_link"
     x, y = np.array(corners).T
     area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

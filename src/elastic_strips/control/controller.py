@@ -353,7 +353,8 @@ class Controller:
     @property
     def ended(self) -> bool:
         """Whether the last goal is reached."""
-        return self.state is RunState.REACHED and not self.goals and not self.keeper.planning
+        keeper = self.keeper
+        return self.state is RunState.REACHED and not (self.goals or keeper.planning or keeper.next_path)
 
     @property
     def halted(self) -> bool:
@@ -395,7 +396,9 @@ class Controller:
         self.keeper.retarget(self.time, goal, self.scene, self.pace.latency)
 
     @named_arguments
-    def follow(self, path: npt.ArrayLike, *, within: float, wait: bool = True) -> None:
+    def follow(
+        self, path: npt.ArrayLike, *, within: float, wait: bool = True, joints: npt.ArrayLike | None = None
+    ) -> None:
         """Follow a path of the base, such as another planner's, in place of all goals.
 
         The strip is drawn to the path, and every motion that is driven is proven to keep to it within the distance, the
@@ -408,12 +411,16 @@ class Controller:
             within: largest distance [m] of the base's origin from the path; more than the tracking error.
             wait: whether the robot waits where it cannot go on; else the path is given up, as by :meth:`cancel`, with
                 the reason.
+            joints: (n,) positions [rad or m] as the joints are to be on the way. Where they are elsewhere, the robot
+                first comes to rest, and moves them before it sets out; its base may give way meanwhile. None: as they
+                are now, or were to be on a path that is followed now. Either way they give way to what is near, and
+                return.
 
         Raises:
             ParameterError: a path of another shape, or a distance that is too small.
-            ConfigurationError: the robot's base is fixed, or further from the path than that.
+            ConfigurationError: the robot's base is fixed, or further from the path than that; a joint beyond its range.
         """
-        self.keeper.follow(self.time, path, within, wait, self.pace.latency)
+        self.keeper.follow(self.time, path, within, wait, joints, self.pace.latency)
 
     def cancel(self, reason: str = "the goal was cancelled") -> None:
         """Give up the goal and all after it: the robot comes to rest, and stands until :meth:`retarget`.

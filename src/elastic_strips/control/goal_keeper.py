@@ -58,6 +58,7 @@ class GoalKeeper:
         reached: the goals that were reached so far, in order of time.
         tolerance: how near counts as reached.
         path: the path that is followed, or None.
+        next_path: the path that is followed once the joints are as they are to be on it, or None.
         plans: what computes the plans.
         cancelled: why the goal was given up; empty where it was not.
         no_way: why nothing leads to the goal; empty where something does.
@@ -86,8 +87,10 @@ class GoalKeeper:
         self.goal: Array = self._robot.space.to_coordinates(goal_q)
         self.reached: list[GoalReached] = []
         self.path: PathDrive | None = None
+        self.next_path: PathDrive | None = None
         self.cancelled: str = ""
         self.no_way: str = ""
+        self._moves_joints = False  # on the way to what they are to be on the next path
         self._counted = False  # whether the present goal was written down as reached
         self._replan: Future[Replanned] | None = None  # plans a strip to the same goal
         self._next: Future[PlanReport] | None = None  # plans the first strip to another goal
@@ -107,32 +110,103 @@ class GoalKeeper:
         self.cancelled = ""
         self._set_goal(t, first, scene, latency)
 
-    def follow(self, t: float, path: npt.ArrayLike, within: float, wait: bool, latency: float) -> None:
+    def follow(
+        self, t: float, path: npt.ArrayLike, within: float, wait: bool, joints: npt.ArrayLike | None, latency: float
+    ) -> None:
         """Follow a path of the base in place of all goals; see :meth:`Controller.follow`."""
         rows = check_array("path", path, (None, 3 if np.shape(path)[-1:] == (3,) else 2))
-        robot, executor = self._robot, self._executor
+        robot = self._robot
         if not robot.space.planar:
             raise ConfigurationError(f"follow: the base of {robot.name!r} is fixed")
-        least = self._planner.margins.tracking_error
-        check_number("within", within, above=least, unit="m")
+        posture = None if joints is None else self._posture(joints)
+        check_number("within", within, above=self._planner.margins.tracking_error, unit="m")
         followed = FollowedPath(rows[:, :2], within)
-        off = float(followed.off(executor.reference(t).coordinates[None, :2])[0])
-        if off > within - least:
-            raise ConfigurationError(
-                f"follow: the base is {off:.3f} m from the path; within={within:g} m allows {within - least:.3f} m, "
-                f"for the tracking error is up to {least:g} m"
-            )
+        far = self._too_far(t, followed)
+        if far:
+            raise ConfigurationError(f"follow: {far}")
+        before = self.next_path or self.path
+        if posture is None and before is not None:
+            posture = before.joints
+        yaw = float(rows[-1, 2]) if rows.shape[1] == 3 else None
+        drive = PathDrive(robot, followed, yaw, posture, wait=wait)
         self.goals = []
+        known = None if before is None else before.joints
+        same = known is not None and posture is not None and np.array_equal(known, posture)
+        if same and self.next_path is not None:  # the joints are on their way
+            self.next_path = drive
+            self._planner.keep_to(followed if self._moves_joints else None)
+            return
         self.forget()
         self.cancelled = ""
+        if same or self._holds(t, drive):  # what keeps an arm from its posture on the way is no reason to stop
+            self._begin_path(t, drive, latency)
+            return
+        self.next_path = drive
+        self.no_way = "it comes to rest, to move its joints before it follows a path"
+
+    def _posture(self, joints: npt.ArrayLike) -> Array:
+        """Positions (n,) of the joints, as coordinates."""
+        space = self._robot.space
+        if not np.size(joints) and space.nv == space.base_nv:
+            return np.zeros(0)
+        given = check_array("joints", joints, (space.nv - space.base_nv,))
+        row = self._executor.estimate.copy()
+        row[space.base_nv :] = given
+        return space.to_coordinates(self._robot.check_q(space.from_coordinates(row), what="joints"))[space.base_nv :]
+
+    def _too_far(self, t: float, path: FollowedPath) -> str:
+        """That the base is too far from a path to follow it; empty where it is not."""
+        least = self._planner.margins.tracking_error
+        off = float(path.off(self._executor.reference(t).coordinates[None, :2])[0])
+        if off <= path.within - least:
+            return ""
+        return (
+            f"the base is {off:.3f} m from the path; within={path.within:g} m allows {path.within - least:.3f} m, "
+            f"for the tracking error is up to {least:g} m"
+        )
+
+    def _holds(self, t: float, path: PathDrive) -> bool:
+        """Whether the joints are as they are to be on a path."""
+        here, there = self._executor.reference(t).coordinates[None], self._executor.estimate.copy()
+        if path.joints is None:
+            return True
+        there[self._robot.space.base_nv :] = path.joints
+        return float(off_goal(self._robot, here, there)[0, 2]) <= self.tolerance.joints
+
+    def _begin_path(self, t: float, path: PathDrive, latency: float) -> None:
+        """Follow a path, from where the robot will be when that is planned."""
+        executor = self._executor
         moves, active = not executor.at_rest(t), executor.active
         begin = active.at(t + latency).coordinates if moves else active.coordinates[-1]
-        yaw = float(rows[-1, 2]) if rows.shape[1] == 3 else None
-        self.path = PathDrive(robot, followed, yaw, wait=wait)
-        self._planner.keep_to(followed)
-        strip = self.path.strip_from(begin)
+        self.path = path
+        self._planner.keep_to(path.path)
+        strip = path.strip_from(begin)
         self._lead_to(strip)
         self._planner.take(strip, beside=moves)
+
+    def _get_ready(self, t: float, path: PathDrive, scene: Scene, latency: float) -> None:
+        """Move the joints as they are to be on a path, from where the robot stands; and then follow it."""
+        executor, replanner = self._executor, self._replanner
+        if self.planning or not executor.at_rest(t):
+            return
+        far = self._too_far(t, path.path)  # it came to rest meanwhile
+        if far:
+            self.cancel(far)
+            return
+        if self._holds(t, path) and executor.settled:
+            self.forget()
+            self._begin_path(t, path, latency)
+            return
+        none = self._moves_joints and (self.no_way or replanner.no_way)
+        if none and not path.wait:
+            self.cancel(f"the joints cannot be moved for the path: {none}")
+        elif not self._moves_joints or (self.no_way and t >= self._asked + self._params.replan_after):
+            assert path.joints is not None
+            row = executor.active.coordinates[-1].copy()
+            row[self._robot.space.base_nv :] = path.joints
+            self._set_goal(t, self._robot.space.from_coordinates(row), scene, latency)
+            self.next_path, self._moves_joints = path, True
+            self._planner.keep_to(path.path)
 
     def cancel(self, reason: str) -> None:
         """Give up the goal and all after it; see :meth:`Controller.cancel`."""
@@ -144,7 +218,7 @@ class GoalKeeper:
 
     def forget(self) -> None:
         """Forget what leads to the goals that there were."""
-        self.no_way, self.path = "", None
+        self.no_way, self.path, self.next_path, self._moves_joints = "", None, None, False
         self._planner.keep_to(None)
         for plan in (self._next, self._onward_plan, self._replan):
             if plan is not None:
@@ -164,6 +238,11 @@ class GoalKeeper:
         return self._next is not None
 
     @property
+    def gave_up(self) -> bool:
+        """Whether nothing leads to the goal, and nothing is planned that may: ``no_way`` says why."""
+        return bool(self.no_way) and not self.planning and self.next_path is None
+
+    @property
     def goes_on(self) -> bool:
         """Whether motions go on from the present goal to the next one."""
         return self._onward is not None
@@ -175,12 +254,15 @@ class GoalKeeper:
     def set_out(self, t: float, scene: Scene, latency: float) -> None:
         """Set out for the next goal where this one is reached."""
         executor = self._executor
-        if executor.run.state is RunState.REACHED and self.goals and executor.settled and not self.planning:
+        if self.next_path is not None:
+            self._get_ready(t, self.next_path, scene, latency)
+        elif executor.run.state is RunState.REACHED and self.goals and executor.settled and not self.planning:
             self._set_goal(t, self.goals.pop(0), scene, latency)
 
     def count(self, t: float) -> None:
         """Write down that the goal is reached, once it is."""
-        if self._executor.run.state is RunState.REACHED and not self.planning and not self._counted:
+        ready = not self.planning and self.next_path is None
+        if self._executor.run.state is RunState.REACHED and ready and not self._counted:
             self._counted = True
             self._reach(t, self._executor.estimate, passed=False)
 

@@ -25,41 +25,49 @@ class PathDrive:
         robot: the robot; its base moves.
         path: the path.
         yaw: heading [rad] at its end; None: along the path, or as it is for a base that slides.
+        joints: (n,) as the joints [rad or m] are to be on it; None: as they are when it begins.
         wait: whether the robot waits where it cannot go on.
 
     Attributes:
-        wait: see above.
+        path, joints, wait: see above.
         told: what it was said to wait for since it got stuck.
     """
 
-    def __init__(self, robot: RobotModel, path: FollowedPath, yaw: float | None, *, wait: bool) -> None:
+    def __init__(
+        self, robot: RobotModel, path: FollowedPath, yaw: float | None, joints: Array | None, *, wait: bool
+    ) -> None:
+        self.path, self.joints = path, joints
         self.wait: bool = wait
         self.told: set[str] = set()
-        self._robot, self._path, self._yaw = robot, path, yaw
+        self._robot, self._yaw = robot, yaw
         self._goal: Array | None = None
         self._since: float | None = None  # [s] when it got stuck
         self._stuck_at = 0.0  # [m] along the path
         self._laid = -np.inf  # [s] when the strip was laid anew
 
     def strip_from(self, here: Array, *, turns: bool = False) -> Strip:
-        """The strip along the rest of the path from a coordinate row (nv,) on; the joints end as they first were.
+        """The strip along the rest of the path from a coordinate row (nv,) on; the joints end as they are to be on it.
 
         Args:
             here: where it begins.
             turns: whether it goes straight to the path, a little ahead, for which a differential drive first turns on
                 the spot: next to what bounds it, an arc may lead out.
         """
-        robot, (_, passed) = self._robot, self._path.nearest(here[None, :2])
-        points = np.vstack([here[:2], self._path.ahead(float(passed[0]) + (self._path.within if turns else 0.0))])
+        robot, (_, passed) = self._robot, self.path.nearest(here[None, :2])
+        points = np.vstack([here[:2], self.path.ahead(float(passed[0]) + (self.path.within if turns else 0.0))])
         goal = self._goal
         if goal is None:
             goal, yaw = here.copy(), self._yaw
             goal[:2] = points[-1]
             if yaw is None and robot.base_kind is BaseKind.DIFF_DRIVE:
-                way = self._path.points[-1] - self._path.points[-2]
+                way = self.path.points[-1] - self.path.points[-2]
                 yaw = atan2(float(way[1]), float(way[0]))
             if yaw is not None:
                 goal[2] = here[2] + atan2(sin(yaw - here[2]), cos(yaw - here[2]))
+            base = robot.space.base_nv
+            if self.joints is None:
+                self.joints = here[base:].copy()
+            goal[base:] = here[base:] + robot.space.difference(here, np.concatenate([here[:base], self.joints]))[base:]
             self._goal = goal
         turn = _turn(here, points[1]) if turns and robot.base_kind is BaseKind.DIFF_DRIVE else here[None]
         start, end = robot.space.from_coordinates(np.stack([turn[-1], goal]))
@@ -73,7 +81,7 @@ class PathDrive:
 
         Who moves to and fro before something, and gets no further along the path, stays stuck.
         """
-        passed = float(self._path.nearest(here[None, :2])[1][0])
+        passed = float(self.path.nearest(here[None, :2])[1][0])
         if moves:
             if passed > self._stuck_at + _FURTHER:
                 self._since = None

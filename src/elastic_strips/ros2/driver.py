@@ -32,13 +32,18 @@ from .messages import (
     joints_of,
     nanoseconds,
     place_of,
+    transform_of,
 )
 from .motion import MotionReader
-from .params import Ros2Params
+from .params import TF, Ros2Params
 from .pilot import PilotReader
 from .shared_memory import clear_left
 from .stamps import StampClock, read_together
 
+TF_DEPTH = 50
+"""Messages of ``/tf`` that wait at most: everybody publishes there."""
+TF_AHEAD = 2.0
+"""Time [s] by which a transform's stamp may be ahead: localization stamps until when it holds."""
 _LONGEST_DISCOVERY = 15.0  # [s] until something of the robot has come: now and then discovery takes 3 s
 _AT_ONCE = 20  # messages of a topic that are taken in one period
 _LONGEST_BLIND = 0.1  # [s] besides, for which joint states may be missing
@@ -129,6 +134,8 @@ class Ros2Driver:
             self._hear(sensor.JointState, params.joint_states, quality(20), self._on_joints)
         if params.fix is not None:
             self._hear(geometry.PoseWithCovarianceStamped, params.fix, quality(1, reliable=True), self._on_fix)
+        if params.fix_from_tf:
+            self._hear(load("tf2_msgs.msg").TFMessage, TF, quality(TF_DEPTH), self._on_tf)
         if params.emergency is not None:
             kind = load("std_msgs.msg").Bool
             self._hear(kind, params.emergency, quality(1, reliable=True, kept=True), self._on_emergency)
@@ -209,8 +216,11 @@ class Ros2Driver:
                         self._notes[what] = None
 
     def _time(self, message: Any) -> float:
+        return self._time_of(nanoseconds(message.header.stamp))
+
+    def _time_of(self, stamp: int, ahead: float | None = None) -> float:
         now, monotonic = read_together(lambda: int(self._node.get_clock().now().nanoseconds))
-        return self._clock.time(nanoseconds(message.header.stamp), now, monotonic)
+        return self._clock.time(stamp, now, monotonic, ahead)
 
     def _on_odometry(self, message: Any) -> None:
         check_frame(message, self._params.odom_frame or "")
@@ -222,6 +232,13 @@ class Ros2Driver:
     def _on_fix(self, message: Any) -> None:
         check_frame(message, self._params.world_frame or "")
         self._reader.note_fix(self._time(message), place_of(message))
+
+    def _on_tf(self, message: Any) -> None:
+        params = self._params
+        found = transform_of(message, params.world_frame or "", params.odom_frame or "")
+        if found is not None:
+            noise = params.tf_noise, params.tf_angle_noise
+            self._reader.note_transform(self._time_of(found.stamp, TF_AHEAD), found.pose, noise)
 
     def _on_emergency(self, message: Any) -> None:
         self._emergency = bool(message.data)

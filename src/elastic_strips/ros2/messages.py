@@ -75,7 +75,11 @@ def planar_pose(pose: RosObject) -> Array:
     Raises:
         MessageError: it is not finite, not turned by a quaternion, or tilted by more than 0.1 rad.
     """
-    at_x, at_y, _, x, y, z, w = spatial_pose(pose).tolist()
+    return _upright(pose.position, pose.orientation)
+
+
+def _upright(position: RosObject, orientation: RosObject) -> Array:
+    at_x, at_y, _, x, y, z, w = _placed(position, orientation).tolist()
     tilt = 2.0 * math.atan2(math.hypot(x, y), math.hypot(z, w))
     if tilt > _LARGEST_TILT:
         raise MessageError(f"a pose is tilted by {tilt:.3g} rad; at most {_LARGEST_TILT:g} is taken for upright")
@@ -88,7 +92,10 @@ def spatial_pose(pose: RosObject) -> Array:
     Raises:
         MessageError: it is not finite, or not turned by a quaternion.
     """
-    at, turn = pose.position, pose.orientation
+    return _placed(pose.position, pose.orientation)
+
+
+def _placed(at: RosObject, turn: RosObject) -> Array:
     found = np.array([float(value) for value in (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)])
     if not np.isfinite(found).all():
         raise MessageError(f"a pose is not finite: {', '.join(f'{value:g}' for value in found)}")
@@ -125,6 +132,34 @@ def place_of(message: RosObject) -> BasePlace:
     """
     pose = planar_pose(message.pose.pose)
     return BasePlace(pose, covariance_of(message.pose.covariance, float(pose[2])))
+
+
+class FrameTransform(NamedTuple):
+    """A transform of ``tf``: where a frame is in another one.
+
+    Attributes:
+        stamp: its time stamp [ns].
+        pose: (3,) x, y [m], yaw [rad].
+    """
+
+    stamp: int
+    pose: Array
+
+
+def transform_of(message: RosObject, parent: str, child: str) -> FrameTransform | None:
+    """The newest transform of a ``TFMessage`` from a frame to its child; None where there is none.
+
+    Raises:
+        MessageError: it is not finite, not turned by a quaternion, or tilted.
+    """
+    found: FrameTransform | None = None
+    for one in message.transforms:
+        names = str(one.header.frame_id).strip("/"), str(one.child_frame_id).strip("/")
+        stamp = nanoseconds(one.header.stamp)
+        if names == (parent.strip("/"), child.strip("/")) and (found is None or stamp > found.stamp):
+            place = one.transform
+            found = FrameTransform(stamp, _upright(place.translation, place.rotation))
+    return found
 
 
 def joints_of(message: RosObject) -> dict[str, float]:

@@ -19,6 +19,9 @@ from .stamps import StampedRows
 
 SLOWEST_ODOMETRY = 20.0
 """Least rate [Hz] of odometry, and of joint states, with which a robot is driven."""
+_CHANGED_AGAIN, _SAME_AGAIN = 0.1, 1.0
+"""Times [s] after which a transform counts again, where it has changed and where it has not: it is repeated more often
+than it is measured, and a fix that counts ten times is believed as ten."""
 _RATE_SLACK = 0.95  # of that: what is measured of 20 Hz may be a little less
 
 
@@ -60,6 +63,8 @@ class MotionReader:
         self._group: dict[str, tuple[str, ...]] = {}  # joint → the joints that came with it last
         self._told: tuple[float, Array | None] = (-math.inf, None)
         self._fix: tuple[float, BasePlace] | None = None
+        self._transform: tuple[float, Array] = (-math.inf, np.full(3, math.nan))  # that counted last
+        self._transform_noise: Array | None = None  # covariance of the one that is not told yet
 
     def note_odometry(self, t: float, place: BasePlace) -> None:
         """Take in where odometry has the base at a time [s].
@@ -85,6 +90,17 @@ class MotionReader:
     def note_fix(self, t: float, place: BasePlace) -> None:
         """Take in where the base was at a time [s] by localization; it is handed on with the next measurement."""
         self._fix = t, place
+
+    def note_transform(self, t: float, transform: Array, noise: tuple[float, float]) -> None:
+        """Take in where the frame of odometry is in the world (3,) at a time [s], with standard deviations [m], [rad].
+
+        With odometry's pose of then, it is a fix of the base, which is handed on with the next measurement.
+        """
+        before, last = self._transform
+        same = bool(np.array_equal(transform, last))
+        if t >= before + (_SAME_AGAIN if same else _CHANGED_AGAIN) - 1e-6:
+            self._transform = t, np.array(transform, dtype=float)
+            self._transform_noise = np.diag(np.square([noise[0], noise[0], noise[1]]))
 
     @property
     def missing(self) -> str:
@@ -142,6 +158,14 @@ class MotionReader:
         if pose is not None and pose_before is not None:
             drive = self._limits.to_drive(np.array(log(compose(inverse(_of(pose_before)), _of(pose)))))
         self._told = t, pose
+        if self._transform_noise is not None and self._planar:
+            (at, transform), noise, self._transform_noise = self._transform, self._transform_noise, None
+            at = min(at, t)  # it holds on for what is measured next
+            try:
+                place = carried(transform, self.odometry.at(at))
+            except MessageError:  # it is from before odometry, or from a gap of it
+                return Measurement(t, drive, joints)
+            return Measurement(t, drive, joints, place, at, noise)
         if self._fix is None or self._fix[0] > t:  # one of a time that is not known yet waits
             return Measurement(t, drive, joints)
         (at, place), self._fix = self._fix, None

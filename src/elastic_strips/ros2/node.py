@@ -19,7 +19,8 @@ from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.trajectory import MotionLimits
 
-from .driver import close_node, load, open_node, quality
+from .actions import serve
+from .driver import TF_AHEAD, TF_DEPTH, close_node, load, open_node, quality
 from .messages import (
     MessageError,
     check_frame,
@@ -29,9 +30,10 @@ from .messages import (
     place_of,
     planar_pose,
     spatial_pose,
+    transform_of,
 )
 from .motion import MotionReader, carried, correction_of
-from .params import Ros2Params
+from .params import TF, Ros2Params, posture_of
 from .requests import Request, Requests
 from .sensing import Sensing
 from .stamps import StampClock, read_together
@@ -47,6 +49,7 @@ _DIAGNOSTICS_PERIOD = 1.0  # [s]
 _RATE_SPAN = 1.0  # [s] in which the rate of odometry is measured
 _PLAN_AHEAD = 30.0  # [s] of the way that is shown, and
 _PLAN_STEP = 0.2  # [s] from pose to pose
+_LAST_WORDS = 0.3  # [s] in which clients are told that their goals are over
 _NEWEST_EVENTS = 50  # that are looked at, at most
 _SAME_WARNING = 5.0  # [s] from a warning until the same is said again
 _NUMBER = re.compile(r"-?[0-9.]+")  # by which alone what is said again and again differs
@@ -75,12 +78,13 @@ class Ros2Node:
             self.limits: MotionLimits = MotionLimits.for_robot(self.robot)
             self.slower: MotionLimits = self.limits.scaled(self.params.speed, 1.0)  # that it is driven with
             self.sensing: Sensing = Sensing(self.robot, self.params)
-            self.requests: Requests = Requests(self.params.within)
+            self.requests: Requests = Requests(self.params.within, posture_of(self.robot, self.params.path_posture))
             self._lock = threading.Lock()
             self._reader = MotionReader(self.robot, self.limits)
             self._clock = StampClock(self.params.oldest)
             self._clock.epoch = time.monotonic()
-            self._fix: tuple[float, Array] | None = None
+            self._fix: Array | None = None  # the base's newest pose in the world, by localization
+            self._transform: Array | None = None  # where the frame of odometry is in the world, by tf
             self._cameras: dict[str, Any] = {}  # the newest camera_info of each topic of depths
             self.correction: Array = np.zeros(3)
             self._subscribe()
@@ -93,7 +97,7 @@ class Ros2Node:
         """The parameters that ROS has; an empty text, or an empty list, is none."""
         kinds = load("rclpy.parameter").Parameter.Type
         values: dict[str, Any] = {}
-        lists = ("scans", "clouds", "depths", "mounts")
+        lists = ("scans", "clouds", "depths", "mounts", "path_posture", "actions")
         for name, default in Ros2Params.names().items():
             if name in lists:
                 value = (
@@ -132,6 +136,8 @@ class Ros2Node:
             self._hear(nav.OccupancyGrid, topic, kept, lambda m: self.sensing.offer("map", topic, m, 0.0))
         if params.fix is not None:
             self._hear(geometry.PoseWithCovarianceStamped, params.fix, once, self._on_fix)
+        if params.fix_from_tf:
+            self._hear(load("tf2_msgs.msg").TFMessage, TF, quality(TF_DEPTH), self._on_tf)
         self._hear(geometry.PoseStamped, params.goal_pose, once, self._on_goal)
         if params.hand is not None:
             if find_frame(self.robot.model, params.hand) is None:
@@ -163,12 +169,16 @@ class Ros2Node:
                 return response
 
             self.node.create_service(trigger, f"~/{kind}", answer)
+        self._end_actions = serve(self.node, self.params, self.requests, self.telling.log)
 
     # what comes, in the thread of ROS
 
     def _time(self, message: Any) -> float:
+        return self._time_of(nanoseconds(message.header.stamp))
+
+    def _time_of(self, stamp: int, ahead: float | None = None) -> float:
         now, monotonic = read_together(lambda: int(self.node.get_clock().now().nanoseconds))
-        return self._clock.time(nanoseconds(message.header.stamp), now, monotonic)
+        return self._clock.time(stamp, now, monotonic, ahead)
 
     def _on_odometry(self, message: Any) -> None:
         check_frame(message, self.params.odom_frame or "")
@@ -183,7 +193,14 @@ class Ros2Node:
 
     def _on_fix(self, message: Any) -> None:
         check_frame(message, self.params.world_frame or "")
-        self._fix = self._time(message), place_of(message).pose
+        self._time(message)  # which refuses what is old
+        self._fix = place_of(message).pose
+
+    def _on_tf(self, message: Any) -> None:
+        found = transform_of(message, self.params.world_frame or "", self.params.odom_frame or "")
+        if found is not None:
+            self._time_of(found.stamp, TF_AHEAD)  # which refuses what is old
+            self._transform = found.pose
 
     def _on_seen(self, kind: str, topic: str, message: Any) -> None:
         with self._lock:
@@ -263,11 +280,14 @@ class Ros2Node:
             if t == -math.inf or self._reader.period == math.inf:
                 return None
             row = self._reader.row(t)
-        if self.params.fix is not None and self.robot.space.planar:
-            if self._fix is None:
+        if self.params.fixes and self.robot.space.planar:
+            if self._transform is not None:
+                self.correction = self._transform
+            elif self._fix is not None:
+                self.correction = correction_of(self._fix, row[:3])
+            else:
                 return None
-            self.correction = correction_of(self._fix[1], row[:3])
-            row[:3] = self._fix[1]
+            row[:3] = carried(self.correction, row[:3])
         return row
 
     @property
@@ -275,8 +295,8 @@ class Ros2Node:
         """What has not come yet."""
         with self._lock:
             parts = [self._reader.missing]
-        if self.params.fix is not None and self._fix is None:
-            parts.append(f"a pose from {self.params.fix!r}")
+        if self.params.fixes and self._fix is None and self._transform is None:
+            parts.append(f"a pose from {self.params.fixes!r}")
         return ", ".join(part for part in parts if part) or "more messages of odometry and joint states"
 
     @property
@@ -307,8 +327,11 @@ class Ros2Node:
                     _log.exception("a message or a request could not be handled")
 
         def end() -> None:
+            if self.requests.close("the node ends"):
+                time.sleep(_LAST_WORDS)
             ending.set()
             thread.join(2.0)
+            self._end_actions()
             executor.shutdown()
             close_node(self.context, self.node)
 

@@ -5,14 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
+from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams, MonitorParams
 from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ParameterError
+from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.validation import Bound, Checked, Count, Finite, NonNegative, Positive, check_choice
 
 ARMS = ("none", "trajectory", "velocity")
 """How the arm is commanded: not at all, by trajectories that end at rest, or by velocities."""
+ACTIONS = ("navigate_to_pose", "follow_path")
+"""The actions that the node may serve, of the types of nav2_msgs."""
+TF = "/tf"
+"""Topic of transforms, in every namespace."""
 MODES = ("drive", "guard")
 """What is driven: to goals, or what somebody else commands, as far as the guard passes it on."""
 _LOST_MESSAGES = 4.0  # so many periods of odometry may pass without one before that counts as silence
@@ -27,10 +33,12 @@ class Ros2Params(Checked):
     Attributes:
         robot: name or URDF file of the robot.
         mode: one of `MODES`.
-        world_frame: frame of goals, paths and maps; that of odometry where no ``fix`` is taken.
+        world_frame: frame of goals, paths and maps; that of odometry where no fix is taken.
         odom_frame, base_frame: frames that odometry has to be in; None: any.
         odom, joint_states, cmd_vel, goal_pose, plan_in, hand_pose: topics.
         hand: frame of the robot that goals on ``hand_pose`` are for; None: none are taken.
+        actions: those of `ACTIONS` that are served, where nav2_msgs is there; None: none. Beside Nav2's own servers of
+            the same name leave these out.
         scans: topics of lasers; None, or one empty name: none.
         clouds: topics of point clouds.
         depths: topics of depth images, rectified; each has its ``camera_info`` beside it.
@@ -38,6 +46,9 @@ class Ros2Params(Checked):
         depth_pixels: of images with more pixels, squares of some are taken as one.
         map: topic of an occupancy grid; None: none.
         fix: topic of a ``PoseWithCovarianceStamped`` of the base in the world; None: none.
+        fix_from_tf: whether the transform on ``/tf`` from ``world_frame`` to ``odom_frame``, both of which have to be
+            named then, is taken as such a fix instead, with the pose of odometry.
+        tf_noise, tf_angle_noise: standard deviations of such a fix, as a transform has none of its own.
         emergency: topic of a ``Bool`` that is true while the emergency stop is pressed; None: none. Where one is
             named and nothing has come, the stop counts as pressed.
         mounts: poses of sensors that no link of the robot has the name of: frame, x, y, z, roll, pitch, yaw, with
@@ -57,6 +68,9 @@ class Ros2Params(Checked):
             be set to less, and back, while it runs. At 0 it stands.
         backward: whether the robot may plan, or be commanded, backwards: something has to look there.
         within: largest distance of the base from a path of others.
+        path_posture: posture of the arm on such a path: ``home``, or another one that the robot's SRDF has a name
+            for, or positions as ``joint:value``, the other joints as at home. The arm is moved before the robot sets
+            out. None: it stays as it is when the path comes.
         goal_position, goal_angle: how near counts as reached.
         footprint_ahead: the ``footprint`` holds the robot for so long on its motion; 0: now.
         low, high: heights between which the points of clouds count.
@@ -79,12 +93,16 @@ class Ros2Params(Checked):
     depth_pixels: Count = 20_000
     map: str | None = None
     fix: str | None = None
+    fix_from_tf: bool = False
+    tf_noise: Positive = 0.02
+    tf_angle_noise: Positive = 0.01
     emergency: str | None = None
     mounts: tuple[str, ...] | None = None
     goal_pose: str = "goal_pose"
     hand_pose: str = "hand_pose"
     hand: str | None = None
     plan_in: str = "plan_in"
+    actions: tuple[str, ...] | None = ACTIONS
     cmd_vel: str = "cmd_vel"
     stamped: bool = True
     arm: str = "trajectory"
@@ -100,6 +118,7 @@ class Ros2Params(Checked):
     speed: Annotated[float, Bound(above=0.0, high=1.0)] = LASER_EASE
     backward: bool = False
     within: Positive = 0.3
+    path_posture: tuple[str, ...] | None = None
     goal_position: Positive = 0.05
     goal_angle: Positive = 0.05
     footprint_ahead: NonNegative = 0.0
@@ -112,13 +131,31 @@ class Ros2Params(Checked):
         Checked.__post_init__(self)
         check_choice("arm", self.arm, ARMS)
         check_choice("mode", self.mode, MODES)
+        if self.fix_from_tf and not (self.world_frame and self.odom_frame):
+            raise ParameterError("fix_from_tf=True: world_frame and odom_frame have to be named, map and odom say")
+        if self.fix_from_tf and self.fix is not None:
+            raise ParameterError(f"fix_from_tf=True and fix={self.fix!r}: a fix comes from one of them")
+        for action in self.actions or ():
+            check_choice("actions", action, ACTIONS)
         for mount in self.mounts or ():
             mount_of(mount)
+        if self.path_posture and self.arm == "none":
+            raise ParameterError(f"path_posture={self.path_posture}: with arm='none' the arm is not commanded")
 
     @property
     def seen(self) -> tuple[str, ...]:
         """The topics of sensors, all of which scenes rest on."""
         return *(self.scans or ()), *(self.depths or ()), *(self.clouds or ())
+
+    @property
+    def fixes(self) -> str:
+        """The topic from which fixes come; empty: none do."""
+        return TF if self.fix_from_tf else self.fix or ""
+
+    @property
+    def frame(self) -> str:
+        """The frame of what is published in the world."""
+        return self.world_frame or self.odom_frame or "odom"
 
     @staticmethod
     def names() -> dict[str, object]:
@@ -140,6 +177,31 @@ def mount_of(text: str) -> tuple[str, tuple[float, ...]]:
     if not frame or len(numbers) != 6:
         raise ParameterError(f"mounts: {text!r} is not frame:x:y:z:roll:pitch:yaw")
     return frame, numbers
+
+
+def posture_of(robot: RobotModel, told: tuple[str, ...] | None) -> Array | None:
+    """(n,) positions of the joints [rad or m] that ``path_posture`` names; None where it does not.
+
+    Raises:
+        ParameterError: neither one name nor joints with values.
+        ConfigurationError: there is no such posture, or no such joint, or one is beyond its range.
+    """
+    if not told:
+        return None
+    if len(told) == 1 and ":" not in told[0]:
+        q = robot.home() if told[0] == "home" else robot.state(told[0])
+    else:
+        joints: dict[str, float] = {}
+        for entry in told:
+            name, _, value = entry.partition(":")
+            try:
+                joints[name] = float(value)
+            except ValueError:
+                raise ParameterError(
+                    f"path_posture: {entry!r} is neither the one name of a posture nor joint:value"
+                ) from None
+        q = robot.home(joints=joints)
+    return robot.space.to_coordinates(q)[robot.space.base_nv :]
 
 
 def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> DriveParams:

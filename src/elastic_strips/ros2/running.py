@@ -43,6 +43,7 @@ _DIAGNOSTICS_PERIOD = 1.0  # [s]
 _RATE_SPAN = 1.0  # [s] in which the rate of odometry is measured
 _PLAN_AHEAD = 30.0  # [s] of the way that is shown, and
 _PLAN_STEP = 0.2  # [s] from pose to pose
+_PROGRESS_EVERY = 2  # planning ticks from one look at how far it still is to the next
 _SHOWN_EVERY = 4  # planning ticks from one shown plan to the next
 
 
@@ -117,6 +118,7 @@ def _guard(node: Ros2Node, stack: ExitStack, start: Array, rate: float, drive: D
             told = t
             node.telling.tell_state(guard.run, guard.pilot)
             node.telling.show_footprint(guard)
+            node.telling.show_markers(guard, seen)
             node.telling.warn(list(guard.run.events))
         if t > diagnosed + _DIAGNOSTICS_PERIOD:
             diagnosed = t
@@ -200,9 +202,12 @@ def _plan(node: Ros2Node, controller: Controller, executor: ExecutorProcess, rat
         node.telling.tell_state(controller)
         node.telling.tell_wait(controller, t)
         node.telling.warn(list(controller.events))
+        if ticks % _PROGRESS_EVERY == 0:
+            node.requests.note_progress(controller)
         if ticks % _SHOWN_EVERY == 0 and node.requests.state is GoalState.DRIVING and node.robot.space.planar:
             node.telling.show(controller.ahead(_PLAN_AHEAD, _PLAN_STEP))
         node.telling.show_footprint(executor)
+        node.telling.show_markers(executor, controller.scene, controller)
         if t > told + _DIAGNOSTICS_PERIOD:
             told = t
             node.telling.diagnose(controller, executor, rate)

@@ -59,20 +59,21 @@ class StampClock:
         """The time of what has no stamp [s]: that of the monotonic clock."""
         return monotonic - self.epoch
 
-    def time(self, stamp: int, now: int, monotonic: float) -> float:
+    def time(self, stamp: int, now: int, monotonic: float, ahead: float | None = None) -> float:
         """The time of a stamp on the executor's clock [s]; never later than now.
 
         Args:
             stamp: the stamp [ns].
             now: ROS' clock [ns], read
             monotonic: at this reading of the monotonic clock [s].
+            ahead: as in the constructor, for stamps that say until when something holds.
 
         Raises:
             MessageError: the stamp is too far from now: the clocks of two machines differ, say.
         """
-        age = 1e-9 * (now - stamp)
-        if age < -self.ahead:
-            raise MessageError(f"a time stamp is {-age:.3g} s ahead of the clock; at most {self.ahead:g} s is believed")
+        age, most = 1e-9 * (now - stamp), self.ahead if ahead is None else ahead
+        if age < -most:
+            raise MessageError(f"a time stamp is {-age:.3g} s ahead of the clock; at most {most:g} s is believed")
         if age > self.oldest:
             raise MessageError(f"a time stamp is {age:.3g} s old; at most {self.oldest:g} s is used")
         return monotonic - self.epoch - max(age, 0.0)

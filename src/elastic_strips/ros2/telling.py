@@ -10,11 +10,14 @@ from typing import Protocol
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.control.controller import Controller
 from elastic_strips.control.interfaces import Event, RunState
 from elastic_strips.control.process import ExecutorProcess
 from elastic_strips.robot import RobotModel, footprint_polygon
+from elastic_strips.scene import Scene
 
 from .driver import load, quality
+from .markers import Lines, boxes_near, fill_markers
 from .messages import RosObject, fill_path, fill_polygon, fill_stamp, fill_status
 from .params import Ros2Params
 from .requests import GoalState, Requests
@@ -23,7 +26,9 @@ from .sensing import Sensing
 _NEWEST_EVENTS = 50  # that are looked at, at most
 _WAIT = 2.0  # [s] for which a robot stands before its goal until it is said why
 _FOOTPRINT_PERIOD = 0.2  # [s] from one footprint to the next
-_FOOTPRINT_STEP = 0.1  # [s] from one posture on a motion to the next
+_MOTION_STEP = 0.1  # [s] from one posture on a motion to the next
+_MARKERS_PERIOD = 0.2  # [s] from one set of markers to the next
+_MARKERS_AHEAD = 3.0  # [s] of the motion that is shown
 _SAME_WARNING = 5.0  # [s] from a warning until the same is said again
 _NUMBER = re.compile(r"-?[0-9.]+")  # by which alone what is said again and again differs
 
@@ -60,7 +65,10 @@ class Telling:
         self._state = node.create_publisher(std.String, "~/state", kept)
         self._diagnostics = node.create_publisher(diagnostic.DiagnosticArray, "/diagnostics", quality(1, reliable=True))
         self._footprint = node.create_publisher(geometry.PolygonStamped, "footprint", quality(1, reliable=True))
-        self._footprint_due = -math.inf
+        markers = load("visualization_msgs.msg")
+        self._markers = node.create_publisher(markers.MarkerArray, "~/markers", quality(1, reliable=True))
+        self._lines = Lines(robot, params.hand)
+        self._footprint_due = self._markers_due = -math.inf
         self._told_state = ""
         self._stands_since = math.inf  # [s]
         self._warned: dict[str, float] = {}  # what was said, without numbers, and when it happened [s]
@@ -92,8 +100,7 @@ class Telling:
     def show(self, rows: Array) -> None:
         """Publish the way ahead: coordinate rows (K, nv) of a robot whose base moves."""
         message, pose = load("nav_msgs.msg").Path(), load("geometry_msgs.msg").PoseStamped
-        frame = self._params.world_frame or self._params.odom_frame or "odom"
-        fill_path(message, pose, rows[:, :3], frame, self._now())
+        fill_path(message, pose, rows[:, :3], self._params.frame, self._now())
         self._plan.publish(message)
 
     def show_footprint(self, executor: ExecutorProcess) -> None:
@@ -101,14 +108,33 @@ class Telling:
         if executor.now < self._footprint_due or not self._footprint.get_subscription_count():
             return
         self._footprint_due = executor.now + _FOOTPRINT_PERIOD
-        t, active, ahead = executor.now, executor.active, self._params.footprint_ahead
-        times = np.arange(t, min(t + ahead, active.end_time) + _FOOTPRINT_STEP, _FOOTPRINT_STEP) if ahead else []
-        rows = np.array([executor.estimate, *(active.at(min(time, t + ahead)).coordinates for time in times)])
+        rows = np.array([executor.estimate, *_motion(executor, self._params.footprint_ahead)])
         message, point = self._footprint.msg_type(), load("geometry_msgs.msg").Point32
         fill_stamp(message.header.stamp, self._now())
         message.header.frame_id = self._params.base_frame or "base_link"
         fill_polygon(message.polygon, point, footprint_polygon(self._robot, rows))
         self._footprint.publish(message)
+
+    def show_markers(
+        self, executor: ExecutorProcess, scene: Scene | None, controller: Controller | None = None
+    ) -> None:
+        """Publish the strip, the motion that the robot is on, and what is near it; where somebody hears."""
+        if executor.now < self._markers_due or not self._markers.get_subscription_count():
+            return
+        self._markers_due = executor.now + _MARKERS_PERIOD
+        lines, in_the_way = self._lines.motion(np.array(_motion(executor, _MARKERS_AHEAD))), ""
+        if controller is not None:
+            result = controller.tick.result if controller.tick is not None else None
+            certificate = None if result is None else result.report.certificate
+            certified = certificate is not None and certificate.certified
+            lines = [*self._lines.strip(controller.strip.coordinates, certified=certified), *lines]
+            in_the_way = certificate.broken.obstacle if certificate is not None and certificate.broken else ""
+        place = executor.estimate[:2] if self._robot.space.planar else np.zeros(2)
+        boxes = boxes_near(scene, place) if scene is not None else []
+        message = self._markers.msg_type()
+        make = load("visualization_msgs.msg").Marker, load("geometry_msgs.msg").Point
+        fill_markers(message, make, lines, boxes, in_the_way, self._params.frame, self._now())
+        self._markers.publish(message)
 
     def tell_wait(self, run: Run, t: float) -> None:
         """Say why a robot that has a goal stands, once it has for a while."""
@@ -154,3 +180,10 @@ class Telling:
         array.header.stamp = self._node.get_clock().now().to_msg()
         array.status.append(status)
         self._diagnostics.publish(array)
+
+
+def _motion(executor: ExecutorProcess, seconds: float) -> list[Array]:
+    """Coordinate rows (nv,) of the motion that the robot is on, from now on; none where there are to be 0 seconds."""
+    t, active = executor.now, executor.active
+    times = np.arange(t, min(t + seconds, active.end_time) + _MOTION_STEP, _MOTION_STEP) if seconds else []
+    return [active.at(min(time, t + seconds)).coordinates for time in times]

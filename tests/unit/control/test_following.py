@@ -95,6 +95,122 @@ def test_it_arrives_with_the_heading_that_is_given(silvermate):
     np.testing.assert_allclose(places[-1], PATH[2], atol=0.06)
 
 
+class Following:
+    """A robot that is asked for something while it drives, and where it was at each step."""
+
+    def __init__(self, robot, scene=lambda t: Scene([], time=t)):
+        self.controller, self.scene = Controller(robot, robot.home(), robot.home(), scene(0.0)), scene
+        self.plant = KinematicPlant(robot, self.controller.limits, seed=1)
+        self.plant.reset(robot.space.to_coordinates(robot.home()))
+        self.k, self.measured, self.rows, self.speeds = 0, None, [], []
+
+    def run(self, seconds, until=lambda: False):
+        end = self.k + round(seconds / DT)
+        while self.k < end and not until():
+            command = self.controller.step(self.k * DT, self.measured, self.scene(self.k * DT))
+            self.measured = self.plant.step(command, DT)
+            self.rows.append(self.plant.coordinates.copy())
+            self.speeds.append(abs(float(command.drive.mean())))
+            self.k += 1
+        return self
+
+
+def posture(robot, name="reach"):
+    q = robot.home() if name is None else robot.state(name)
+    return robot.space.to_coordinates(q)[robot.space.base_nv :]
+
+
+def test_the_joints_are_moved_first_and_stay_so_on_the_path(silvermate):
+    drive, wanted = Following(silvermate), posture(silvermate)
+    drive.run(0.1)
+    drive.controller.follow(PATH[:3], within=0.3, joints=wanted)
+    assert not drive.controller.ended
+    drive.run(60.0, lambda: drive.controller.ended)
+    rows = np.array(drive.rows)
+    assert drive.controller.ended, drive.controller.reason
+    np.testing.assert_allclose(rows[-1, :2], PATH[2], atol=0.06)
+    np.testing.assert_allclose(rows[-1, 3:], wanted, atol=0.06)
+    left = np.flatnonzero(np.hypot(*rows[:, :2].T) > 0.1)[0]
+    assert np.abs(rows[left:, 3:] - wanted).max() < 0.15, "they are there before it sets out, and stay"
+    ends = [reached.goal for reached in drive.controller.goals_reached if np.allclose(reached.goal[3:], wanted)]
+    assert len(ends) == 1, "only the path's end is a goal"
+
+
+def test_another_path_at_speed_goes_on_with_the_joints_as_they_are_to_be(silvermate):
+    drive, wanted = Following(silvermate), posture(silvermate)
+    drive.run(0.1)
+    drive.controller.follow(PATH, within=0.3, joints=wanted)
+    drive.run(1.0)
+    drive.controller.follow(PATH, within=0.3, joints=wanted)  # while they move
+    drive.run(40.0, lambda: bool(drive.rows) and drive.rows[-1][0] > 1.0)
+    since = drive.k
+    for joints in (wanted, None):
+        drive.controller.follow(PATH, within=0.3, joints=joints)
+        drive.run(0.8)
+    assert min(drive.speeds[since:]) > 0.2, "nothing stops it"
+    drive.run(40.0, lambda: drive.controller.ended)
+    np.testing.assert_allclose(drive.rows[-1][3:], wanted, atol=0.06)
+
+
+def test_at_speed_it_comes_to_rest_to_move_its_joints(silvermate):
+    drive, wanted = Following(silvermate), posture(silvermate)
+    drive.run(0.1)
+    drive.controller.follow(PATH, within=0.3)
+    drive.run(2.5)
+    assert drive.speeds[-1] > 0.2
+    drive.controller.follow(PATH, within=0.3, joints=wanted)
+    drive.run(60.0, lambda: drive.controller.ended)
+    rows = np.array(drive.rows)
+    there = np.flatnonzero(np.abs(rows[:, 3:] - wanted).max(axis=1) < 0.1)[0]
+    assert rows[there, 0] < 3.0, "not on the way"
+    assert min(drive.speeds[250:there]) < 0.01
+    np.testing.assert_allclose(rows[-1, :2], PATH[-1], atol=0.06)
+    assert off_path(rows[:, :2]).max() <= 0.3
+
+
+def test_it_waits_where_the_joints_cannot_be_moved_yet(silvermate):
+    """Something hangs where the hand is to be, for a while."""
+    wanted, frees = posture(silvermate), 8.0
+    before = Box((0.1, 0.6, 0.5), at=(0.56, -0.2, 0.85), name="before")
+    drive = Following(silvermate, lambda t: Scene([before] if t < frees else [], time=t))
+    drive.run(0.1)
+    drive.controller.follow(PATH, within=0.3, joints=wanted)
+    drive.run(frees - 0.5)
+    assert np.hypot(*drive.rows[-1][:2]) < 0.3
+    assert "no way" in drive.controller.reason
+    assert not drive.controller.ended
+    drive.run(60.0, lambda: drive.controller.ended)
+    assert drive.controller.ended, drive.controller.reason
+    np.testing.assert_allclose(drive.rows[-1][3:], wanted, atol=0.06)
+
+
+def test_where_it_is_not_to_wait_for_its_joints_the_path_is_given_up(silvermate):
+    before = Box((0.1, 0.6, 0.5), at=(0.56, -0.2, 0.85), name="before")
+    drive = Following(silvermate, lambda t: Scene([before], time=t))
+    drive.run(0.1)
+    drive.controller.follow(PATH, within=0.3, joints=posture(silvermate), wait=False)
+    drive.run(10.0, lambda: drive.controller.halted)
+    assert drive.controller.halted
+    assert "before" in drive.controller.reason
+
+
+def test_a_robot_without_joints_has_its_posture(jackal_box):
+    controller = Controller(jackal_box, jackal_box.home(), jackal_box.home(), Scene([]))
+    controller.follow(PATH, within=0.3, joints=posture(jackal_box, None))
+    assert controller.keeper.path is not None
+
+
+def test_what_is_no_posture_is_refused(silvermate):
+    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([]))
+    for joints, error in (
+        (np.zeros(3), ParameterError),
+        (np.full(7, np.nan), ParameterError),
+        (np.full(7, 9.0), ConfigurationError),
+    ):
+        with pytest.raises(error):
+            controller.follow(PATH, within=0.3, joints=joints)
+
+
 def test_what_cannot_be_followed_is_refused(silvermate):
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([]))
     for path, within, error in (

@@ -30,6 +30,7 @@ from elastic_strips.ros2.messages import (
     path_of,
     place_of,
     planar_pose,
+    transform_of,
     twist_of,
 )
 from elastic_strips.scene import Obstacle
@@ -64,6 +65,37 @@ def test_a_stamp_keeps_its_nanoseconds():
     stamp = Fields(sec=0, nanosec=0)
     fill_stamp(stamp, 1_795_780_381_653_366_989)
     assert nanoseconds(stamp) == 1_795_780_381_653_366_989
+
+
+def transform(parent: str, child: str, stamp: int, x: float, turn: tuple[float, float, float, float]) -> Fields:
+    placed = pose(x, -1.0, turn)
+    place = Fields(translation=placed.position, rotation=placed.orientation)
+    head = Fields(frame_id=parent, stamp=Fields(sec=stamp, nanosec=0))
+    return Fields(header=head, child_frame_id=child, transform=place)
+
+
+def test_the_newest_transform_between_two_frames():
+    left = (0.0, 0.0, math.sin(0.25 * math.pi), math.cos(0.25 * math.pi))
+    message = Fields(
+        transforms=[
+            transform("odom", "base_link", 9, 7.0, left),
+            transform("/map", "odom", 3, 2.0, left),
+            transform("map", "odom", 2, 1.0, left),
+            transform("odom", "map", 8, 5.0, left),
+        ]
+    )
+    found = transform_of(message, "map", "/odom")
+    assert found is not None
+    assert found.stamp == 3_000_000_000
+    np.testing.assert_allclose(found.pose, (2.0, -1.0, 0.5 * math.pi))
+    assert transform_of(message, "map", "base_link") is None
+    assert transform_of(Fields(transforms=[]), "map", "odom") is None
+
+
+@each("x, turn", [(NAN, (0.0, 0.0, 0.0, 1.0)), (0.0, (0.0, 0.0, 0.0, 0.0)), (0.0, (0.5, 0.0, 0.0, math.sqrt(0.75)))])
+def test_a_transform_that_is_none_is_refused(x: float, turn: tuple[float, float, float, float]):
+    with pytest.raises(MessageError):
+        transform_of(Fields(transforms=[transform("map", "odom", 1, x, turn)]), "map", "odom")
 
 
 def test_a_place_has_heading_and_covariance_of_the_base():

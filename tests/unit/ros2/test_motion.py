@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import time
+from types import SimpleNamespace as Fields
 
 import numpy as np
 import pytest
 from cases import each
 
+from elastic_strips.control.estimation import StateEstimator
 from elastic_strips.control.executor import MotionExecutor
+from elastic_strips.control.interfaces import Measurement
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.robot import RobotModel
-from elastic_strips.ros2.messages import BasePlace
+from elastic_strips.ros2.driver import Ros2Driver
+from elastic_strips.ros2.messages import BasePlace, MessageError
 from elastic_strips.ros2.motion import MotionReader, carried, check_rate, correction_of
 from elastic_strips.ros2.params import Ros2Params, drive_params
+from elastic_strips.ros2.stamps import StampClock
 from elastic_strips.trajectory import MotionLimits
 
 
@@ -96,6 +102,85 @@ def test_a_correction_carries_odometry_to_the_world():
     odometry, world = np.array([1.0, 2.0, 0.3]), np.array([-4.0, 0.5, 2.0])
     correction = correction_of(world, odometry)
     np.testing.assert_allclose(carried(correction, odometry), world)
+
+
+def drive_on(motion: MotionReader, times: np.ndarray, speed: float = 1.0) -> list[Measurement]:
+    """What is measured while odometry goes straight ahead."""
+    found = []
+    for t in times.tolist():
+        motion.note_odometry(t, at(speed * t))
+        found.append(motion.measure())
+    return found
+
+
+def test_a_transform_is_a_fix_with_odometry_of_its_time(jackal_box: RobotModel):
+    motion, transform = reader(jackal_box), np.array([10.0, -2.0, 0.5 * np.pi])
+    motion.note_transform(-0.4, transform, (0.04, 0.02))
+    first = drive_on(motion, np.arange(0.0, 1.0, 0.02))
+    assert all(measurement.pose is None for measurement in first), "nothing is known of then"
+    motion.note_transform(0.95, transform, (0.04, 0.02))
+    (found,) = drive_on(motion, np.array([1.0]))
+    np.testing.assert_allclose(found.pose, (10.0, -2.0 + 0.95, 0.5 * np.pi), atol=1e-9)
+    assert found.pose_time == pytest.approx(0.95)
+    np.testing.assert_allclose(found.pose_covariance, np.diag((0.04**2, 0.04**2, 0.02**2)))
+    assert drive_on(motion, np.array([1.02]))[0].pose is None
+    motion.note_transform(1.5, transform + 0.01, (0.04, 0.02))  # it holds until then
+    (found,) = drive_on(motion, np.array([1.04]))
+    assert found.pose_time == pytest.approx(1.04)
+    np.testing.assert_allclose(found.pose[1], -2.0 + 1.04 + 0.01, atol=0.02)
+
+
+@each("changes, most", [(False, 3), (True, 21)])
+def test_one_that_is_repeated_counts_no_more_than_it_is_measured(changes: bool, most: int, jackal_box: RobotModel):
+    motion, fixes = reader(jackal_box), []
+    for k in range(100):
+        motion.note_transform(0.02 * k, np.array([1e-3 * k * changes, 0.0, 0.0]), (0.02, 0.01))
+        fixes += [m for m in drive_on(motion, np.array([0.02 * k + 0.01])) if m.pose is not None]
+    assert most - 2 <= len(fixes) <= most
+
+
+def test_a_robot_that_stands_believes_a_transform_that_has_jumped_after_a_while(jackal_box: RobotModel):
+    """As it does a fix of its own topic; one that jumps far it does not."""
+    limits = MotionLimits.for_robot(jackal_box)
+    for jump, believed in ((0.2, True), (0.6, False)):
+        estimator, motion = StateEstimator(jackal_box, limits), reader(jackal_box)
+        estimator.reset(np.zeros(3))
+        for k in range(500):
+            t = 0.02 * k
+            motion.note_transform(t, np.array([jump if t > 3.0 else 0.0, 0.0, 0.0]), (0.02, 0.01))
+            for measurement in drive_on(motion, np.array([t]), 0.0):
+                if measurement is not None and k:
+                    row = estimator.update(measurement)
+            if 3.2 < t < 5.8:
+                assert abs(row[0]) < 0.05
+                assert estimator.doubt
+        assert bool(abs(row[0] - jump) < 0.1) is believed
+        assert bool(estimator.doubt) is not believed
+
+
+def test_the_driver_takes_the_transform_of_its_frames(jackal_box: RobotModel):
+    """With a stand-in for rclpy's node and for the message."""
+    params = Ros2Params(world_frame="map", odom_frame="odom", fix_from_tf=True, scans=None)
+    driver = Ros2Driver(jackal_box, MotionLimits.for_robot(jackal_box), params, [])
+    now = 5_000_000_000
+    driver._node = Fields(get_clock=lambda: Fields(now=lambda: Fields(nanoseconds=now)))
+    driver._clock, driver._reader = StampClock(params.oldest), reader(jackal_box)
+    driver._clock.epoch = time.monotonic() - 1.0
+
+    def told(stamp: int, parent: str = "map") -> Fields:
+        place = Fields(translation=Fields(x=3.0, y=0.0, z=0.0), rotation=Fields(x=0.0, y=0.0, z=0.0, w=1.0))
+        header = Fields(frame_id=parent, stamp=Fields(sec=stamp // 10**9, nanosec=stamp % 10**9))
+        return Fields(transforms=[Fields(header=header, child_frame_id="odom", transform=place)])
+
+    driver._on_tf(told(now, "elsewhere"))
+    assert drive_on(driver._reader, np.array([0.0]))[0].pose is None
+    for wrong in (now - 2 * 10**9, now + 5 * 10**9):
+        with pytest.raises(MessageError):
+            driver._on_tf(told(wrong))
+    driver._on_tf(told(now + 10**9))  # as localization has it, which says until when it holds
+    (found,) = drive_on(driver._reader, np.array([0.9]))
+    assert found.pose is not None
+    assert found.pose[0] == pytest.approx(3.9)
 
 
 @each("rate", (19.5, 20.0, 50.0, 100.0))

@@ -4,33 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from asked import Drive
 
 import elastic_strips as es
-from elastic_strips.control import Controller
 from elastic_strips.robot import RobotModel
-from elastic_strips.ros2.requests import GoalState, Request, Requests
-from elastic_strips.sim import KinematicPlant
+from elastic_strips.ros2.requests import GoalState, Request
 from elastic_strips.trajectory import MotionLimits
-
-
-class Drive:
-    """A controller in a room with nothing in it, that stands at its start."""
-
-    def __init__(self, robot: RobotModel) -> None:
-        limits = MotionLimits.for_robot(robot)
-        self.machine = KinematicPlant(robot, limits, seed=1)
-        self.machine.reset(robot.space.to_coordinates(robot.home()))
-        self.controller = Controller(robot, robot.home(), robot.home(), None, limits=limits)
-        self.requests, self.said = Requests(0.3), []
-        self.t, self.measurement = 0.0, None
-
-    def run(self, seconds: float, until: GoalState | None = None) -> None:
-        end = self.t + seconds
-        while self.t < end and self.requests.state is not until:
-            self.requests.do(self.controller, self.said.append)
-            command = self.controller.step(self.t, self.measurement, es.Scene([], time=self.t))
-            self.measurement = self.machine.step(command, 0.02)
-            self.t += 0.02
 
 
 @pytest.fixture
@@ -88,6 +67,76 @@ def test_a_path_is_followed_and_one_that_begins_elsewhere_is_refused(drive: Driv
     drive.run(20.0, GoalState.REACHED)
     assert drive.requests.state is GoalState.REACHED
     np.testing.assert_allclose(drive.machine.coordinates[:2], [2.0, 0.2], atol=0.1)
+
+
+def test_a_goal_that_is_refused_leaves_the_one_before(drive: Drive):
+    kept = drive.requests.ask(goal(1.5))
+    drive.run(1.0)
+    refused = drive.requests.ask(Request("path", np.array([[5.0, 5.0, 0.0], [6.0, 5.0, 0.0]])))
+    drive.run(0.1)
+    assert (drive.requests.outcome(refused) or ("",))[0] is GoalState.REFUSED
+    assert drive.requests.state is GoalState.DRIVING
+    assert drive.requests.outcome(kept) is None
+    drive.run(20.0, GoalState.REACHED)
+    assert (drive.requests.outcome(kept) or ("",))[0] is GoalState.REACHED
+    assert drive.machine.coordinates[0] == pytest.approx(1.5, abs=0.1)
+
+
+def test_what_is_cancelled_is_over_when_the_robot_stands(drive: Drive):
+    number = drive.requests.ask(goal(3.0))
+    drive.run(1.5)
+    drive.requests.ask(Request("cancel", reason="not that one", number=number + 1))
+    drive.run(0.1)
+    assert drive.requests.state is GoalState.DRIVING, "another goal's cancel"
+    drive.requests.ask(Request("cancel", reason="enough", number=number))
+    drive.run(0.04)
+    assert drive.requests.state is GoalState.CANCELLED
+    assert drive.speeds[-1] > 0.2
+    while drive.requests.outcome(number) is None and drive.t < 10.0:
+        drive.run(0.02)
+    assert drive.requests.outcome(number) == (GoalState.CANCELLED, "enough")
+    assert drive.speeds[-1] < 0.02
+
+
+def test_a_goal_to_which_nothing_leads_is_given_up_with_the_reason(drive: Drive):
+    drive.walls = [es.Box((0.2, 6.0, 1.5), at=(1.5, 0.0, 0.75), name="wall")]
+    drive.run(0.1)
+    number = drive.requests.ask(goal(1.5))  # within it
+    drive.run(20.0, GoalState.REFUSED)
+    state, reason = drive.requests.outcome(number) or ("", "")
+    assert state is GoalState.REFUSED
+    assert "wall" in reason
+    drive.requests.ask(goal(0.4))
+    drive.run(20.0, GoalState.REACHED)
+    assert drive.requests.state is GoalState.REACHED
+
+
+def test_it_is_known_how_far_it_still_is(drive: Drive):
+    number = drive.requests.ask(goal(2.0))
+    drive.run(1.0)
+    first = drive.requests.progress
+    drive.run(1.0)
+    second = drive.requests.progress
+    assert first is not None
+    assert second is not None
+    assert first.number == number
+    assert first.distance == pytest.approx(2.0 - first.place[0], abs=0.1)
+    assert 0.1 < first.distance - second.distance < 1.5
+    assert 0.0 < second.seconds < first.seconds
+    assert second.speed == pytest.approx(drive.speeds[-1], abs=0.1)
+    drive.run(20.0, GoalState.REACHED)
+    drive.requests.note_progress(drive.controller)
+    assert drive.requests.progress is None
+
+
+def test_goals_that_are_open_end_with_the_node(drive: Drive):
+    numbers = [drive.requests.ask(goal(2.0)), drive.requests.ask(goal(1.0))]
+    drive.run(0.5)
+    later = drive.requests.ask(goal(3.0))
+    assert drive.requests.close("the node ends")
+    assert drive.requests.outcome(numbers[1]) == drive.requests.outcome(later) == (GoalState.CANCELLED, "the node ends")
+    assert drive.requests.outcome(numbers[0]) != (GoalState.CANCELLED, "the node ends")
+    assert not drive.requests.close("the node ends")
 
 
 def test_it_drives_more_slowly_while_that_is_asked_for(drive: Drive):

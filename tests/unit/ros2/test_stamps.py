@@ -57,6 +57,12 @@ def test_a_stamp_that_is_far_from_now_is_refused(age: float):
         clock().time(NOW - round(1e9 * age), NOW, 103.0)
 
 
+def test_a_stamp_that_says_until_when_something_holds_is_now():
+    assert clock().time(NOW + 900_000_000, NOW, 103.0, ahead=1.0) == pytest.approx(3.0)
+    with pytest.raises(MessageError, match=r"1\.1"):
+        clock().time(NOW + 1_100_000_000, NOW, 103.0, ahead=1.0)
+
+
 def test_the_epoch_is_learnt_from_the_call_that_was_least_late():
     made = StampClock(0.5)
     for k, late in enumerate((0.003, 0.0002, 0.004)):
