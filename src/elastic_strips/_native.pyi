@@ -354,6 +354,12 @@ class RayBodies:
         normal: Array | None,
     ) -> None: ...
 
+def fill_holes(
+    ranges: npt.NDArray[np.float32], unit: float, widest: int, corners: Indices, out: npt.NDArray[np.float32]
+) -> None:
+    """Ranges (rows, columns) with narrow holes of lost ones filled in, as `filled` of
+    `elastic_strips.perception.volume_map` has them."""
+
 class VolumeMap:
     """Voxels about a robot; see `elastic_strips.perception.volume_map`."""
 

@@ -812,6 +812,12 @@ void bind_volume(nb::module_& m) {
             "evidence that is out of order");
     new (self) VolumeMap(n, corner.data(), cell, {miss, floor, top, filled, emptied});
   });
+  m.def("fill_holes", [](Same<const float> ranges, double unit, int widest, Numbers corners, Same<float> out) {
+    Sizes()("rc q rc", ranges, corners, out);
+    require(widest > 0 && std::is_sorted(corners.data(), corners.data() + corners.size()), "no holes to look into");
+    fill_holes(ranges.data(), ranges.shape(0), ranges.shape(1), unit, widest, corners.data(), corners.size(),
+               out.data());
+  });
   map.def("roll", [](VolumeMap& self, Numbers corner) {
     Sizes()("3", corner);
     self.roll(corner.data());

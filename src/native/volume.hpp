@@ -101,4 +101,10 @@ class VolumeMap {
   Noted changed_, cleared_;
 };
 
+// Ranges (rows, columns) of an image with narrow holes of lost ones, which are no numbers, filled in; see `filled` in
+// elastic_strips.perception.volume_map, its twin. Holes up to `widest` pixels are looked into, and runs up to `corners`
+// (count) pixels away, ascending.
+void fill_holes(const float* ranges, std::size_t rows, std::size_t columns, double unit, int widest,
+                const std::int64_t* corners, std::size_t count, float* out);
+
 }  // namespace strips

@@ -324,10 +324,22 @@ def filled(ranges: Image, unit: float) -> Image:
         unit: distance [m] at which a gap of one pixel's width is as wide as what may be overlooked; that of a gap of n
             is an n-th of it. A lost pixel is as far away as that, or as the nearer end of its run.
     """
+    if unit == 0.0:
+        return ranges
+    native = kernel()
+    if native is None:
+        return _filled(ranges, unit)
+    out = np.empty(ranges.shape, dtype=np.float32)
+    native.fill_holes(np.ascontiguousarray(ranges, dtype=np.float32), unit, _WIDEST_HOLE, np.array(_CORNERS), out)
+    return out
+
+
+def _filled(ranges: Image, unit: float) -> Image:
+    """The kernel's readable twin."""
     from scipy.ndimage import maximum_filter  # late: slow to import
 
     lost = np.argwhere(np.isnan(ranges))
-    if not len(lost) or unit == 0.0:
+    if not len(lost):
         return ranges
     around = np.pad(ranges, _WIDEST_HOLE, constant_values=np.nan)
     gap, value = np.full(len(lost), np.inf), np.full(len(lost), np.nan)

@@ -17,7 +17,7 @@ from elastic_strips.perception import DepthImage, RangeImage, SceneEstimatorPara
 from elastic_strips.perception.image_movers import ImageView, moving_clusters
 from elastic_strips.perception.readings import camera_directions, turning_directions
 from elastic_strips.perception.tracking import Tracker
-from elastic_strips.perception.volume_map import VolumeMap, VolumeMapParams, filled
+from elastic_strips.perception.volume_map import VolumeMap, VolumeMapParams, _filled, filled
 from elastic_strips.scene import Box, Capsule, Cylinder, Scene, Sphere
 
 SMALL = VolumeMapParams(
@@ -275,6 +275,18 @@ def test_a_lost_pixel_is_as_far_as_what_is_beside_it_and_no_further_than_it_hide
     assert filled(far, 5.0)[30, 40] == 2.5
     assert filled(ranges, 3.0)[30, 40] == 1.5
     assert np.isnan(filled(ranges, 0.0)[30, 40])
+
+
+def test_the_kernel_and_its_twin_fill_the_same_holes(rng):
+    for shape in ((60, 70), (40, 31), (1, 30), (3, 2)):
+        ranges = rng.uniform(0.5, 6.0, shape).astype(np.float32)
+        ranges[rng.random(shape) < 0.05] = np.inf
+        ranges[rng.random(shape) < 0.1] = np.nan
+        for _ in range(12):
+            (i, j), (di, dj) = rng.integers(0, shape), rng.integers(1, 16, 2)
+            ranges[i : i + di, j : j + dj] = np.nan
+        for unit in (0.5, 5.0, 30.0):
+            np.testing.assert_array_equal(filled(ranges, unit), _filled(ranges, unit))
 
 
 @each("width", [8.0, 11.0, 15.0])
