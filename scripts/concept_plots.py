@@ -23,6 +23,7 @@ import elastic_strips as es
 from elastic_strips.collision import BodySet, Certificate, MotionBounds, ObstacleProximity
 from elastic_strips.robot import Kinematics
 from elastic_strips.sim import simulation
+from elastic_strips.sim.scenarios import get_scenario, run_scenario
 from elastic_strips.trajectory import Retimer
 from workshop.study.figures import Outline, draw_scene
 
@@ -188,7 +189,7 @@ def tuned(**changes: float) -> dict[str, float]:
     """Medians over ten corridors, converged: what the parameters do."""
     rows = []
     for seed in range(10):
-        run = es.run_scenario(es.get_scenario("corridor", seed=seed), overrides=changes)
+        run = run_scenario(get_scenario("corridor", seed=seed), overrides=changes)
         rows.append(
             (run.report.clearance, run.report.strip.length, run.report.ticks, len(run.report.strip), run.certified)
         )

@@ -75,8 +75,8 @@ def api_pages() -> dict[str, str]:
                 for name in names
                 if name in homes
             ]
-            errors = "[`ElasticStripsError`](errors.md#elastic_strips.errors.ElasticStripsError)"
-            rows.append(f"| `es` (`elastic_strips`) | {about} | {', '.join([*links, errors])} |")
+            errors = [f"[`{name}`](errors.md#elastic_strips.errors.{name})" for name in names if name.endswith("Error")]
+            rows.append(f"| `es` (`elastic_strips`) | {about} | {', '.join([*links, *errors])} |")
             continue
         pages[f"api/{short}.md"] = "\n\n".join(
             [f"# {short}", f"`{room}`: {about}", listed, *(entry(room, name) for name in names)]

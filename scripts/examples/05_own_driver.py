@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.control import Command, Controller, Measurement
 
 PERIOD = 0.01  # [s] of the control loop, DriveParams.control_dt
 
@@ -19,19 +18,19 @@ class Driver:
     def __init__(self, joints: np.ndarray) -> None:
         self.joints, self.travel = joints, np.zeros(2)
 
-    def send(self, command: Command) -> None:
+    def send(self, command: es.Command) -> None:
         self.travel = command.drive * PERIOD  # of the rims, left and right [m]
         self.joints = self.joints + command.joints * PERIOD  # [rad]
 
-    def measure(self, t: float) -> Measurement:
-        return Measurement(t, self.travel, self.joints)  # and pose=, pose_time= where a localization has one
+    def measure(self, t: float) -> es.Measurement:
+        return es.Measurement(t, self.travel, self.joints)  # and pose=, pose_time= where a localization has one
 
 
 robot = es.load_robot("silvermate")
 crate = es.Box((0.4, 0.4, 1.0), at=(1.6, 0.35, 0.5), name="crate")
 driver = Driver(robot.space.to_coordinates(robot.home())[3:])
 
-with Controller(robot, robot.home(), robot.home(x=3.0), es.Scene([crate])) as controller:
+with es.Controller(robot, robot.home(), robot.home(x=3.0), es.Scene([crate])) as controller:
     t, measurement = 0.0, None  # before the first command the robot stands, and nothing is measured
     while not controller.ended:  # on a robot: once every PERIOD
         scene = es.Scene([crate], time=t)  # what your perception saw last, and when; None where that is nothing new

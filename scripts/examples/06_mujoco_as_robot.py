@@ -8,19 +8,17 @@ from __future__ import annotations
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.control import Controller
 from elastic_strips.sim.mujoco.plant import MujocoPlant
-from elastic_strips.trajectory import MotionLimits
 
 robot = es.load_robot("silvermate")
-limits = MotionLimits.for_robot(robot)
+limits = es.MotionLimits.for_robot(robot)
 crate = es.Box((0.4, 0.4, 1.0), at=(1.6, 0.35, 0.5), name="crate")
 walker = es.Cylinder(0.25, 1.7, at=(2.2, -2.0, 0.85), name="walker", motion=es.Twist(linear=(0.0, 0.8, 0.0)))
 world = es.World(es.Scene([crate, walker]))
 
 machine = MujocoPlant(robot, limits, world, seed=1)
 machine.reset(robot.space.to_coordinates(robot.home()))
-with Controller(robot, robot.home(), robot.home(x=3.0), world.at(0.0), limits=limits) as controller:
+with es.Controller(robot, robot.home(), robot.home(x=3.0), world.at(0.0), limits=limits) as controller:
     t, measurement = 0.0, None
     while not controller.ended and t < 30.0:
         command = controller.step(t, measurement, world.at(t))  # a perception without errors

@@ -12,10 +12,8 @@ import time
 import numpy as np
 
 import elastic_strips as es
-from elastic_strips.control import Command, Controller, Measurement
 from elastic_strips.control.driver import COMMAND_TIMEOUT
 from elastic_strips.control.process import ExecutorProcess
-from elastic_strips.trajectory import MotionLimits
 
 
 class Driver:
@@ -24,16 +22,16 @@ class Driver:
     def __init__(self, joints: np.ndarray, track: float) -> None:
         self.joints, self.travel, self.told = joints, np.zeros(2), np.zeros(2)  # [rad], of the rims so far [m]
         self.track, self.pose = track, np.zeros(3)  # x, y [m], yaw [rad], as a localization would tell it
-        self.command, self.until, self.machine = Command(np.zeros(2), 0.0 * joints), 0.0, None
+        self.command, self.until, self.machine = es.Command(np.zeros(2), 0.0 * joints), 0.0, None
 
-    def measure(self, t: float) -> Measurement:
+    def measure(self, t: float) -> es.Measurement:
         if self.machine is None:  # here, and not in __init__: the driver is sent to the process that controls
             self.machine = threading.Thread(target=self.run, daemon=True)
             self.machine.start()
         before, self.told = self.told, self.travel
-        return Measurement(t, self.told - before, self.joints, pose=self.pose, pose_time=t)
+        return es.Measurement(t, self.told - before, self.joints, pose=self.pose, pose_time=t)
 
-    def send(self, t: float, command: Command) -> None:
+    def send(self, t: float, command: es.Command) -> None:
         self.command, self.until = command, time.monotonic() + COMMAND_TIMEOUT
 
     def close(self) -> None:
@@ -56,11 +54,11 @@ class Driver:
 
 def main() -> None:
     robot = es.load_robot("silvermate")
-    limits, start, goal = MotionLimits.for_robot(robot), robot.home(), robot.home(x=2.0)
+    limits, start, goal = es.MotionLimits.for_robot(robot), robot.home(), robot.home(x=2.0)
     crate = es.Box((0.4, 0.4, 1.0), at=(1.0, 0.7, 0.5), name="crate")
     scene = es.Scene([crate])
     executor = ExecutorProcess(robot, start, goal, limits=limits)  # log="drive.jsonl": what it did, while it does it
-    controller = Controller(robot, start, goal, scene, limits=limits, executor=executor, meter=time.monotonic)
+    controller = es.Controller(robot, start, goal, scene, limits=limits, executor=executor, meter=time.monotonic)
     with executor, controller:
         executor.start(Driver(robot.space.to_coordinates(start)[3:], limits.track))
         executor.begin(time.monotonic())

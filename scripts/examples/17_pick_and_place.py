@@ -6,8 +6,7 @@ import pinocchio as pin
 
 import elastic_strips as es
 from elastic_strips.arrays import Array
-from elastic_strips.control import DriveParams
-from elastic_strips.planning import HandPose, PlanReport, plan_approach, plan_straight
+from elastic_strips.planning import PlanReport, plan_approach, plan_straight
 from elastic_strips.sim import PlantParams, drive_plan
 from elastic_strips.strip import OrientationConstraint
 
@@ -17,10 +16,10 @@ counter = es.Box((1.2, 0.5, 0.9), at=(0.4, 2.2, 0.45), name="counter")
 shelf = es.Box((0.2, 1.5, 1.0), at=(1.2, -0.9, 0.5), name="shelf")
 can = es.Cylinder(0.03, 0.12, at=(2.65, 0.2, 0.775), name="can")  # it stands on 15 mm of foam
 scene = es.Scene([table, counter, shelf])
-far, near = DriveParams(), DriveParams.standing()
+far, near = es.DriveParams(), es.DriveParams.standing()
 
 
-def drive(what: str, plan: PlanReport | None, world: es.Scene, params: DriveParams):
+def drive(what: str, plan: PlanReport | None, world: es.Scene, params: es.DriveParams):
     assert plan is not None, f"{what}: no way"
     plant = PlantParams.seen_closely() if params is near else PlantParams()
     result, q = drive_plan(plan, world, params, plant=plant, seed=1)
@@ -29,7 +28,7 @@ def drive(what: str, plan: PlanReport | None, world: es.Scene, params: DrivePara
 
 
 rolls = [pin.rpy.rpyToMatrix(roll, 0.0, 0.0) for roll in (0.0, 1.57, 3.14, -1.57)]
-grasps = HandPose.around(hand, can.pose[:3, 3], held=held, rotations=rolls)
+grasps = es.HandPose.around(hand, can.pose[:3, 3], held=held, rotations=rolls)
 with_can = scene.with_obstacle(can)
 lift = (0.0, 0.0, 0.1)
 
@@ -49,7 +48,7 @@ q = drive("lift", plan_straight(laden, scene, q, hand, lift, params=near.strip),
 back = plan_straight(laden, scene, q, hand, (-0.12, 0.0, 0.0), axes="hand", params=near.strip)
 q = drive("draw back", back, scene, near)
 level = OrientationConstraint.from_configuration(laden, q, hand)  # nothing is spilt
-places = HandPose.around(hand, (0.4, 2.1, 0.975), held=held, rotations=laden.frame_pose(q, hand)[:3, :3])
+places = es.HandPose.around(hand, (0.4, 2.1, 0.975), held=held, rotations=laden.frame_pose(q, hand)[:3, :3])
 to_counter = plan_approach(
     laden, scene, q, places, (0.0, 0.0, -0.12), axes="world", params=far.strip, near=near.strip, constraint=level
 )

@@ -3,7 +3,6 @@
 from ompl import base, geometric, util
 
 import elastic_strips as es
-from elastic_strips.io import load_path
 from elastic_strips.sim import evaluate, simulation
 from elastic_strips.strip import repair
 
@@ -31,7 +30,7 @@ setup.setStartAndGoalStates(*ends)
 setup.setPlanner(geometric.RRTConnect(setup.getSpaceInformation()))
 setup.solve(10.0)
 
-path = load_path(setup, robot)  # or a JointTrajectory, RoboPlan's JointPath, VAMP's result, rows with joint_names=, …
+path = es.load_path(setup, robot)  # or a JointTrajectory, RoboPlan's JointPath, VAMP's result, rows with joint_names=
 print(f"as it is: {es.certify(robot, es.Scene([post]), path).reason}")
 mended = repair(robot, es.Scene([post]), path)
 print(f"repaired: certified {mended.certified}, moved by {mended.moved:.3f} m, {len(mended.strip)} nodes")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from elastic_strips._late import late_names
 from elastic_strips._version import __version__
-from elastic_strips.errors import ElasticStripsError
+from elastic_strips.errors import ElasticStripsError, InputError
 
 if TYPE_CHECKING:
     from elastic_strips import (  # noqa: F401 (rooms are attributes: es.scene)
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
         viewer,
     )
     from elastic_strips.collision import Certificate, certify
-    from elastic_strips.control import Command, Controller, Measurement
-    from elastic_strips.io import read_scene, write_scene
-    from elastic_strips.planning import PlanReport, plan, plan_report
+    from elastic_strips.control import Command, Controller, DriveParams, Measurement
+    from elastic_strips.io import load_path, read_scene, write_scene
+    from elastic_strips.planning import BasePose, HandPose, plan, plan_report
     from elastic_strips.robot import RobotModel, load_robot
     from elastic_strips.scene import Box, Capsule, Cylinder, Mesh, Scene, Sphere, Twist, World
-    from elastic_strips.sim.scenarios import get_scenario, run_scenario
-    from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip, strip_clearance
+    from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
+    from elastic_strips.trajectory import MotionLimits, retime
     from elastic_strips.viewer import Viewer
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())  # who uses the library decides what is shown
@@ -66,36 +66,38 @@ __all__ = [
     "write_scene",
     "plan",
     "plan_report",
-    "PlanReport",
+    "HandPose",
+    "BasePose",
     "Strip",
     "Deformer",
     "DeformParams",
     "DeformReport",
-    "Certificate",
+    "load_path",
     "certify",
-    "strip_clearance",
+    "Certificate",
+    "retime",
+    "MotionLimits",
     "Controller",
+    "DriveParams",
     "Measurement",
     "Command",
     "Viewer",
-    "get_scenario",
-    "run_scenario",
     "ElasticStripsError",
+    "InputError",
 ]
 
 _ROOMS = {
     "collision": ("Certificate", "certify"),
-    "control": ("Command", "Controller", "Measurement"),
+    "control": ("Command", "Controller", "DriveParams", "Measurement"),
     "errors": (),
-    "io": ("read_scene", "write_scene"),
+    "io": ("load_path", "read_scene", "write_scene"),
     "perception": (),
-    "planning": ("PlanReport", "plan", "plan_report"),
+    "planning": ("BasePose", "HandPose", "plan", "plan_report"),
     "robot": ("RobotModel", "load_robot"),
     "scene": ("Box", "Capsule", "Cylinder", "Mesh", "Scene", "Sphere", "Twist", "World"),
     "sim": (),
-    "sim.scenarios": ("get_scenario", "run_scenario"),
-    "strip": ("Deformer", "DeformParams", "DeformReport", "Strip", "strip_clearance"),
-    "trajectory": (),
+    "strip": ("Deformer", "DeformParams", "DeformReport", "Strip"),
+    "trajectory": ("MotionLimits", "retime"),
     "viewer": ("Viewer",),
 }
 __getattr__ = late_names(__name__, _ROOMS)  # who wants the version need not wait for Pinocchio

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 
@@ -20,6 +21,7 @@ def late_names(package: str, modules: Mapping[str, Sequence[str]]) -> Callable[[
             return getattr(import_module(f".{where[name]}", package), name)
         if name in modules:
             return import_module(f".{name}", package)
-        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        said = f"module {package!r} has no attribute {name!r}"
+        raise AttributeError(said, name=name, obj=sys.modules.get(package))  # by which Python finds what was meant
 
     return load

@@ -31,11 +31,29 @@ from collections.abc import Iterable
 
 
 class ElasticStripsError(Exception):
-    """Root of every error that this library raises on purpose."""
+    """Root of every error that this library raises on purpose.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> crate = es.Box((1.0, 1.0, 1.0), at=(3.0, 0.0, 0.5), name="crate")
+        >>> try:
+        ...     es.plan(robot, es.Scene([crate]), robot.home(), robot.home(x=3.0))
+        ... except es.ElasticStripsError as error:
+        ...     print(type(error).__name__, "crate" in str(error))
+        ConfigurationError True
+    """
 
 
 class InputError(ElasticStripsError, ValueError):
-    """An argument or a file is wrong; the message names value, bound and alternatives."""
+    """An argument or a file is wrong; the message names value, bound and alternatives.
+
+    Examples:
+        >>> try:
+        ...     es.Sphere(-0.1)
+        ... except es.InputError as error:  # it is a ValueError, too
+        ...     print(error)
+        Sphere radius=-0.1 must be a finite number of m ≥ 1e-06 and ≤ 1e+06
+    """
 
 
 class RobotError(InputError):

@@ -18,6 +18,8 @@ from command_line import CALL, interrupted
 from elastic_strips import __version__
 from elastic_strips.cli import main
 from elastic_strips.cli.group import cli
+from elastic_strips.cli.options import GoalText, JointValue
+from elastic_strips.cli.scene_options import Pose
 from elastic_strips.io import load_path
 from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.sim.scenarios import scenario_names
@@ -65,6 +67,27 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
         assert f"Usage: elastic-strips {command}" in capsys.readouterr().out
     assert call("--version") == 0
     assert __version__ in capsys.readouterr().out
+
+
+def test_every_number_has_a_unit() -> None:
+    """... or it is a count, which its name or help says, or is said to be a multiple of something."""
+    checked = 0
+    for name in cli.list_commands(click.Context(cli)):
+        command = cli.get_command(click.Context(cli), name)
+        assert command is not None
+        for option in command.params:
+            if isinstance(option, click.Option) and _takes_a_measure(option.type):
+                said = re.search(r"\[[^]]*\b(m|rad|s)\b[^]]*\]|\bmultiple of\b", option.help or "")
+                assert said, (name, option.opts)
+                checked += 1
+    assert checked > 40
+
+
+def _takes_a_measure(kind: click.ParamType[Any]) -> bool:
+    """Whether it takes numbers that are no counts."""
+    if isinstance(kind, click.Tuple):
+        return any(map(_takes_a_measure, kind.types))
+    return isinstance(kind, (type(click.FLOAT), JointValue, GoalText, Pose))
 
 
 def test_help_says_which_names_may_be_left_out(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from cases import each
 from command_line import CALL
 
 from elastic_strips import io, load_robot
@@ -109,6 +110,18 @@ def test_wrong_input_leaves_standard_output_empty(capsys: pytest.CaptureFixture[
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "case-8" in printed.err
+
+
+@each("words", ["run", "run case-1 --sed 3", "run case-1 --seed x", "run case-1 more", "no", "--no", "drag x.json"])
+def test_every_error_looks_the_same(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line; where a command is called wrongly, a second one that says where its help is."""
+    assert _call(*words.split()) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    error, *more = printed.err.splitlines()
+    assert re.match("error: [a-z'-]", error), error
+    assert all(re.fullmatch(r"  elastic-strips( run)? --help .*", line) for line in more)
+    assert len(more) == (words != "drag x.json")
 
 
 @pytest.mark.parametrize("words", [()])

@@ -12,6 +12,7 @@ import numpy as np
 
 import elastic_strips as es
 from elastic_strips.errors import ConfigurationError, InputError, ParameterError, RobotError, ScenarioError, SceneError
+from elastic_strips.sim.scenarios import get_scenario, run_scenario
 from elastic_strips.strip.paper import PaperParams
 
 Call = Callable[[es.RobotModel], Any]
@@ -128,18 +129,18 @@ _PLANNING: tuple[tuple[str, Call, type[InputError], tuple[str, ...]], ...] = (
     ("plan in no time", lambda r: es.plan(r, es.Scene([]), r.home(), r.home(1), timeout=0.0), ParameterError, ("timeout=0.0",)),
     ("plan for NaN seconds", lambda r: es.plan(r, es.Scene([]), r.home(), r.home(1), timeout=_NAN), ParameterError,
      ("timeout=nan",)),
-    ("unknown scenario", lambda r: es.get_scenario("case-9"), ScenarioError, ("'case-9'", "did you mean")),
-    ("scenario without a name", lambda r: es.get_scenario(""), ScenarioError, ("''",)),
-    ("scenario file that is missing", lambda r: es.get_scenario("gone.yaml"), ScenarioError, ("gone.yaml",)),
-    ("corridor of a negative seed", lambda r: es.get_scenario("corridor", seed=-1), ScenarioError, ("seed", "-1")),
-    ("corridor of half a seed", lambda r: es.get_scenario("corridor", seed=0.5), ScenarioError, ("seed", "0.5")),
-    ("scenario by an unknown preset", lambda r: es.run_scenario(es.get_scenario("case-1"), preset="fast"), ParameterError,
+    ("unknown scenario", lambda r: get_scenario("case-9"), ScenarioError, ("'case-9'", "did you mean")),
+    ("scenario without a name", lambda r: get_scenario(""), ScenarioError, ("''",)),
+    ("scenario file that is missing", lambda r: get_scenario("gone.yaml"), ScenarioError, ("gone.yaml",)),
+    ("corridor of a negative seed", lambda r: get_scenario("corridor", seed=-1), ScenarioError, ("seed", "-1")),
+    ("corridor of half a seed", lambda r: get_scenario("corridor", seed=0.5), ScenarioError, ("seed", "0.5")),
+    ("scenario by an unknown preset", lambda r: run_scenario(get_scenario("case-1"), preset="fast"), ParameterError,
      ("'fast'",)),
-    ("scenario with an unknown parameter", lambda r: es.run_scenario(es.get_scenario("case-1"), overrides={"reach": 1}),
+    ("scenario with an unknown parameter", lambda r: run_scenario(get_scenario("case-1"), overrides={"reach": 1}),
      ParameterError, ("'reach'", "case-1")),
-    ("scenario with half a tick", lambda r: es.run_scenario(es.get_scenario("case-1"), overrides={"max_ticks": 0.5}),
+    ("scenario with half a tick", lambda r: run_scenario(get_scenario("case-1"), overrides={"max_ticks": 0.5}),
      ParameterError, ("max_ticks=0.5",)),
-    ("scenario for an unknown robot", lambda r: es.get_scenario("case-1").load_robot("nobody"), RobotError, ("'nobody'",)),
+    ("scenario for an unknown robot", lambda r: get_scenario("case-1").load_robot("nobody"), RobotError, ("'nobody'",)),
 )  # fmt: skip
 
 

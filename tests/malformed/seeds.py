@@ -26,6 +26,7 @@ from elastic_strips.cli.view_command import _from_result
 from elastic_strips.control.record import Record, Recorder
 from elastic_strips.errors import InputError
 from elastic_strips.scene import Keyframes, World
+from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.sim.sensors import read_sensors, sensor_file
 from elastic_strips.sim.sweep import read_sweep
 from workshop import datasets
@@ -84,7 +85,7 @@ def _scene(path: Path) -> None:
 
 
 def _scenario(path: Path) -> None:
-    problem = es.get_scenario(path)
+    problem = get_scenario(path)
     robot = problem.load_robot()
     _plan(robot, problem.scene)
 

@@ -25,6 +25,7 @@ import elastic_strips as es
 from elastic_strips.cli import main
 from elastic_strips.cli.view_command import _from_result
 from elastic_strips.errors import InputError
+from elastic_strips.sim.scenarios import get_scenario, run_scenario
 
 LONGEST = 1000
 """Most characters of a readable message."""
@@ -33,7 +34,7 @@ _READERS: dict[str, Callable[[Path], object]] = {
     "urdf": lambda path: es.load_robot(path, base="omni"),
     "srdf": lambda path: es.load_robot(path.parent / "small.urdf", base="omni", srdf=path),
     "scene": es.read_scene,
-    "scenario": lambda path: es.run_scenario(es.get_scenario(path)),
+    "scenario": lambda path: run_scenario(get_scenario(path)),
     "result": lambda path: _from_result(path, str(path.parent / "small.urdf")),
 }
 
@@ -156,10 +157,9 @@ def _tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-# what may stand beside the message: click's usage, and what Coal prints about NaN and urdfdom about a shape it drops
+# what may stand beside the message: where help is, and what Coal prints about NaN and urdfdom about a shape it drops
 _BESIDE = (
-    "Usage: elastic-strips",
-    "Try 'elastic-strips",
+    "  elastic-strips",
     "eigen: too many iterations",
     "Error:   ",
     "         at line ",

@@ -36,7 +36,7 @@ _DOCUMENTS: tuple[tuple[str, Content, str], ...] = (
     ("binary garbage", bytes(range(256)) * 4, "not UTF-8"),
     ("zero bytes", bytes(64), "not valid YAML"),
     ("UTF-16", SCENE.encode("utf-16"), "not UTF-8"),
-    ("a tab as indent", "obstacles:\n\t- {}\n", "not valid YAML"),
+    ("a tab as indent", "obstacles:\n\t- {}\n", "bad.yaml:2: not valid YAML: a tab; use spaces"),
     ("open bracket", "obstacles: [\n", "not valid YAML"),
     ("open quote", "obstacles: 'abc\n", "not valid YAML"),
     ("aliases of aliases", _ALIASES, "aliases are not allowed"),
@@ -111,6 +111,8 @@ _OBSTACLES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 # name, whole scene file, what the message says
 _SCENES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("without obstacles", "version: 1\n", ("'obstacles'",)),
+    ("whose obstacles are left out", "version: 1\nobstacles:\n", (":2: obstacles: nothing follows", "write []")),
+    ("whose sources are left out", "obstacles: []\nsources: ~\n", (":2: sources: nothing follows",)),
     ("whose obstacles are a mapping", "obstacles: {a: 1}\n", ("obstacles", "must be a list")),
     ("whose obstacle is a word", "obstacles: [table]\n", ("obstacles[0]", "'table'")),
     ("of version 2", "version: 2\nobstacles: []\n", ("version", "2")),

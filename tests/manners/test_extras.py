@@ -14,6 +14,7 @@ import elastic_strips as es
 from elastic_strips.cli import main
 from elastic_strips.errors import InputError, MissingExtraError
 from elastic_strips.sim import PerceptionError
+from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.trajectory import RetimingError
 
 if sys.version_info >= (3, 11):
@@ -33,7 +34,7 @@ def _hide(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
 def _mujoco(robot: es.RobotModel) -> object:
     from elastic_strips.sim.scenarios import make_simulation
 
-    return make_simulation(es.get_scenario("case-1"), robot=robot, plant="mujoco")
+    return make_simulation(get_scenario("case-1"), robot=robot, plant="mujoco")
 
 
 def _tree(robot: es.RobotModel) -> object:
@@ -80,7 +81,7 @@ def _xacro(robot: es.RobotModel) -> object:
 
 
 def _mcap(robot: es.RobotModel) -> object:
-    trajectory = es.trajectory.retime(es.Strip(robot, [robot.home(), robot.home(0.5)]))
+    trajectory = es.retime(es.Strip(robot, [robot.home(), robot.home(0.5)]))
     with tempfile.TemporaryDirectory() as folder:
         return es.io.write_trajectory(Path(folder) / "t.mcap", trajectory)
 
@@ -134,6 +135,42 @@ def test_a_drive_without_mujoco_ends_with_the_command_and_no_traceback(monkeypat
     assert told.startswith("error: ")
     assert told.endswith("pip install 'elastic-strips[sim]'")
     assert "\n" not in told
+
+
+@each(
+    ("package", "words"),
+    [
+        ("", "run case-7 --png a.png"),
+        ("", "drive case-7 --film a.gif"),
+        ("imageio", "drive case-7 --film a.gif"),
+        ("imageio_ffmpeg", "run case-7 --film a.mp4"),
+        ("rosbags", "run case-7 --trajectory a.mcap"),
+        ("mujoco", "sweep sweep.yaml"),
+        ("pyarrow", "sweep sweep.yaml --out a.parquet"),
+        ("matplotlib", "sweep sweep.yaml --plot a.png"),
+    ],
+)
+def test_what_is_missing_is_found_before_the_work(monkeypatch, capsys, tmp_path, package, words):
+    """... and not after it; without a package it is Chromium that is missing."""
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yaml").write_text("kind: drive\nscenarios: [case-7]\nseeds: [0]\nfixed: {plant: mujoco}\n")
+    browser = tmp_path / "chromium"
+    browser.write_text("#!/bin/sh\n")
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path) if package else "/nowhere")
+    monkeypatch.delenv("CHROMIUM", raising=False)
+    if package:
+        _hide(monkeypatch, package)
+    for work in ("run_scenario", "make_simulation"):
+        monkeypatch.setattr(f"elastic_strips.sim.scenarios.{work}", lambda *_, **__: pytest.fail("it has begun"))
+    monkeypatch.setattr("elastic_strips.cli.sweep_command.run_sweep", lambda *_, **__: pytest.fail("it has begun"))
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    told = capsys.readouterr().err.strip()
+    assert ended.value.code == 2
+    assert told.startswith("error: ")
+    assert {"": "Chromium", "imageio_ffmpeg": "imageio-ffmpeg"}.get(package, package) in told
+    assert {path.name for path in tmp_path.iterdir()} == {"sweep.yaml", "chromium"}
 
 
 def test_what_the_notebooks_need_is_in_their_extra():

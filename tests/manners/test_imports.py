@@ -46,7 +46,7 @@ def test_importing_the_package_loads_nothing_heavy():
 
 def test_planning_loads_nothing_that_it_does_not_use():
     """The names of the ten-line program, asked for; loading a robot is another matter: its meshes have to be read."""
-    names = loaded("import elastic_strips as es; es.plan, es.Deformer, es.Scene, es.read_scene, es.run_scenario")
+    names = loaded("import elastic_strips as es; es.plan, es.Deformer, es.read_scene, es.sim.scenarios.run_scenario")
     unused = {"matplotlib", "mujoco", "meshcat", "tornado", "ompl", "toppra", "py_trees", "rich"}
     unused |= {
         f"elastic_strips.{room}" for room in ("trajectory", "perception", "control", "viewer", "sim.closed_loop")
@@ -74,7 +74,7 @@ def test_the_list_makes_no_scene_and_reads_no_mesh():
 
 def test_what_is_listed_is_what_there_is():
     assert tuple(SCENARIOS) == es.sim.scenarios.scenario_names()
-    assert all(es.get_scenario(name).summary == summary for name, summary in SCENARIOS.items())
+    assert all(es.sim.scenarios.get_scenario(name).summary == summary for name, summary in SCENARIOS.items())
 
 
 @each("package", ["elastic_strips", "elastic_strips.io", "elastic_strips.sim", "elastic_strips.sim.scenarios"])

@@ -12,8 +12,8 @@ import umsgpack
 import elastic_strips as es
 from elastic_strips.cli.run_command import _summary
 from elastic_strips.planning import straight_line
-from elastic_strips.sim.scenarios import result_document
-from elastic_strips.strip import DeformStatus
+from elastic_strips.sim.scenarios import get_scenario, result_document, run_scenario
+from elastic_strips.strip import DeformStatus, strip_clearance
 from elastic_strips.viewer.drawing import Drawing, Snapshot
 
 
@@ -33,8 +33,8 @@ def card(commands: list[dict[str, Any]]) -> dict[str, Any]:
 @pytest.mark.parametrize(("case", "preset"), [("case-3", "paper"), ("case-7", "default")])
 def test_page_command_report_and_document_agree(case, preset, capsys):
     """There, what the nodes alone say is another number."""
-    result = es.run_scenario(es.get_scenario(case), preset=preset)
-    clearance = es.strip_clearance(result.report.strip, result.scenario.scene)
+    result = run_scenario(get_scenario(case), preset=preset)
+    clearance = strip_clearance(result.report.strip, result.scenario.scene)
     assert result.report.node_clearance >= clearance
     assert result.clearance == result.report.clearance == clearance
     assert result_document(result)["clearance_m"] == clearance
@@ -75,7 +75,7 @@ def test_a_broken_strip_shows_where_and_why(silvermate):
 
 
 def test_a_blocked_strip_shows_the_gap_and_why():
-    result = es.run_scenario(es.get_scenario("case-3"), preset="paper")
+    result = run_scenario(get_scenario("case-3"), preset="paper")
     report = result.report
     assert report.status is DeformStatus.BLOCKED
     commands = drawn(result.robot, result.scenario.scene, report)

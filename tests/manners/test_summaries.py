@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import elastic_strips as es
-from elastic_strips.sim.scenarios import drive_scenario
+from elastic_strips.sim.scenarios import drive_scenario, get_scenario, run_scenario
 from elastic_strips.trajectory import MotionLimits
 
 LONGEST = 300
@@ -27,14 +27,14 @@ def values(silvermate) -> dict[str, Any]:
     deformer = es.Deformer(silvermate)
     settled = deformer.settle(plan.strip, scene, detail=True)
     blocked = deformer.settle(es.Strip(silvermate, [silvermate.home(-1.0), silvermate.home(4.0)]), scene, max_ticks=2)
-    drive = drive_scenario(es.get_scenario("case-1"), time_limit=0.3)
+    drive = drive_scenario(get_scenario("case-1"), time_limit=0.3)
     hull = es.scene.ConvexHull(np.random.default_rng(0).normal(size=(400, 3)), name="x" * 200)
     return {
         "robot": silvermate, "space": silvermate.space, "tree": silvermate.tree, "scene": scene, "strip": plan.strip,
         "plan": plan, "settled": settled, "broken": blocked, "certificate": settled.certificate,
         "forces": settled.forces, "hulls": settled.hulls, "world": es.World(scene), "hull": hull,
         "alternatives": es.plan_report(silvermate, scene, silvermate.home(x=-1.0), silvermate.home(x=4.0), count=2),
-        "scenario": drive.scenario, "run": es.run_scenario(es.get_scenario("case-1")), "drive": drive,
+        "scenario": drive.scenario, "run": run_scenario(get_scenario("case-1")), "drive": drive,
         "result": drive.result, "record": drive.result.record, "rows": drive.result.record.control,
         "verdict": drive.evaluation, "limits": MotionLimits.for_robot(silvermate),
         "named": replace(silvermate, name=EVIL),

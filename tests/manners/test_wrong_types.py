@@ -17,9 +17,16 @@ from elastic_strips.files import write_json
 from elastic_strips.io import load_path, write_record
 from elastic_strips.perception import SceneEstimator
 from elastic_strips.sim import Fault, TaskSimulation, evaluate, simulation
-from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation, result_document
+from elastic_strips.sim.scenarios import (
+    drive_document,
+    drive_scenario,
+    get_scenario,
+    make_simulation,
+    result_document,
+    run_scenario,
+)
 from elastic_strips.sim.sensors import SensorSuite
-from elastic_strips.strip import repair
+from elastic_strips.strip import repair, strip_clearance
 from elastic_strips.trajectory import MotionLimits, Retimer
 
 WRONG = ("x", None, 3, 2.5, True, object(), [], {}, b"x", np.zeros(3))
@@ -31,7 +38,7 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     robot, scene, case = (
         silvermate,
         es.Scene([es.Box((1, 1, 1), at=(9, 9, 0.5), name="box")]),
-        es.get_scenario("case-1"),
+        get_scenario("case-1"),
     )
     strip = es.Strip(robot, [robot.home(), robot.home(0.1), robot.home(0.2)])
     deformer = es.Deformer(robot)
@@ -45,16 +52,16 @@ def sound(silvermate) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "assess": (deformer.assess, on),
         "Strip": (es.Strip, {"robot": robot, "q": strip.q}),
         "sample": (strip.sample, {"step": 0.1}),
-        "strip_clearance": (es.strip_clearance, {**on, "tolerance": 1e-3}),
+        "strip_clearance": (strip_clearance, {**on, "tolerance": 1e-3}),
         "Scene": (es.Scene, {"obstacles": [], "time": 0.0}),
         "World": (es.World, {"scene": scene, "appears": {}}),
         "Sphere": (es.Sphere, {"radius": 1.0, "at": (0, 0, 0)}),
         "write_scene": (es.write_scene, {"scene": scene, "path": "a.yaml"}),
         "write_world": (es.io.write_world, {"world": es.World(scene), "path": "b.yaml"}),
         "write_json": (write_json, {"document": {}, "path": "c.json"}),
-        "get_scenario": (es.get_scenario, {"name_or_path": "case-1", "seed": 0}),
+        "get_scenario": (get_scenario, {"name_or_path": "case-1", "seed": 0}),
         "run_scenario": (
-            es.run_scenario, {"scenario": case, "robot": robot, "preset": "default", "seed": 0, "watch": None}
+            run_scenario, {"scenario": case, "robot": robot, "preset": "default", "seed": 0, "watch": None}
         ),
         "result_document": (result_document, {"result": None}),
         "drive_document": (drive_document, {"outcome": None}),

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from coal_distances import coal_distances
 
-from elastic_strips import RobotModel, get_scenario
+from elastic_strips import RobotModel
 from elastic_strips.planning import StripSet, StripSetParams
+from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.strip import Deformer
 
 

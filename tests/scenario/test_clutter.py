@@ -6,9 +6,10 @@ import numpy as np
 from cases import each
 from coal_distances import coal_distances
 
-from elastic_strips import RobotModel, get_scenario
+from elastic_strips import RobotModel
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, plan_report, straight_line
+from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.sim.scenarios.halls import _guide, clutter_scene
 from elastic_strips.strip import Deformer, DeformParams
 from workshop.bench import bench_plan

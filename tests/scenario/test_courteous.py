@@ -7,11 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from elastic_strips import get_scenario
 from elastic_strips.control.params import ObstacleAssumptions
 from elastic_strips.io import read_record, write_record
 from elastic_strips.scene import Keyframes, Obstacle, PedestrianMotion
-from elastic_strips.sim.scenarios import DriveOutcome, drive_scenario, moving_corridor
+from elastic_strips.sim.scenarios import DriveOutcome, drive_scenario, get_scenario, moving_corridor
 from elastic_strips.sim.scenarios.corridors import (
     CORRIDOR_LENGTH,
     COURTEOUS_SPEEDS,

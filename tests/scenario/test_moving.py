@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from cases import each
 
-from elastic_strips import get_scenario
 from elastic_strips.errors import ScenarioError
 from elastic_strips.io import read_world, write_world
 from elastic_strips.planning import plan_report
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Keyframes, Obstacle
-from elastic_strips.sim.scenarios import Scenario, corridor_scene, moving_corridor
+from elastic_strips.sim.scenarios import Scenario, corridor_scene, get_scenario, moving_corridor
 from elastic_strips.sim.scenarios.corridors import (
     APPEAR_DISTANCE,
     CORRIDOR_LENGTH,

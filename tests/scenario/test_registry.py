@@ -13,11 +13,11 @@ import result_check
 from cases import each
 from coal_distances import coal_distances
 
-from elastic_strips import RobotModel, get_scenario, run_scenario
+from elastic_strips import RobotModel
 from elastic_strips.catalogue import PRESETS
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import straight_line
-from elastic_strips.sim.scenarios import RunResult, result_document, scenario_names
+from elastic_strips.sim.scenarios import RunResult, get_scenario, result_document, run_scenario, scenario_names
 from elastic_strips.strip import DeformStatus
 
 Array = npt.NDArray[np.float64]

@@ -7,9 +7,10 @@ import numpy.typing as npt
 import pytest
 from coal_distances import coal_distances
 
-from elastic_strips import RobotModel, Scene, get_scenario
+from elastic_strips import RobotModel, Scene
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import straight_line
+from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.sim.scenarios.halls import DOOR_WIDTH
 from workshop.study.comparison import Trial, attempt
 

@@ -69,7 +69,7 @@ _JOINTS_LISTED = 12  # joints in a note
     "moment",
     metavar="SECONDS",
     type=options.Finite(-1e9, 1e9),
-    help="Take the scene as it is at this time, whatever times the path has.",
+    help="Take the scene as it is at this time [s], whatever times the path has.",
 )
 @click.option(
     "--base-at",
@@ -92,7 +92,7 @@ _JOINTS_LISTED = 12  # joints in a note
     "--starts-at",
     type=options.Finite(-1e9, 1e9),
     metavar="SECONDS",
-    help="When the first configuration is reached, in the scene's time; by default as the path says.",
+    help="When the first configuration is reached [s], in the scene's time; by default as the path says.",
 )
 @click.option(
     "--repair",

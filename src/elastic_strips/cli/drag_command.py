@@ -27,13 +27,13 @@ _LONGEST_DRIVE = 86400.0  # [s]
 @robot_options
 @options.base_option()
 @click.option("--seed", type=options.SEED, help="Seed of the planner and of generated scenes.  [default: 0]")
-@click.option("--rate", type=options.Finite(1, 1000), default=50.0, show_default=True, help="Ticks a second.")
+@click.option("--rate", type=options.Finite(1, 1000), default=50.0, show_default=True, help="Ticks a second [1/s].")
 @click.option(
     "--speed", type=options.Finite(0.01, 100), default=2.0, show_default=True, help="Largest speed of dragging [m/s]."
 )
 @options.goals_option
 @click.option("--drive", "drives", is_flag=True, help="Let the robot drive to wherever the goal is dragged.")
-@click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after this many seconds.")
+@click.option("--for", "seconds", type=options.Finite(0.1, 1e6), help="End after this time [s].")
 @options.browser_option
 @click.pass_context
 def drag(
@@ -92,7 +92,7 @@ def _keep(
     start, end = problem.ends(model)
     plan = plan_report(model, problem.scene, start, goals[0] if goals else end, seed=seed)
     if not plan.certified:
-        output.say(f"warning: {plan.reason}", err=True)
+        output.say(("warning:", output.NOTE), f" {plan.reason}", err=True)
     with options.open_viewer(no_browser=no_browser, title=problem.name) as viewer:
         from elastic_strips.viewer import LiveStrip
 

@@ -69,7 +69,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
 @options.evade_option
 @click.option(
     "--alternatives",
-    type=click.IntRange(1, 8),
+    type=options.Whole(1, 8),
     default=1,
     show_default=True,
     help="How many strips to keep on different sides of the obstacles; where one is given up, another is followed.",
@@ -252,10 +252,11 @@ def watched_drive(
 
     viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
     dragged: DraggedGoal | None = None
+    ways: dict[int, float] = {}
     with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(driven: Simulation[Controller]) -> None:
-            bar.step(f"{driven.time:.1f} s, {driven.controller.state.label}")
+            _show_way(bar, driven, time_limit, ways)
             if viewer is None or dragged is None:
                 return
             dragged.tell()
@@ -285,6 +286,37 @@ def watched_drive(
         finally:
             driven.plant.close()
     return driven, result, bool(interrupted)
+
+
+def _show_way(
+    bar: options.LateProgress, driven: Simulation[Controller], time_limit: float | None, ways: dict[int, float]
+) -> None:
+    """Show how far it is to the goal; ``ways`` remembers how far it was to each of them at first."""
+    from elastic_strips.control import RunState
+
+    controller = driven.controller
+    if controller.state is RunState.REACHED:  # there is no way left
+        return
+    left, reached = _left(controller), controller.reached
+    way = ways.setdefault(reached, left)
+    goal = f", goal {reached + 1} of {reached + 1 + len(controller.goals)}" if reached or controller.goals else ""
+    limit = driven.params.time_limit if time_limit is None else time_limit
+    note = f"{driven.time:.1f} s of at most {limit:g} s{goal}, {controller.state.label}"
+    bar.come(left, way, "m" if driven.robot.space.planar else "rad", note)
+
+
+def _left(controller: Controller) -> float:
+    """How far the strip goes on from where the robot is: of the base [m], or of the joints [rad] of a fixed one.
+
+    The strip may begin behind the robot: what is left of the last motion is driven without another plan.
+    """
+    import numpy as np
+
+    strip = controller.strip
+    counted = slice(2 if strip.robot.space.planar else None)
+    steps = np.linalg.norm(strip.velocities[:, counted], axis=1)
+    nearest = np.linalg.norm((strip.coordinates - controller.estimate)[:, counted], axis=1).argmin()
+    return float(steps[nearest:].sum())
 
 
 def _seen(perception: object) -> Seen | None:

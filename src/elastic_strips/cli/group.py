@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import io
 import logging
 import os
 import sys
@@ -19,6 +18,8 @@ from elastic_strips.progress import LOGGER
 from . import interruptible_imports, output
 
 EXIT_UNREAD, EXIT_INPUT = 1, 2
+_CLICKS_WORDS = ("No such ", "Missing ", "Invalid ", "Got ", "Option ", "Argument ")
+"""How click begins its messages."""
 _FULL = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 
 _HELP = """Certified collision-free whole-body motion of mobile manipulators, by elastic strips.
@@ -170,8 +171,13 @@ def _leave_stdout() -> None:
 
 
 def _show(error: click.ClickException) -> None:
-    """Show an error as click does, with colour."""
-    text = io.StringIO()
-    error.show(text)
-    usage, word, message = text.getvalue().rstrip("\n").rpartition("Error:")  # there is none where help is shown
-    output.say(usage, (word, output.BAD), message, err=True)
+    """Show an error of click's like all others, and where it is said how the command is called."""
+    message = error.format_message()
+    if isinstance(error, getattr(click.exceptions, "NoArgsIsHelpError", ())):  # its message is the help; not of 8.1
+        output.say(message, err=True)
+        return
+    if message.startswith(_CLICKS_WORDS):
+        message = message[0].lower() + message[1:]
+    output.say(("error:", output.BAD), f" {message}", err=True)
+    if isinstance(error, click.UsageError) and error.ctx is not None:
+        output.say(f"  {error.ctx.command_path} --help says how it is called", err=True)

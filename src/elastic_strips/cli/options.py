@@ -1,4 +1,4 @@
-"""The common parts of several commands: options, the progress bar, and the viewer that they open."""
+"""The common parts of several commands: options, what is checked before they begin, and the viewer that they open."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, TypeVar
 
 import click
@@ -19,13 +18,11 @@ from click.shell_completion import CompletionItem
 from elastic_strips.catalogue import FAULTS, PLANTS, PRESETS, SCENARIOS, find_robot, robot_names
 from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.files import check_writable
-from elastic_strips.progress import PROGRESS_PERIOD
 
 from . import output
+from .progress_bar import LateProgress as LateProgress
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from elastic_strips.robot import RobotModel
     from elastic_strips.sim.sensors import SensorConfig
     from elastic_strips.trajectory import MotionLimits
@@ -37,10 +34,8 @@ else:  # of click 8.1 it cannot be told of what
 
 EXIT_DONE, EXIT_NOT_DONE = 0, 3
 """Exit codes: certified or reached; or not."""
-SEED = click.IntRange(0, 2**31 - 1)
 TITLE = "elastic strip"
 """Headline of a picture."""
-_REPORT_PERIOD = 10.0  # [s] between lines of progress where standard error is no terminal
 _F = TypeVar("_F", bound=Callable[..., object])
 
 
@@ -97,8 +92,16 @@ class JsonFile(OutputFile):
         return value
 
 
+class Whole(click.IntRange):
+    """An integer within a range; click would call what it is not a valid "integer range"."""
+
+    name = "integer"
+
+
 class Finite(click.FloatRange):
     """A finite number, within a range where one is given; click's own ranges let NaN through."""
+
+    name = "number"
 
     def convert(self, value: float, param: click.Parameter | None, ctx: click.Context | None) -> float:
         number = float(super().convert(value, param, ctx))
@@ -107,6 +110,7 @@ class Finite(click.FloatRange):
         return number
 
 
+SEED = Whole(0, 2**31 - 1)
 _POSITIVE = Finite(0.0, min_open=True)
 
 
@@ -300,7 +304,7 @@ def picture_options(command: _F) -> _F:
 
 
 processes_option = click.option(
-    "--processes", type=click.IntRange(1, 256), help="How many runs to do at once; by default one per core."
+    "--processes", type=Whole(1, 256), help="How many runs to do at once; by default one per core."
 )
 compute_option = click.option(
     "--compute",
@@ -318,8 +322,8 @@ goals_option = click.option(
     "goals",
     multiple=True,
     type=GoalText(),
-    help="A goal in place of the scenario's: of the base, with any heading if none is given, or of a frame of "
-    "the robot. May be repeated for a drive: one after the other, without a stop where the way leads on.",
+    help="A goal in place of the scenario's [m, rad]: of the base, with any heading if none is given, or of a frame "
+    "of the robot. May be repeated for a drive: one after the other, without a stop where the way leads on.",
 )
 sensors_option = click.option(
     "--sensors",
@@ -360,6 +364,7 @@ def check_outputs(scenario: str, *files: str | None) -> None:
 
     Raises:
         InputError: a file that cannot be written, or that is named twice.
+        BrowserError, MissingExtraError: a picture or a film, and nothing that draws it.
     """
     os.getcwd()  # names are of the working folder: where that was removed it is said at once
     context = click.get_current_context(silent=True)
@@ -375,6 +380,25 @@ def check_outputs(scenario: str, *files: str | None) -> None:
             raise InputError(f"{name}: is named twice; each output needs a file of its own")
         check_writable(name)
         taken.append(name)
+    if context is not None:
+        _check_pictures(context.params.get("png_file"), context.params.get("film_file"))
+
+
+def _check_pictures(png_file: str | None, film_file: str | None) -> None:
+    """Check that there is what draws a picture and a film, before there is something to draw.
+
+    Raises:
+        BrowserError: there is no Chromium.
+        MissingExtraError: the packages that write films are not installed.
+    """
+    if png_file is not None or film_file is not None:
+        from elastic_strips.viewer.browser import need_browser
+
+        need_browser()
+    if film_file is not None:
+        from elastic_strips.viewer.film import check_film
+
+        check_film(film_file)
 
 
 def _texts(value: object) -> list[str]:
@@ -394,76 +418,6 @@ def _same(one: str, two: str) -> bool:
         return os.path.realpath(one) == os.path.realpath(two)
     except (OSError, ValueError):  # no file name
         return False
-
-
-class LateProgress:
-    """Context manager: call :meth:`step` often; after two seconds a bar is drawn on standard error, if that is a
-    terminal: how many steps are done, and about how long the rest takes.
-
-    Args:
-        label: what is being done.
-        total: number of steps, or None where it is not known.
-        lines: whether the same is said without a terminal, as a line every ten seconds.
-    """
-
-    def __init__(self, label: str, total: int | None = None, *, lines: bool = False) -> None:
-        self._label, self._total, self._lines = label, total, lines
-        self._progress: Progress | None = None
-        self._looked = False
-        self._count = 0
-
-    def __enter__(self) -> LateProgress:
-        self._begin = self._said = perf_counter()
-        return self
-
-    def step(self, note: str = "") -> None:
-        """One step is done; ``note`` is shown beside the bar."""
-        self._count += 1
-        now = perf_counter()
-        if self._total is not None:
-            left = (now - self._begin) / self._count * max(0, self._total - self._count)
-            note = ", ".join(filter(None, (f"about {duration(left)} left", note)))
-        if not self._looked and now - self._begin > PROGRESS_PERIOD:
-            self._looked = True
-            self._draw(note)
-        if self._progress is not None:
-            self._progress.update(self._task, completed=self._count, note=note)
-        elif self._lines and now - self._said > _REPORT_PERIOD and self._count != self._total:
-            self._said = now
-            click.echo(f"{self._label}: {self._count} of {self._total or '?'}, {note}", err=True)
-
-    def _draw(self, note: str) -> None:
-        try:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-        except ImportError:  # the doctor has to say so
-            return
-        console = Console(stderr=True)
-        if console.is_terminal and not console.is_dumb_terminal:
-            columns = (
-                TextColumn("{task.description}", markup=False),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeElapsedColumn(),
-                TextColumn("{task.fields[note]}", markup=False),
-            )
-            self._progress = Progress(*columns, console=console, transient=True)
-            self._task = self._progress.add_task(self._label, total=self._total, note=note)
-            self._progress.start()
-
-    def __exit__(self, *_: object) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-
-def duration(seconds: float) -> str:
-    """A duration, such as 40 s, 3 min 20 s or 2 h 5 min."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
 class ViewerFailure(ElasticStripsError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from . import output
+from . import options, output
 
 _EXIT_NOT_REACHED = 3
 
@@ -14,7 +14,7 @@ _EXIT_NOT_REACHED = 3
     short_help="Drive a robot that speaks ROS 2.",
 )
 @click.option("--robot", metavar="NAME|FILE.urdf", help="The robot; if not given, the node's parameter of that name.")
-@click.option("--goals", type=click.IntRange(1), help="End after this many goals.  [default: never]")
+@click.option("--goals", type=options.Whole(1), help="End after this many goals.  [default: never]")
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED, metavar="[--ros-args …]")
 def ros2(robot: str | None, goals: int | None, arguments: tuple[str, ...]) -> int:
     """Drive a robot that speaks ROS 2, to goals on /goal_pose: odometry, joint states and scans in, velocities out.

@@ -10,6 +10,7 @@ import click
 
 from elastic_strips.errors import InputError, plural
 from elastic_strips.sim.jobs import SchedulerLost
+from elastic_strips.sim.mujoco.model import import_mujoco
 from elastic_strips.sim.sweep import Plot, Sweep, SweepStore, plot_sweep, read_sweep, run_sweep
 from elastic_strips.sim.sweep.plot import check_plot, plot_columns
 
@@ -27,7 +28,7 @@ _FAILURES_TOLD = 5  # runs
     help="The table to write; the sweep is resumed from FILE.journal beside it.  [default: the sweep's name, .csv]",
 )
 @click.option(
-    "--processes", "--jobs", type=click.IntRange(1, 256), help="How many runs to do at once; by default one per core."
+    "--processes", "--jobs", type=options.Whole(1, 256), help="How many runs to do at once; by default one per core."
 )
 @click.option(
     "--scheduler",
@@ -102,6 +103,8 @@ def sweep(
         return options.EXIT_DONE
     if scheduler:
         _quieten_dask()
+    elif "mujoco" in (found.fixed.get("plant"), *found.grid.get("plant", ())):
+        import_mujoco()  # else every run would say that it is not there
     with SweepStore(found, table) as store:
         try:
             _run_rest(store, processes=processes, scheduler=scheduler, retry_failed=retry_failed)

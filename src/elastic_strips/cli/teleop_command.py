@@ -58,7 +58,7 @@ class _Hands:
 @click.option(
     "--seed", type=options.SEED, help="Seed of the simulated machine, its noise and generated scenes.  [default: 0]"
 )
-@click.option("--for", "seconds", type=options.Finite(0.1, 1e5), help="End after this many seconds.")
+@click.option("--for", "seconds", type=options.Finite(0.1, 1e5), help="End after this time [s].")
 @options.browser_option
 def teleop(
     scenario: str,

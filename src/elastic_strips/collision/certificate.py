@@ -89,6 +89,14 @@ class Certificate(Summary):
         states: (N−1,) :class:`SegmentState` values.
         broken: the worst uncertified segment, or None.
         checks: number of configurations measured between nodes.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> scene = es.Scene([es.Box((0.4, 0.4, 1.0), at=(2.0, 0.0, 0.5), name="crate")])
+        >>> strip = es.Strip(robot, [robot.home(x=0.2 * k) for k in range(16)])
+        >>> certificate = es.Deformer(robot).step(strip, scene).certificate
+        >>> certificate.certified, certificate.broken.obstacle  # a line through an obstacle gives no certificate
+        (False, 'crate')
     """
 
     clearance: float

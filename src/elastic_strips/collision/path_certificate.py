@@ -131,6 +131,16 @@ def certify(
         ConfigurationError: a path of another shape, or less than two configurations, or outside the joints' limits.
         ParameterError: a clearance below 0, an unknown interpolation, times that do not fit, or no times where the
             world changes with the time.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> scene = es.Scene([es.Box((0.4, 0.4, 1.0), at=(2.0, 0.0, 0.5), name="crate")])
+        >>> path = [robot.home(x=x) for x in (0.0, 1.0, 2.0, 3.0)]
+        >>> found = es.certify(robot, scene, path)
+        >>> found.verdict.value, found.broken.obstacle
+        ('refuted', 'crate')
+        >>> es.certify(robot, es.Scene(), path).certified
+        True
     """
     began = perf_counter()
     check_type("robot", robot, RobotModel, RobotError)

@@ -113,7 +113,7 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
         array = np.array(given, dtype=float)
     except (TypeError, ValueError):
         raise ConfigurationError(
-            f"path is a {type(path).__name__}, which is no array of numbers; elastic_strips.io.load_path makes one of "
+            f"path is a {type(path).__name__}, which is no array of numbers; elastic_strips.load_path makes one of "
             "what planners hand over"
         ) from None
     stated = space.nq == space.nv or (array.ndim == 2 and array.shape[1] == space.nv)

@@ -137,6 +137,14 @@ class Controller:
     Raises:
         ConfigurationError: start or goal is not valid, or in collision; or the strip is another robot's.
         GoalError: no configuration that is free reaches the first goal.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> scene = es.Scene([es.Box((0.4, 0.4, 1.0), at=(1.6, 0.35, 0.5), name="shelf")])
+        >>> with es.Controller(robot, start=robot.home(), goal=robot.home(x=3.0), scene=scene) as controller:
+        ...     command = controller.step(0.0, None, scene)  # time, measurement, scene; from then on every 10 ms
+        >>> command.drive.shape, command.joints.shape  # for the motors
+        ((2,), (7,))
     """
 
     @named_arguments

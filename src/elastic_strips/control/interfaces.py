@@ -28,6 +28,10 @@ class Measurement:
         pose_covariance: (3, 3) covariance of the fix, in the robot's frame [m², rad²]; None where it is not known.
         contact: description of a felt contact; empty without one.
         emergency: description of a pressed emergency stop; empty without one.
+
+    Examples:
+        >>> es.Measurement(time=0.01, drive=[0.002, 0.002], joints=[0.0] * 7).pose is None  # encoders alone
+        True
     """
 
     time: float
@@ -50,6 +54,12 @@ class Command:
             [m/s, rad/s] of an omnidirectional base; empty for a fixed one.
         joints: (n,) joint rates [rad/s or m/s].
         stop: a safe stop: the driver cuts the motors' power and lets the brakes fall in, whatever the speeds say.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> command = es.Command.rest(es.MotionLimits.for_robot(robot))
+        >>> command.drive.tolist(), command.stop
+        ([0.0, 0.0], False)
     """
 
     drive: Array

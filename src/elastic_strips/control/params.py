@@ -225,6 +225,12 @@ class DriveParams(Checked):
         stop_at_goals: whether the robot comes to rest at each of several goals; else it goes on from one to the next
             without a stop, within the tolerance, where the way leads on.
         time_limit: longest run.
+
+    Examples:
+        >>> careful = es.DriveParams(margin=0.05, time_limit=60.0)
+        >>> robot = es.load_robot("silvermate")
+        >>> controller = es.Controller(robot, robot.home(), robot.home(x=3.0), params=careful)
+        >>> controller.close()
     """
 
     deform: DeformParams = DRIVE_STRIP

@@ -35,6 +35,7 @@ T = TypeVar("T")
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INT = re.compile(r"[-+]?[0-9]{1,18}\Z")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
+_TAB = re.compile(r" *\t")
 _WORDS = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL"), None),
     **dict.fromkeys(("true", "True", "TRUE"), True),
@@ -267,6 +268,8 @@ def parse_yaml(text: str, source: Source) -> Node:
         line = None if mark is None else mark.line + 1
         if "nesting depth" in str(problem.problem):  # the parser reads ahead, and newer ones have a bound of their own
             source.fail(_TOO_DEEP, line)
+        if line is not None and any(map(_TAB.match, text.splitlines()[line - 1 : line])):
+            source.fail("not valid YAML: a tab; use spaces to indent", line)
         said = ", ".join(s for s in (problem.context, problem.problem) if s)
         source.fail(f"not valid YAML: {said}", line)
     except yaml.YAMLError as problem:  # characters that YAML forbids

@@ -115,8 +115,9 @@ def load_path(
     Args:
         path: the file; its name's ending says its format: ``.json``, ``.yaml``, ``.yml``, ``.csv``, ``.npz``,
             ``.npy``; anything else is text. Or rows of numbers (N, C) of any library; a JointTrajectory or
-            RobotTrajectory, or what holds one; OMPL's SimpleSetup or PathGeometric; VAMP's PlanningResult; cuRobo's
-            JointState; RoboPlan's JointPath or JointTrajectory; a trajectory of Drake's.
+            RobotTrajectory, or what holds one, as messages or as dictionaries like them; OMPL's SimpleSetup or
+            PathGeometric; VAMP's PlanningResult; cuRobo's JointState; RoboPlan's JointPath or JointTrajectory; a
+            trajectory of Drake's.
         robot: the robot of the path.
         joint_names: (C,) names of the columns, in their order, where the path has none; ``x``, ``y`` and ``yaw`` are
             the base.
@@ -132,6 +133,15 @@ def load_path(
         ConfigurationError: the file is missing, too large or damaged; the planner found no path, or it is of no type
             that is known; or its columns or values do not fit the robot. The message names file and place.
         ParameterError: unknown ``angles``, or a ``starts_at`` that is not a number.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> names = ["x", "y", "yaw", *robot.joint_names]
+        >>> rows = [robot.space.to_coordinates(robot.home(x=x)).tolist() for x in (0.0, 0.5, 1.0)]
+        >>> points = [{"positions": row, "time_from_start": 2.0 * k} for k, row in enumerate(rows)]
+        >>> path = es.load_path({"joint_names": names, "points": points}, robot)  # a JointTrajectory; or a file's name
+        >>> path.times.tolist(), es.certify(robot, es.Scene(), path).certified
+        ([0.0, 2.0, 4.0], True)
     """
     check_type("robot", robot, RobotModel, RobotError)
     if angles is not None:

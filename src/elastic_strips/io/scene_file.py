@@ -80,6 +80,12 @@ def read_scene(
 
     Raises:
         SceneError: The file cannot be read or does not fit the schema; the message names file, line and key.
+
+    Examples:
+        >>> with open("room.yaml", "w") as file:
+        ...     _ = file.write("obstacles: [{shape: box, size: [0.6, 0.6, 1.4], at: [1.5, 0.1, 0.7], name: shelf}]")
+        >>> es.read_scene("room.yaml").names
+        ('shelf',)
     """
     world = read_world(path, robot=robot, q=q, options=options)
     return world.at(world.scene.time) if world.names_moving or world.event_times else world.scene
@@ -205,7 +211,10 @@ def _warn_of_millimetres(path: Path, scene: Scene) -> None:
 def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
     """What a mapping node says, as a scene file or a scenario's ``scene`` holds it; no boxes around maps yet."""
     entries = node.mapping(("version", "time", "obstacles", "sources"), what="a scene")
-    if not any(key in entries and entries[key].value is not None for key in ("obstacles", "sources")):
+    for key in ("obstacles", "sources"):
+        if key in entries and entries[key].value is None:
+            entries[key].fail("nothing follows; write [] where there are none")
+    if not ("obstacles" in entries or "sources" in entries):
         node.fail("a scene needs the key 'obstacles', or 'sources', files that hold some")
     if "version" in entries:
         entries["version"].integer(low=VERSION, high=VERSION)
@@ -296,6 +305,11 @@ def write_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
 
     Raises:
         SceneError: A motion is neither a twist nor keyframes nor unknown, or the file cannot be written.
+
+    Examples:
+        >>> es.write_scene(es.Scene([es.Sphere(0.25, at=(2.4, 0.8, 1.0), name="lamp")]), "room.yaml")
+        >>> es.read_scene("room.yaml").names
+        ('lamp',)
     """
     check_type("scene", scene, Scene, SceneError)
     _write(scene, {}, path)

@@ -13,6 +13,7 @@ MCAP     as `write_bag` writes it
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_strips.errors import InputError, nearest_name
+from elastic_strips.errors import InputError, missing_extra, nearest_name
 from elastic_strips.files import atomic_write, check_writable, write_json
 from elastic_strips.scene import Scene
 from elastic_strips.trajectory import Trajectory
@@ -51,14 +52,20 @@ def write_trajectory(
 
 
 def check_trajectory_file(path: str | os.PathLike[str]) -> None:
-    """Check that `write_trajectory` knows the ending of a name.
+    """Check that `write_trajectory` knows the ending of a name, and has what writes it.
 
     Raises:
         InputError: it does not; the message names the endings that it knows.
+        MissingExtraError: an ``.mcap`` file, and rosbags is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:
         raise InputError(f"{path}: trajectories are not written as {suffix!r}{nearest_name(suffix, _WRITERS)}")
+    if suffix == ".mcap":
+        try:
+            importlib.import_module("rosbags")
+        except ModuleNotFoundError:
+            raise missing_extra("an MCAP file", "rosbags", "ros") from None
 
 
 def _csv(target: Path, trajectory: Trajectory, scene: Scene | None, frame: str) -> Path:

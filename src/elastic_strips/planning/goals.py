@@ -32,6 +32,14 @@ class HandPose(Checked):
         position: (3,) its position [m].
         orientation: quaternion (x, y, z, w), or None where any orientation will do.
         within: (3,) how far it may be off along the world's axes [m]: half the sides of a box.
+
+    Examples:
+        >>> anywhere = es.HandPose("hand_frame", (3.0, 0.2, 0.8))
+        >>> level = es.HandPose("hand_frame", (3.0, 0.2, 0.8), (0.0, 0.0, 0.0, 1.0), within=(0.05, 0.05, 0.0))
+        >>> robot = es.load_robot("silvermate")
+        >>> strip = es.plan(robot, es.Scene(), robot.home(), anywhere)
+        >>> bool(abs(robot.frame_pose(strip.q[-1], "hand_frame")[:3, 3] - anywhere.position).max() < 1e-3)
+        True
     """
 
     frame: str
@@ -125,6 +133,13 @@ class BasePose(Checked):
         x, y: place in the world [m].
         yaw: heading [rad], or None where any will do.
         within: (2,) how far it may be off along x and y [m].
+
+    Examples:
+        >>> facing_the_door = es.BasePose(4.0, 1.0, yaw=1.57)
+        >>> robot = es.load_robot("silvermate")
+        >>> strip = es.plan(robot, es.Scene(), robot.home(), es.BasePose(4.0, 1.0))  # with any heading
+        >>> strip.q[-1, :2].round(3).tolist()
+        [4.0, 1.0]
     """
 
     x: Finite

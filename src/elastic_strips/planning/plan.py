@@ -103,6 +103,13 @@ def plan_report(
         GoalError: no configuration reaches the goal, or every such configuration touches something.
         ParameterError: a count, seed, timeout, bounds or start_depth outside their range, or a path of another
             shape.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> scene = es.Scene([es.Box((0.6, 0.6, 1.4), at=(1.5, 0.1, 0.7))])
+        >>> report = es.plan_report(robot, scene, robot.home(x=-1.0), robot.home(x=4.0))
+        >>> report.certified  # and report.reason says why it is not
+        True
     """
     count = check_count("count", count, low=1)
     start_depth = check_number("start_depth", start_depth, low=0.0, high=MOST_DEPTH, unit="m")
@@ -300,6 +307,12 @@ def plan(
     Raises:
         RobotError, SceneError, ConfigurationError, GoalError, ParameterError: as :func:`plan_report`.
         PlanningError: with ``certified``, none was found; it has the report.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> scene = es.Scene([es.Box((0.6, 0.6, 1.4), at=(1.5, 0.1, 0.7))])
+        >>> strip = es.plan(robot, scene, start=robot.home(x=-1.0), goal=robot.home(x=4.0), certified=True)
+        >>> by_hand = es.plan(robot, scene, robot.home(x=-1.0), es.HandPose("hand_frame", (3.0, 0.2, 0.8)))
     """
     report = plan_report(
         robot,

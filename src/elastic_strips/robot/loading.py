@@ -114,6 +114,11 @@ def load_robot(
             planned and locked, or locked though it follows a planned one; a fault in a file. The message names
             file, element and alternatives; of a xacro file it names the expanded file.
         MissingExtraError: the file is a xacro file, and xacro is not installed.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")  # or es.load_robot("my_robot.urdf", base="diff_drive")
+        >>> robot.name, robot.base_kind.value, len(robot.joint_names)
+        ('silvermate', 'diff_drive', 7)
     """
     known = _found(name_or_path, mappings, package_dirs)
     source = read_urdf(

@@ -41,6 +41,12 @@ class RobotModel(RobotValue):
     """A robot ready for planning: locked joints are gone, every collision shape is convex.
 
     It can be pickled, to be sent to another process; the copy draws its collision geometry.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> q = robot.home(x=1.0, yaw=0.5, arm_1_joint=0.3)  # a configuration (nq,)
+        >>> robot.frame_pose(q, "hand_frame").shape  # in the world
+        (4, 4)
     """
 
     @property

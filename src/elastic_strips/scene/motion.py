@@ -70,6 +70,12 @@ class Twist(Motion):
     Args:
         linear: Velocity of the obstacle's origin [m/s], world frame.
         angular: Angular velocity [rad/s], world frame; the orientation at t is exp(angular t) times the one at 0.
+
+    Examples:
+        >>> walk = es.Twist(linear=(0.0, 0.8, 0.0))
+        >>> person = es.Capsule(0.25, 1.2, at=(2.0, -2.0, 0.85), name="person", motion=walk)
+        >>> round(float(es.Scene([person]).at(1.0).obstacle("person").pose[1, 3]), 3)  # y, a second later [m]
+        -1.2
     """
 
     linear: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]

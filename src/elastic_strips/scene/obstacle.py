@@ -189,6 +189,10 @@ class Box(Obstacle):
     Args:
         size: Full lengths (3,) along its x, y, z axes [m].
         at, quat, name, motion: See `Obstacle`.
+
+    Examples:
+        >>> shelf = es.Box((0.6, 0.3, 1.4), at=(1.5, 0.1, 0.7), name="shelf")
+        >>> across = es.Box((0.6, 0.3, 1.4), at=(1.5, 0.1, 0.7), quat=(0.0, 0.0, 2**-0.5, 2**-0.5))  # turned by 90°
     """
 
     __slots__ = ()
@@ -215,6 +219,9 @@ class Sphere(Obstacle):
     Args:
         radius: Radius [m].
         at, quat, name, motion: See `Obstacle`.
+
+    Examples:
+        >>> lamp = es.Sphere(0.25, at=(2.4, 0.8, 1.0), name="lamp")
     """
 
     __slots__ = ()
@@ -265,6 +272,9 @@ class Cylinder(_Round):
         radius: Radius [m].
         length: Full length along z [m].
         at, quat, name, motion: See `Obstacle`.
+
+    Examples:
+        >>> pillar = es.Cylinder(0.15, 2.0, at=(1.0, 0.5, 1.0), name="pillar")  # it stands on the floor
     """
 
     __slots__ = ()
@@ -278,6 +288,9 @@ class Capsule(_Round):
         radius: Radius [m].
         length: Length [m] of the cylindrical part along z, without the two half spheres.
         at, quat, name, motion: See `Obstacle`.
+
+    Examples:
+        >>> person = es.Capsule(0.25, 1.2, at=(2.0, -2.0, 0.85), name="person")  # 1.7 m high in all
     """
 
     __slots__ = ()
@@ -330,6 +343,10 @@ class Mesh(Obstacle):
         vertices: Vertices (V, 3) [m] in the obstacle's frame.
         faces: Triangles (F, 3), indices of vertices.
         at, quat, name, motion: See `Obstacle`.
+
+    Examples:
+        >>> corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+        >>> wedge = es.Mesh(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], at=(2.0, 0.0, 0.0), name="wedge")
     """
 
     __slots__ = ()

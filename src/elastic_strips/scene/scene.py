@@ -144,6 +144,12 @@ class Scene:
         stamp: The time that it was made for [s], or None where that is none in particular.
         held_up: What keeps it from being newer; empty where that is not known.
         table: Arrays of all parts in the world, see `PartTable`; made on demand, cheap for a derived snapshot.
+
+    Examples:
+        >>> scene = es.Scene([es.Box((1.2, 0.8, 0.05), at=(2.0, 0.3, 0.7), name="table")])
+        >>> fuller = scene.with_obstacle(es.Sphere(0.1, at=(2.0, 0.3, 0.9), name="ball"))
+        >>> scene.names, fuller.names
+        (('table',), ('table', 'ball'))
     """
 
     __slots__ = ("_changed", "_index", "_seen", "_source", "_table", "held_up", "names", "obstacles", "stamp", "time")
@@ -383,6 +389,14 @@ class World(Summary):
     Raises:
         SceneError: A name that the scene does not have, a time that is not finite, or an obstacle that vanishes before
             or when it appears.
+
+    Examples:
+        >>> cart = es.Box((0.6, 0.4, 0.9), at=(0.0, 1.0, 0.45), name="cart", motion=es.Twist(linear=(0.5, 0.0, 0.0)))
+        >>> world = es.World(es.Scene([cart]), appears={"cart": 2.0})
+        >>> world.at(0.0).names, world.at(3.0).names
+        ((), ('cart',))
+        >>> float(world.at(3.0).obstacle("cart").pose[0, 3])  # it has come this far [m]
+        1.5
     """
 
     scene: Scene

@@ -88,6 +88,18 @@ class Deformer(OneThread):
     Raises:
         ParameterError: ``params`` of another preset.
         RobotError: a constraint for a frame that the robot does not have.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> pushed = es.Box((0.6, 0.6, 1.4), at=(1.5, 0.1, 0.7), motion=es.Twist(linear=(0.0, 0.2, 0.0)))
+        >>> scene = es.Scene([pushed])
+        >>> strip = es.plan(robot, scene, robot.home(x=-1.0), robot.home(x=4.0))
+        >>> deformer = es.Deformer(robot)
+        >>> report = deformer.settle(strip, scene)
+        >>> for tick in range(5):  # with the newest snapshot of the scene
+        ...     report = deformer.step(report.strip, scene.at(0.05 * tick))
+        >>> report.certified
+        True
     """
 
     @named_arguments

@@ -80,6 +80,11 @@ class DeformParams(StripParams):
         max_step: largest motion of a node's base or joints in one iteration [m or rad].
         max_spacing, min_spacing: node spacing that resampling keeps.
         max_nodes: largest number of nodes.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> wide = es.DeformParams(influence=0.5, clearance=0.05)  # gives way from 0.5 m on, and proves 0.05 m
+        >>> deformer = es.Deformer(robot, params=wide)
     """
 
     preset: ClassVar[str] = "default"

@@ -73,6 +73,13 @@ class DeformReport(Summary):
         forces: external forces; None where they were not requested.
         hulls: protective hulls; None where they were not requested.
         constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> scene = es.Scene([es.Box((0.6, 0.6, 1.4), at=(1.5, 0.1, 0.7))])
+        >>> report = es.Deformer(robot).settle(es.plan(robot, scene, robot.home(x=-1.0), robot.home(x=4.0)), scene)
+        >>> report.status.value, report.certified, report.clearance > 0.1
+        ('settled', True, True)
     """
 
     connectivity_counts: ClassVar[bool] = False  # whether a strip whose protective hulls do not overlap is refused

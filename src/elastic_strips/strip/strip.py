@@ -26,6 +26,12 @@ class Strip(Summary):
     Attributes:
         robot: the robot of the configurations.
         q: (N, nq) Pinocchio configurations, read-only.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> strip = es.Strip(robot, [robot.home(), robot.home(x=0.5), robot.home(x=1.0)])
+        >>> len(strip), round(strip.length, 3)
+        (3, 1.0)
     """
 
     robot: RobotModel

@@ -35,6 +35,13 @@ class MotionLimits(Summary):
         drive_acceleration: (k,) limits of their change [m/s² or rad/s²].
         joint_speed: (n,) limits of the joints' speeds [rad/s or m/s].
         joint_acceleration: (n,) limits of their accelerations [rad/s² or m/s²].
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> slow = es.MotionLimits.for_robot(robot, wheel_speed=0.3)  # the others as its URDF has them
+        >>> trajectory = es.retime(es.Strip(robot, [robot.home(), robot.home(x=1.0)]), slow)
+        >>> bool(trajectory.v[:, 0].max() <= 0.3)
+        True
     """
 
     track: NonNegative

@@ -310,6 +310,13 @@ def retime(strip: Strip, limits: MotionLimits | None = None, *, dt: float = 0.01
     Raises:
         ParameterError: an argument outside its range.
         RetimingError: a piece cannot be driven within the limits.
+
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> trajectory = es.retime(es.plan(robot, es.Scene(), robot.home(), robot.home(x=2.0)))
+        >>> halfway = trajectory.at(trajectory.start_time + 0.5 * trajectory.duration)
+        >>> round(float(halfway.coordinates[0]), 2)  # x [m]
+        1.0
     """
     return Retimer(strip.robot, limits, dt=dt).full(strip.coordinates, speed=speed)
 

@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from elastic_strips.arrays import Array
+from elastic_strips.arrays import Array, Document
 from elastic_strips.collision import BodySet, Certificate, Forecast, MotionBounds, MotionCertifier
+from elastic_strips.collision.path_rows import column_names
 from elastic_strips.errors import ParameterError
 from elastic_strips.ownership import OneThread, exclusive
 from elastic_strips.robot import RobotModel
@@ -171,6 +172,31 @@ class Trajectory(Summary):
     def strip(self) -> Strip:
         """The samples as a strip (M nodes)."""
         return Strip.from_coordinates(self.robot, self.coordinates)
+
+    def joint_trajectory(self) -> Document:
+        """The samples as a JointTrajectory of plain lists and numbers, which `load_path` reads again.
+
+        ``joint_names``, and ``points`` with ``positions``, ``velocities``, ``accelerations`` and ``time_from_start``
+        [s]. A base that moves is the joints ``x``, ``y`` and ``yaw``, with the rates of these, in the world. ROS has
+        the base in a message of its own: `elastic_strips.io.trajectory_document`.
+        """
+        v, a = self.v.copy(), self.a.copy()
+        if self.robot.space.planar:
+            yaw, turn = self.coordinates[:, 2], self.v[:, 2]
+            v[:, :2] = np.column_stack(_turned(yaw, self.v[:, 0], self.v[:, 1]))
+            change = self.a[:, 0] - turn * self.v[:, 1], self.a[:, 1] + turn * self.v[:, 0]  # the frame turns, too
+            a[:, :2] = np.column_stack(_turned(yaw, *change))
+        rows = zip(self.coordinates.tolist(), v.tolist(), a.tolist(), (self.time - self.time[0]).tolist(), strict=True)
+        points = [
+            {"positions": q, "velocities": rate, "accelerations": change, "time_from_start": t}
+            for q, rate, change, t in rows
+        ]
+        return {"joint_names": list(column_names(self.robot)), "points": points}
+
+
+def _turned(yaw: Array, x: Array, y: Array) -> tuple[Array, Array]:
+    """Vectors of a frame at ``yaw``, in the world."""
+    return np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y
 
 
 def stationary(robot: RobotModel, limits: MotionLimits, coordinates: Array, time: float, dt: float) -> Trajectory:

@@ -47,6 +47,18 @@ def find_browser() -> str | None:
     return next(filter(None, (shutil.which(name) for name in (os.environ.get("CHROMIUM", ""), *NAMES) if name)), None)
 
 
+def need_browser() -> str:
+    """Path of a Chromium.
+
+    Raises:
+        BrowserError: there is none.
+    """
+    path = find_browser()
+    if path is None:
+        raise BrowserError("there is no Chromium to draw with; on Debian: apt-get install chromium")
+    return path
+
+
 class Browser:
     """One page in a Chromium without a window; a context manager, used by one thread.
 
@@ -66,9 +78,7 @@ class Browser:
         """
         self.errors: list[str] = []
         self._patience, self._number, self._pressed = patience, 0, False
-        path = find_browser()
-        if path is None:
-            raise BrowserError("there is no Chromium to draw with; on Debian: apt-get install chromium")
+        path = need_browser()
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         flags = [f"--window-size={size[0]},{size[1]}", f"--user-data-dir={self._profile.name}"]
         self._process = subprocess.Popen(

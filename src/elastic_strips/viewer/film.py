@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from elastic_strips.errors import InputError, missing_extra
 from elastic_strips.files import atomic_write, check_writable, scratch_folder
+from elastic_strips.progress import LoggedProgress
 from elastic_strips.validation import check_number
 
 from .browser import Browser
@@ -60,16 +61,19 @@ def save_film(html: str, path: str | os.PathLike[str], *, size: tuple[int, int],
         MissingExtraError: the extra ``film`` is not installed.
         InputError: nothing plays, another ending, or the file cannot be written.
     """
-    target, _ = _check_film(path, fps)
+    target, _ = check_film(path, fps)
     with _opened(html, target, size) as browser:
         duration = browser.evaluate("animator.duration")
         seconds = float(duration) if isinstance(duration, (int, float)) else 0.0
         if not seconds > 0.0:
             raise InputError("nothing plays in this picture, so there is no film of it")
         with film_writer(path, fps=fps) as film:
-            for k in range(min(int(seconds * fps) + 1, _MOST_PICTURES)):
+            count = min(int(seconds * fps) + 1, _MOST_PICTURES)
+            progress = LoggedProgress(f"drawing {target.name}", "pictures", count)
+            for k in range(count):
                 browser.evaluate(_AT.format(min(k / fps, seconds - 1e-3)))  # at its end it begins again
                 film.add(browser.picture())
+                progress.step()
     return film.path
 
 
@@ -90,7 +94,7 @@ def film_writer(path: str | os.PathLike[str], *, fps: float) -> Iterator[Film]:
         MissingExtraError: the extra ``film`` is not installed.
         InputError: another ending than .gif, .mp4 or .webm, or the file cannot be written.
     """
-    path, ending = _check_film(path, fps)
+    path, ending = check_film(path, fps)
     import imageio.v2 as imageio
 
     with scratch_folder(path) as folder:
@@ -121,8 +125,13 @@ def _pictures(film: Path) -> int:
         return 0
 
 
-def _check_film(path: str | os.PathLike[str], fps: float) -> tuple[Path, str]:
-    """The file and its ending, where it can be written."""
+def check_film(path: str | os.PathLike[str], fps: float = 20.0) -> tuple[Path, str]:
+    """The file and its ending, where it can be written; to be called before there is something to film.
+
+    Raises:
+        MissingExtraError: the extra ``film`` is not installed.
+        InputError: another ending, or the file cannot be written.
+    """
     path = check_writable(path)
     check_number("fps", fps, low=1.0, high=60.0)
     ending = path.suffix.lower()

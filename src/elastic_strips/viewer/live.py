@@ -36,7 +36,7 @@ class LiveStrip:
     it is certified in the scene of that moment. While start or goal touches something the strip waits, and says so.
     Obstacles that have a motion move on by the clock until they are grabbed; then they stay where they are put.
 
-    Example:
+    Examples:
         >>> live = LiveStrip(robot, scene, strip, viewer=Viewer())  # doctest: +SKIP
         >>> live.move("shelf", (1.5, 0.4, 0.6))  # doctest: +SKIP
     """

@@ -43,9 +43,10 @@ class Viewer:
     logged once, ``alive`` turns False and ``update`` does nothing any more; ``save_html`` still works. ``show``,
     ``animate`` and ``replay`` return the viewer itself.
 
-    Example:
-        >>> with Viewer(server=False) as viewer:  # doctest: +SKIP
-        ...     viewer.show(robot, scene, report).save_html("strip.html")
+    Examples:
+        >>> robot = es.load_robot("silvermate")
+        >>> with es.Viewer(server=False) as viewer:  # es.Viewer().show(...).wait() is live, in the browser
+        ...     page = viewer.show(robot, es.Scene(), [robot.home(), robot.home(x=1.0)]).save_html("strip.html")
     """
 
     @named_arguments

@@ -96,7 +96,7 @@ def box(text):
 BAD = [
     ("[1, 2]", 1, "must be a mapping of a scene, not a list of 2"),
     ("time: 1\n", 1, "'obstacles'"),
-    ("obstacles:\n", 1, "'obstacles'"),
+    ("obstacles:\n", 1, "obstacles: nothing follows"),
     ("obstacle: []\n", 1, "unknown key 'obstacle' of a scene; did you mean 'obstacles'"),
     ("version: 2\nobstacles: []\n", 1, r"version: is 2, outside \[1, 1\]"),
     ("time: soon\nobstacles: []\n", 1, "time: must be a number, not 'soon'"),

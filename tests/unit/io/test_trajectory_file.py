@@ -36,6 +36,22 @@ def test_a_trajectory_comes_back(tmp_path, trajectory, suffix, loss):
     assert back.notes == (("velocities and accelerations are left out",) if suffix == ".csv" else ())
 
 
+def test_a_trajectory_goes_through_memory(trajectory):
+    """... as dictionaries: whole turns stay, and the rates are those of the positions."""
+    robot, given = trajectory.robot, trajectory.joint_trajectory()
+    back = load_path(given, robot)
+    assert (back.rows == trajectory.coordinates).all()
+    assert np.abs(back.times - (trajectory.time - trajectory.time[0])).max() == 0.0
+    assert not back.doubts
+    assert es.certify(robot, es.Scene(), back, interpolation="line", measure=False).certified
+    assert json.loads(json.dumps(given)) == given
+    q, v, a = (np.array([p[key] for p in given["points"]]) for key in ("positions", "velocities", "accelerations"))
+    dt = np.diff(back.times)[:, None]
+    for rows, rates in ((q, v), (v, a)):
+        error = np.abs(np.diff(rows, axis=0) / dt - 0.5 * (rates[1:] + rates[:-1]))
+        assert np.median(error, axis=0).max() < 1e-3 + 1e-2 * np.abs(rates).max()
+
+
 def test_an_npz_file_holds_the_arrays_and_no_other(tmp_path, trajectory):
     with np.load(write_trajectory(tmp_path / "t.npz", trajectory)) as found:
         assert set(found.files) == {"time", "joint_names", "positions", "velocities", "accelerations"}

@@ -11,12 +11,12 @@ import pytest
 from cases import each, refused
 from shared_data import shared_data
 
-from elastic_strips import get_scenario, run_scenario
 from elastic_strips.catalogue import find_robot, is_ours
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.planning import check_endpoints, plan_report
 from elastic_strips.robot import load_robot, robot_names
 from elastic_strips.scene import Box, Cylinder, Scene
+from elastic_strips.sim.scenarios import get_scenario, run_scenario
 from elastic_strips.strip import Deformer, DeformStatus
 from elastic_strips.viewer import Viewer
 from workshop.datasets import load_bridge

@@ -18,6 +18,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.ros2 import MessageError, Ros2Params
 from elastic_strips.ros2.sensing import Mounts, Sensing
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite, named_sensors
+from elastic_strips.strip import strip_clearance
 
 CRATE = es.Box((0.4, 0.4, 1.0), at=(1.6, 0.35, 0.5), name="crate")
 ALWAYS = (-math.inf, math.inf)
@@ -55,7 +56,7 @@ def test_scans_become_a_scene_of_their_own_time(sensing: Sensing, silvermate: Ro
     assert sensing.scene.time == pytest.approx(t)
     assert not sensing.counts
     standing = es.Strip.from_coordinates(silvermate, np.stack([row, row]))
-    assert 0.5 < es.strip_clearance(standing, sensing.scene) < 1.3, "the crate is seen, and the robot is not"
+    assert 0.5 < strip_clearance(standing, sensing.scene) < 1.3, "the crate is seen, and the robot is not"
 
 
 def test_a_scan_waits_until_it_is_known_where_the_robot_was(sensing: Sensing, silvermate: RobotModel, row: np.ndarray):

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from cases import refused
 
-from elastic_strips import RobotModel, get_scenario
+from elastic_strips import RobotModel
 from elastic_strips.errors import ParameterError, ScenarioError
 from elastic_strips.sim import SensorPerception
-from elastic_strips.sim.scenarios import drive
+from elastic_strips.sim.scenarios import drive, get_scenario
 from elastic_strips.sim.sensors import SensorConfig
 from workshop.baselines import drive_by
 from workshop.study import METHODS, TrialResult, compare

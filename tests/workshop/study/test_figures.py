@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-from elastic_strips import RobotModel, Scene, get_scenario
+from elastic_strips import RobotModel, Scene
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Capsule, Cylinder, Sphere
-from elastic_strips.sim.scenarios import Scenario
+from elastic_strips.sim.scenarios import Scenario, get_scenario
 from workshop.study import PaperRun, simulate_paper
 from workshop.study.figures import Outline, draw_drive, draw_paper_run, draw_scene
 

@@ -6,8 +6,8 @@ from functools import partial
 
 from cases import refused
 
-from elastic_strips import get_scenario
 from elastic_strips.errors import ParameterError, ScenarioError
+from elastic_strips.sim.scenarios import get_scenario
 from workshop.study import parameter_map, simulate_paper
 from workshop.study.simulation import Outcome
 

@@ -11,11 +11,11 @@ import pinocchio as pin
 import pytest
 from cases import refused
 
-from elastic_strips import RobotModel, Scene, get_scenario
+from elastic_strips import RobotModel, Scene
 from elastic_strips.errors import ParameterError, RobotError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Cylinder
-from elastic_strips.sim.scenarios import Scenario
+from elastic_strips.sim.scenarios import Scenario, get_scenario
 from workshop.study import PaperRun, simulate_paper
 from workshop.study.simulation import LONGEST_STEP, Outcome
 
