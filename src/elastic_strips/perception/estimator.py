@@ -250,7 +250,7 @@ class SceneEstimator:
             raise ParameterError(
                 f"the image of {image.sensor!r} may show the robot itself: SceneEstimator needs robot= to tell"
             )
-        count_work(pixels=image.ranges.size)
+        count_work(pixels=image.ranges.size * (1 if isinstance(image, DepthImage) else 2))
         T = pose_matrix(base_pose)
         kept, own = self._mask.apart(image)
         if self.volume is None:
