@@ -41,7 +41,7 @@ def test_a_quick_study(tmp_path: Path, capsys: pytest.CaptureFixture[str], monke
 def test_what_the_options_ask_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Another end than the paper's is exit code 3; all is compared and mapped unless it is to be quick."""
     asked: list[dict[str, object]] = []
-    run = simulate_paper(elastic_strips.get_scenario("case-4"))
+    run = simulate_paper(elastic_strips.sim.scenarios.get_scenario("case-4"))
     assert run.outcome is Outcome.REACHED
 
     def study(folder: str, **options: object) -> PaperStudy:

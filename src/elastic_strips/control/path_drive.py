@@ -36,7 +36,8 @@ class PathDrive:
     def __init__(
         self, robot: RobotModel, path: FollowedPath, yaw: float | None, joints: Array | None, *, wait: bool
     ) -> None:
-        self.path, self.joints = path, joints
+        self.path: FollowedPath = path
+        self.joints: Array | None = joints
         self.wait: bool = wait
         self.told: set[str] = set()
         self._robot, self._yaw = robot, yaw
@@ -65,9 +66,8 @@ class PathDrive:
             if yaw is not None:
                 goal[2] = here[2] + atan2(sin(yaw - here[2]), cos(yaw - here[2]))
             base = robot.space.base_nv
-            if self.joints is None:
-                self.joints = here[base:].copy()
-            goal[base:] = here[base:] + robot.space.difference(here, np.concatenate([here[:base], self.joints]))[base:]
+            joints = self.joints = here[base:].copy() if self.joints is None else self.joints
+            goal[base:] = here[base:] + robot.space.difference(here, np.concatenate([here[:base], joints]))[base:]
             self._goal = goal
         turn = _turn(here, points[1]) if turns and robot.base_kind is BaseKind.DIFF_DRIVE else here[None]
         start, end = robot.space.from_coordinates(np.stack([turn[-1], goal]))

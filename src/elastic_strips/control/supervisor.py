@@ -219,4 +219,5 @@ class Supervisor(RunLog):
     def _enter(self, state: RunState, reason: str, now: float) -> None:
         if state is not self.state:
             self.log(now, "state", f"{state.label}: {reason}")
-        self.state, self.reason = state, reason
+        self.state: RunState = state
+        self.reason: str = reason

@@ -109,7 +109,7 @@ def test_on_a_slow_computer_it_drives_slower_and_arrives(silvermate, monkeypatch
     """As if it were ten times as slow; work is counted, so that this holds on every machine."""
     _, free = drive(silvermate, "free")
     reading = Computing.reading
-    monkeypatch.setattr(Computing, "reading", lambda self: 10.0 * reading(self))
+    monkeypatch.setattr(Computing, "reading", lambda self: 25.0 * reading(self))
     driven, slow = drive(silvermate, "work")
     assert driven.controller.pace.slow
     assert slow.reached, slow.reason
@@ -120,7 +120,7 @@ def test_on_a_slow_computer_it_drives_slower_and_arrives(silvermate, monkeypatch
 def test_where_planning_is_slow_it_brakes_before_it_plans(silvermate, monkeypatch):
     """A post appears in the way of a robot at speed whose ticks take longer than it may wait."""
     reading = Computing.reading
-    monkeypatch.setattr(Computing, "reading", lambda self: 10.0 * reading(self))
+    monkeypatch.setattr(Computing, "reading", lambda self: 25.0 * reading(self))
     before = drive(silvermate, "work", goal=7.0, time_limit=3.0)[1].record.control
     assert before.v[290, 0] > 0.5
     post_at = before.coordinates[290, 0] + 1.5
