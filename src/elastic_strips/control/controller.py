@@ -595,6 +595,8 @@ class Controller:
             executor.log("fault", self._trouble)
             return
         scene = self._newest
+        if self._vantage is not None:
+            scene = self._vantage.scene(scene, no_way=bool(self.keeper.no_way or self.replanner.no_way))
         old = stale(t, scene, params.max_scene_age)
         if old:
             executor.reject(old)

@@ -1,4 +1,7 @@
-"""Vantage: a robot that stands before what no sensor has seen turns, or backs off, to see it from elsewhere."""
+"""Vantage: a robot that stands before what no sensor has seen turns, or backs off, to see it from elsewhere.
+
+What it has looked at in vain counts as an obstacle, so that the strip goes around it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ElasticStripsError
-from elastic_strips.scene import UNSEEN_LAYER, Scene
+from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Scene
 from elastic_strips.trajectory import Trajectory
 
 from .executor import ExecutorLink
@@ -26,6 +29,10 @@ _STEP = 0.35  # [rad] from row to row of a turn
 _SPEED = 0.5  # part of the speed of other motions
 _HELD_UP = 4.0  # [s] for which it waits on such a way until it can go on
 _THERE = 0.01  # [m, rad] of the end of a motion, within which the robot has come to it
+_IN_VAIN = 3  # looks from about the same place, after which what was not seen is not looked at any more …
+_ABOUT = 1.0  # [m] … from within which
+HIDDEN_LAYER = "hidden"
+"""Names of what was looked at in vain begin with this, as those of what was not seen do with `UNSEEN_LAYER`."""
 _TURN_WEIGHT = 0.3  # [m/rad] of turns, where it is looked how far it has come
 
 
@@ -56,6 +63,28 @@ class Vantage:
         self._braked = False  # whether it was braked here, and not by what knows more: a bumper, a scene that is old
         self._looks = False  # whether it is on such a way, or looks from its end
         self._until = -np.inf  # [s] until when it looks from there, or did
+        self._looked: list[Array] = []  # places [m] from which it has looked
+        self._hidden: dict[str, tuple[Obstacle, Obstacle] | None] = {}  # what it has not seen from there, as it counts
+
+    def scene(self, scene: Scene, *, no_way: bool) -> Scene:
+        """A scene in which what was looked at in vain is an obstacle like others.
+
+        Args:
+            scene: the obstacles.
+            no_way: whether there is no way around that: then it is looked at again.
+        """
+        if no_way:
+            self._hidden.clear()
+            self._looked.clear()
+        for name, known in self._hidden.items():
+            if name not in scene:
+                continue
+            obstacle = scene.obstacle(name)
+            if known is None or known[0] is not obstacle:
+                known = obstacle, obstacle.named(f"{HIDDEN_LAYER}{name.removeprefix(UNSEEN_LAYER)}")
+                self._hidden[name] = known
+            scene = scene.without(name).with_obstacle(known[1])
+        return scene
 
     def note(self, t: float, result: PlanResult, *, stands: bool) -> None:
         """Take note of a planning tick: whether the robot stands before what was not seen.
@@ -68,8 +97,12 @@ class Vantage:
         if result.accepted or not stands:
             self._since = None
         elif result.certificate is not None and result.certificate.broken is not None:
-            unseen = result.certificate.broken.obstacle.startswith(f"{UNSEEN_LAYER}-")
+            name = result.certificate.broken.obstacle
+            unseen = name.startswith(f"{UNSEEN_LAYER}-")
             self._since = None if not unseen else t if self._since is None else self._since
+            here = self._executor.active.coordinates[-1, :2]
+            if unseen and sum(float(np.hypot(*(here - place))) < _ABOUT for place in self._looked) >= _IN_VAIN:
+                self._hidden.setdefault(name)
 
     def looks(self, t: float, begin: float, scene: Scene, speed: float) -> bool:
         """Whether the robot goes to look from elsewhere, or looks from there.
@@ -103,6 +136,7 @@ class Vantage:
             return True
         if self._looks:
             self._looks = False
+            self._looked.append(executor.active.coordinates[-1, :2].copy())
             self._then(t)
         if self._since is None or t - self._since < _WAIT or not (stands and executor.settled):
             return False

@@ -108,12 +108,12 @@ def test_an_emergency_stop_is_no_touch(silvermate):
 
 
 def before_unseen(
-    robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0, cancelled=np.inf, others=(), touches=0.0
+    robot, seen, seconds, *, name=f"{UNSEEN_LAYER}-4-0-0", room=2.0, cancelled=np.inf, others=(), touches=0.0, wide=4.0
 ):
     """A controller, and the places of the base (K, 3), of a drive in a corridor, towards what counts as unseen until
     the base is at a place (x, y, yaw) of which ``seen`` says that it sees it. It touches something where it has
     backed off by ``touches`` [m], for a moment."""
-    block = Box((0.4, 4.0, 1.5), at=(2.0, 0.0, 0.75), name=name)
+    block = Box((0.4, wide, 1.5), at=(2.0, 0.0, 0.75), name=name)
     beside = [Box((8.0, 0.1, 1.0), at=(1.0, y, 0.5), name=f"wall{k}") for k, y in enumerate((-room, room))]
     beside += [Box((0.1, 4.0, 1.0), at=(-1.5, 0.0, 0.5), name="end"), *others]
     controller = Controller(robot, robot.home(), robot.home(x=3.0), Scene(beside))
@@ -144,6 +144,13 @@ def test_what_was_not_seen_is_looked_at_from_elsewhere(silvermate):
     forward = np.maximum.accumulate(places[:, 0])
     assert (forward - places[:, 0]).max() > 0.4, "it backs off"
     assert (forward - places[:, 0]).max() < 0.9, "and not further than that"
+
+
+def test_what_was_looked_at_in_vain_is_gone_around(silvermate):
+    controller, places = before_unseen(silvermate, lambda at: False, 80.0, wide=0.8)
+    assert [event for event in controller.events if event.kind == "looking"]
+    assert controller.state is RunState.REACHED, controller.reason
+    assert np.abs(places[:, 1]).max() > 0.6
 
 
 def test_who_touches_something_on_the_way_does_not_go_on(silvermate):
