@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision.path_rows import PathLike, path_rows
-from elastic_strips.errors import ConfigurationError, RobotError
+from elastic_strips.errors import ConfigurationError, RobotError, plural
 from elastic_strips.files import atomic_write, check_writable, open_input, read_input_text, write_json
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.space import LIMIT_TOLERANCE
@@ -160,7 +160,7 @@ def load_path(
     table = with_times(table, times)
     source = table.source
     if len(table.rows) < 2 or len(table.rows) > _MAX_ROWS:
-        source.fail(f"has {len(table.rows)} configurations; a path has 2 … {_MAX_ROWS}")
+        source.fail(f"has {plural(len(table.rows), 'configuration')}; a path has 2 … {_MAX_ROWS}")
     placed = place_table(table, robot, base_at=base_at, angles=angles, ignore=ignore)
     check_times(table, placed, starts_at)
     try:

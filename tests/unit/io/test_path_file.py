@@ -182,7 +182,7 @@ def test_a_moving_base_has_names_too(tmp_path):
 
 WRONG = {
     "empty.csv": ("", "is empty"),
-    "one.csv": (",".join(NAMES) + "\n" + ",".join("0" * 7), "has 1 configurations"),
+    "one.csv": (",".join(NAMES) + "\n" + ",".join("0" * 7), "has 1 configuration"),
     "few.csv": ("0,1\n0,1\n", "2 columns without names.*panda_joint1"),
     "ragged.csv": ("0,0,0,-1,0,1,0\n0,0\n", ":2: has 2 columns, not 7"),
     "word.csv": ("0,0,0,-1,0,1,0\n0,0,0,-1,zero,1,0\n", ":2: 'zero' is not a number"),
