@@ -27,7 +27,7 @@ SECONDS_PER: dict[str, float] = {
 }
 """Time of each [s] with the native kernel, including all work around it: fitted to 7,000 planning ticks, 9,400 readings
 and 5,000 scenes of drives in corridors (with and without sensors; Silvermate, TIAGo) and in a furnished house. There,
-and in three other drives, 94 % of the ticks, readings and scenes of more than 3 ms took between a half and twice what
+and in five other drives, 94 % of the ticks, readings and scenes of more than 3 ms took between a half and twice what
 these say, and all together 0.93 times that; plans of less than 0.2 s took up to ten times what these say, and all plans
 together 1.26 times. Measured by themselves: cells, 0.01 µs each on large grids and 0.04 µs on those of first plans; and
 looks in shelves and cages, 0.15 to 0.3 µs each of the Panda and 0.12 to 0.25 µs of the Fetch."""
