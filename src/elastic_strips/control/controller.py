@@ -596,7 +596,7 @@ class Controller:
             return
         scene = self._newest
         if self._vantage is not None:
-            scene = self._vantage.scene(scene, no_way=bool(self.keeper.no_way or self.replanner.no_way))
+            scene = self._vantage.scene(t, scene, no_way=bool(self.keeper.no_way or self.replanner.no_way))
         old = stale(t, scene, params.max_scene_age)
         if old:
             executor.reject(old)

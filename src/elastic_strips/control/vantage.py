@@ -31,8 +31,8 @@ _HELD_UP = 4.0  # [s] for which it waits on such a way until it can go on
 _THERE = 0.01  # [m, rad] of the end of a motion, within which the robot has come to it
 _IN_VAIN = 3  # looks from about the same place, after which what was not seen is not looked at any more …
 _ABOUT = 1.0  # [m] … from within which
-HIDDEN_LAYER = "hidden"
-"""Names of what was looked at in vain begin with this, as those of what was not seen do with `UNSEEN_LAYER`."""
+_VAIN_FOR = 120.0  # [s] for which looks and what they did not show are remembered
+_HIDDEN_LAYER = "hidden"  # in names, in place of `UNSEEN_LAYER`
 _TURN_WEIGHT = 0.3  # [m/rad] of turns, where it is looked how far it has come
 
 
@@ -63,28 +63,37 @@ class Vantage:
         self._braked = False  # whether it was braked here, and not by what knows more: a bumper, a scene that is old
         self._looks = False  # whether it is on such a way, or looks from its end
         self._until = -np.inf  # [s] until when it looks from there, or did
-        self._looked: list[Array] = []  # places [m] from which it has looked
-        self._hidden: dict[str, tuple[Obstacle, Obstacle] | None] = {}  # what it has not seen from there, as it counts
+        self._looked: list[tuple[float, Array]] = []  # when [s], and from where [m], it has looked of late
+        self._hidden: dict[str, float] = {}  # what it has not seen from there, and until when [s] that counts
+        self._named: dict[str, tuple[Obstacle, Obstacle]] = {}  # as it came, and as it counts
+        self._made: tuple[Scene, list[str], Scene] = (Scene(), [], Scene())  # with which of them it was made into what
 
-    def scene(self, scene: Scene, *, no_way: bool) -> Scene:
-        """A scene in which what was looked at in vain is an obstacle like others.
+    def scene(self, t: float, scene: Scene, *, no_way: bool) -> Scene:
+        """A scene in which what was looked at in vain is an obstacle like others, for a while.
 
         Args:
+            t: time [s].
             scene: the obstacles.
             no_way: whether there is no way around that: then it is looked at again.
         """
         if no_way:
             self._hidden.clear()
             self._looked.clear()
-        for name, known in self._hidden.items():
-            if name not in scene:
-                continue
-            obstacle = scene.obstacle(name)
-            if known is None or known[0] is not obstacle:
-                known = obstacle, obstacle.named(f"{HIDDEN_LAYER}{name.removeprefix(UNSEEN_LAYER)}")
-                self._hidden[name] = known
-            scene = scene.without(name).with_obstacle(known[1])
-        return scene
+        names = [name for name, until in self._hidden.items() if t < until and name in scene]
+        if not names:
+            return scene
+        given, hidden, made = self._made
+        if scene is not given or names != hidden:
+            made, before, self._named = scene, self._named, {}
+            for name in names:
+                obstacle = scene.obstacle(name)
+                known = before.get(name)
+                if known is None or known[0] is not obstacle:
+                    known = obstacle, obstacle.named(f"{_HIDDEN_LAYER}{name.removeprefix(UNSEEN_LAYER)}")
+                self._named[name] = known
+                made = made.without(name).with_obstacle(known[1])
+            self._made = scene, names, made
+        return made
 
     def note(self, t: float, result: PlanResult, *, stands: bool) -> None:
         """Take note of a planning tick: whether the robot stands before what was not seen.
@@ -101,8 +110,8 @@ class Vantage:
             unseen = name.startswith(f"{UNSEEN_LAYER}-")
             self._since = None if not unseen else t if self._since is None else self._since
             here = self._executor.active.coordinates[-1, :2]
-            if unseen and sum(float(np.hypot(*(here - place))) < _ABOUT for place in self._looked) >= _IN_VAIN:
-                self._hidden.setdefault(name)
+            if unseen and sum(float(np.hypot(*(here - place))) < _ABOUT for _, place in self._looked) >= _IN_VAIN:
+                self._hidden[name] = t + _VAIN_FOR
 
     def looks(self, t: float, begin: float, scene: Scene, speed: float) -> bool:
         """Whether the robot goes to look from elsewhere, or looks from there.
@@ -136,7 +145,8 @@ class Vantage:
             return True
         if self._looks:
             self._looks = False
-            self._looked.append(executor.active.coordinates[-1, :2].copy())
+            self._looked = [look for look in self._looked if t - look[0] < _VAIN_FOR]
+            self._looked.append((t, executor.active.coordinates[-1, :2].copy()))
             self._then(t)
         if self._since is None or t - self._since < _WAIT or not (stands and executor.settled):
             return False
