@@ -617,11 +617,15 @@ class Controller:
         if self._vantage is not None and goes and self._speed:
             speed = self._speed * params.speed_scale
             if self._vantage.looks(t, self._begin(t), scene, speed):
+                self._watch_stop(t)
                 return
         stops = self.keeper.no_way or ("the speed is set to 0" if self._speed == 0.0 else "")
         if stops:  # the strip leads to the previous goal, or nowhere for now
             executor.reject(stops)
             self._watch_stop(t)
+            return
+        if self.keeper.looks_here(t) and not self.keeper.planning:
+            executor.reject("it looks at its goal from here")
             return
         self._prove_again(t, scene)
         waiting, at_rest = self.keeper.path is None and self.keeper.replan(t, scene), executor.at_rest(t)
@@ -726,7 +730,7 @@ class Controller:
             if result.outcome is PlanOutcome.BRAKE:
                 self.executor.brake(result.reason)
             elif result.motion is not None and result.certificate is not None:
-                at_goal = result.outcome is PlanOutcome.ARRIVE and not self.keeper.planning
+                at_goal = result.outcome is PlanOutcome.ARRIVE and not (self.keeper.planning or self.keeper.looks)
                 self.executor.submit(result.motion, result.certificate, at_goal=at_goal, proven=proven)
 
     def _rest_of_goal(self, t: float, scene: Scene) -> bool:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 from elastic_strips.collision.certificate import LEFT_PATH
 from elastic_strips.errors import ConfigurationError, ElasticStripsError
-from elastic_strips.planning import Goal, PlanReport, check_endpoints
+from elastic_strips.planning import BasePose, Goal, PlanReport, check_endpoints
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Strip
@@ -21,7 +21,7 @@ from elastic_strips.validation import check_array, check_number
 
 from .executor import ExecutorLink
 from .interfaces import GoalReached, RunState
-from .itinerary import Goals, configuration_of, goals_in_order, off_goal
+from .itinerary import Goals, configuration_of, goals_in_order, hand_of, off_goal
 from .local_planner import LocalPlanner
 from .params import DriveParams, Tolerance
 from .path_drive import PathDrive
@@ -34,6 +34,12 @@ _STRIP_START_OFFSET = 0.02
 elsewhere."""
 _PLANNING_TIME = 0.1
 """Time [s] that a plan to another goal is given while the robot drives: the strip begins where it will be then."""
+_NEARER = (1.1, 1.5)
+"""Distances [m] from a hand's goal, from which a robot looks at it where all ways to be there seem taken from afar …"""
+_SIDES = 12  # … from so many sides
+_ELSEWHERE = 0.5  # [m] from one such place to the next
+_MOST_LOOKS = 3  # such places, after which there is no way to the goal for now
+_LOOKS_AGAIN = 4.0  # [s] from one plan to the goal to the next at the last of them
 _DRIVES_ON = 0.5
 """Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
 
@@ -60,6 +66,7 @@ class GoalKeeper:
         path: the path that is followed, or None.
         next_path: the path that is followed once the joints are as they are to be on it, or None.
         plans: what computes the plans.
+        looks: whether the present goal is a place near the goal from which the robot looks at that, which is the next.
         cancelled: why the goal was given up; empty where it was not.
         no_way: why nothing leads to the goal; empty where something does.
     """
@@ -96,6 +103,10 @@ class GoalKeeper:
         self._next: Future[PlanReport] | None = None  # plans the first strip to another goal
         self._next_goal: Goal | Sequence[Goal] = self.goal_q  # that goal
         self._asked_goal: Goal | Sequence[Goal] = goal  # the present one, as it was asked for
+        self.looks: bool = False
+        self._nearer: Sequence[Goal] = ()  # places from which the robot looks at the goal before it goes on to it
+        self._looked_from: list[Array] = []  # (2,) each [m], from where nothing was free at the goal
+        self._blocked = ""  # why
         self._plan_from: Array = start  # (nv,) where either begins
         self._asked = -np.inf  # [s] when another goal was asked for
         self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
@@ -107,7 +118,7 @@ class GoalKeeper:
         """Take another goal, or several, in place of all that there were; see :meth:`Controller.retarget`."""
         first, *following = goals_in_order(self._robot, goal)
         self.goals = following
-        self.cancelled = ""
+        self.cancelled, self.looks, self._looked_from = "", False, []
         self._set_goal(t, first, scene, latency)
 
     def follow(
@@ -129,7 +140,7 @@ class GoalKeeper:
             posture = before.joints
         yaw = float(rows[-1, 2]) if rows.shape[1] == 3 else None
         drive = PathDrive(robot, followed, yaw, posture, wait=wait)
-        self.goals = []
+        self.goals, self.looks = [], False
         known = None if before is None else before.joints
         same = known is not None and posture is not None and np.array_equal(known, posture)
         if same and self.next_path is not None:  # the joints are on their way
@@ -210,7 +221,7 @@ class GoalKeeper:
 
     def cancel(self, reason: str) -> None:
         """Give up the goal and all after it; see :meth:`Controller.cancel`."""
-        self.goals = []
+        self.goals, self.looks = [], False
         self.forget()
         self.cancelled = self.no_way = reason
         self._executor.retarget(self.goal, self.tolerance)
@@ -256,7 +267,11 @@ class GoalKeeper:
         executor = self._executor
         if self.next_path is not None:
             self._get_ready(t, self.next_path, scene, latency)
-        elif executor.run.state is RunState.REACHED and self.goals and executor.settled and not self.planning:
+        elif not (self.goals and executor.settled) or self.planning:
+            return
+        elif executor.run.state is RunState.REACHED or (
+            self.looks_here(t) and (not self.no_way or t >= self._asked + _LOOKS_AGAIN)
+        ):
             self._set_goal(t, self.goals.pop(0), scene, latency)
 
     def count(self, t: float) -> None:
@@ -273,10 +288,22 @@ class GoalKeeper:
             return
         self._reach(t, at, passed=True)
         report, self._onward, self._onward_plan, self._replan = self._onward, None, None, None
-        self._asked_goal = self.goals.pop(0)
+        self._asked_goal, self.looks = self.goals.pop(0), False
         self._take_goal(report)
 
+    def looks_here(self, t: float) -> bool:
+        """Whether the robot stands where it looks at the goal from nearer, or cannot go on to there."""
+        if not (self.looks and self._executor.at_rest(t)):
+            return False
+        if self.no_way or self._replanner.no_way:
+            return True
+        position, yaw, _ = off_goal(self._robot, self._executor.estimate[None], self.goal)[0].tolist()
+        return position <= self.tolerance.position and yaw <= self.tolerance.yaw
+
     def _reach(self, t: float, at: Array, *, passed: bool) -> None:
+        if self.looks:
+            return
+        self._looked_from = []
         position, yaw, joints = off_goal(self._robot, at[None], self.goal)[0].tolist()
         self.reached.append(GoalReached(t, self.goal, position, yaw, joints, passed))
         if passed:
@@ -389,8 +416,9 @@ class GoalKeeper:
         try:
             report = plan.result()
         except Exception as error:  # on any error: the present strip leads to another goal
-            if self._next_goal is self._asked_goal and isinstance(error, ElasticStripsError):
-                self._executor.log("replanned", f"no other way to be at the goal: {error}")
+            known = self.looks or self._next_goal is self._asked_goal or self._next_goal is self._nearer
+            if known and isinstance(error, ElasticStripsError):
+                self._not_free(t, error, scene)
                 return  # what stands at the goal may go away: the strip to it is watched on
             self.no_way = f"no way to the goal: {error}"
             raise
@@ -399,9 +427,48 @@ class GoalKeeper:
         if stands and self._apart(self._plan_from, end):  # it came to rest meanwhile
             self._plan_to(self._next_goal, end, scene)
             return
-        self._asked_goal = self._next_goal
+        looks = self._next_goal is self._nearer
+        if looks:
+            self._executor.log("looking", "the robot goes to look at its goal from nearer")
+            if not self.looks:
+                self.goals.insert(0, self._asked_goal)
+        self._asked_goal, self.looks = self._next_goal, looks
         self._take_goal(report)
         self._planner.take(report.strip, beside=not stands)
+
+    def _not_free(self, t: float, error: ElasticStripsError, scene: Scene) -> None:
+        """No way to be at the goal was found, or none to a place from which it is seen."""
+        goal = self._next_goal
+        if goal is not self._nearer:
+            self._executor.log("replanned", f"no other way to be at the goal: {error}")
+            self._blocked = str(error)
+        if self.looks and goal is not self._nearer:  # it stands where it was to see more, and goes on from there
+            self.goals.insert(0, goal)
+        if goal is not self._nearer and self._look_nearer(t, goal, scene):
+            return
+        if self.looks:
+            self.no_way, self._asked = f"no way to the goal: {self._blocked}", t
+
+    def _look_nearer(self, t: float, goal: Goal | Sequence[Goal], scene: Scene) -> bool:
+        """Plan to a place near a hand's goal from which it is seen, where sensors that see what is free have shown
+        something at it from afar: there they are not as exact."""
+        executor = self._executor
+        hand, seen = hand_of(goal), len(scene.seen) == len(scene)
+        if hand is None or seen or not (self._robot.space.planar and executor.at_rest(t)):
+            return False
+        here, at = executor.active.coordinates[-1], np.array(hand.position[:2])
+        self._looked_from.append(here[:2].copy())
+        if len(self._looked_from) > _MOST_LOOKS:
+            return False
+        sides = 2.0 * np.pi / _SIDES * np.arange(_SIDES)
+        places = [at + far * np.array([np.cos(side), np.sin(side)]) for far in _NEARER for side in sides]
+        self._nearer = [
+            BasePose(*place.tolist(), yaw=float(np.arctan2(*(at - place)[::-1])))
+            for place in places
+            if min(float(np.hypot(*(place - before))) for before in self._looked_from) > _ELSEWHERE
+        ]
+        self._plan_to(self._nearer, here, scene)
+        return True
 
     def _take_goal(self, report: PlanReport) -> None:
         """The goal is where a strip ends that is followed from now on."""

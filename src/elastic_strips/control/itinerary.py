@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, GoalError
-from elastic_strips.planning import BasePose, Goal, find_goals
+from elastic_strips.planning import AllOf, BasePose, Goal, HandPose, find_goals
 from elastic_strips.planning.goals import is_goal_region
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
@@ -50,6 +50,15 @@ def configuration_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | 
         ConfigurationError: one that is not valid.
     """
     return None if is_goal_region(goal) else robot.check_q(cast("npt.ArrayLike", goal), what="goal")
+
+
+def hand_of(goal: Goal | Sequence[Goal]) -> HandPose | None:
+    """The pose of a hand that a goal asks for, or the first of several; None where there is none, or a mapping asks."""
+    if isinstance(goal, AllOf):
+        return next(iter(goal.hands), None)
+    if isinstance(goal, Sequence):
+        return next((hand for hand in map(hand_of, cast("Sequence[Goal]", goal)) if hand is not None), None)
+    return goal if isinstance(goal, HandPose) else None
 
 
 def faced(robot: RobotModel, here: Array, goal: Goal | Sequence[Goal]) -> Goal | Sequence[Goal]:

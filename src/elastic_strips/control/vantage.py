@@ -19,6 +19,8 @@ from .local_planner import LocalPlanner
 from .strip_timer import PlanResult
 
 _WAIT = 1.5  # [s] at rest, after which it goes to look from elsewhere: before that, its head may see enough
+_STAYS = 10.0  # [s] within which motions that begin and are refused in turn have led it nowhere …
+_NOWHERE = 0.3  # [m] … that is, not so far away
 _LOOK = 1.2  # [s] for which it stands there
 _TURNS = (0.0, 0.7, -0.7, 1.4, -1.4, 2.2, -2.2)
 """Angles [rad] from the heading with which it was stopped, to which it turns one after the other …"""
@@ -55,6 +57,9 @@ class Vantage:
     ) -> None:
         self._executor, self._planner, self._back, self._then = executor, planner, back, then
         self._since: float | None = None  # [s] when it stood before what was not seen
+        self._stayed = 0.0, np.full(2, np.inf)  # since when [s] and about where [m] it has stayed, moving or not
+        self._refused = False  # whether what was not seen has kept it from a motion there
+        self._stays = False  # whether it is brought to rest there, to look from elsewhere
         self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
         self._tried = 0
         self._motion: Trajectory | None = None  # to where it looks from, or the beginning of the way
@@ -96,22 +101,32 @@ class Vantage:
         return made
 
     def note(self, t: float, result: PlanResult, *, stands: bool) -> None:
-        """Take note of a planning tick: whether the robot stands before what was not seen.
+        """Take note of a planning tick: whether the robot stands before what was not seen, or gets nowhere for it.
 
         Args:
             t: time [s].
             result: of the tick.
             stands: whether the robot does.
         """
-        if result.accepted or not stands:
+        broken = None if result.accepted or result.certificate is None else result.certificate.broken
+        unseen = "" if broken is None else broken.obstacle if broken.obstacle.startswith(f"{UNSEEN_LAYER}-") else ""
+        here = self._executor.estimate[:2]
+        if np.hypot(*(here - self._stayed[1])) > _NOWHERE:
+            self._stayed, self._refused = (t, here.copy()), False
+        self._refused |= bool(unseen)
+        stays = self._refused and t - self._stayed[0] > _STAYS
+        if not stands or result.accepted or (broken is not None and not unseen):
             self._since = None
-        elif result.certificate is not None and result.certificate.broken is not None:
-            name = result.certificate.broken.obstacle
-            unseen = name.startswith(f"{UNSEEN_LAYER}-")
-            self._since = None if not unseen else t if self._since is None else self._since
-            here = self._executor.active.coordinates[-1, :2]
-            if unseen and sum(float(np.hypot(*(here - place))) < _ABOUT for _, place in self._looked) >= _IN_VAIN:
-                self._hidden[name] = t + _VAIN_FOR
+        elif unseen:
+            self._since = t if self._since is None else self._since
+        if stays:
+            self._stays = True
+        if unseen and (stands or stays) and self._vain(here) >= _IN_VAIN:
+            self._hidden[unseen] = t + _VAIN_FOR
+
+    def _vain(self, here: Array) -> int:
+        """How often the robot has looked from about a place (2,)."""
+        return sum(float(np.hypot(*(here - place))) < _ABOUT for _, place in self._looked)
 
     def looks(self, t: float, begin: float, scene: Scene, speed: float) -> bool:
         """Whether the robot goes to look from elsewhere, or looks from there.
@@ -143,13 +158,18 @@ class Vantage:
             self._motion, self._until, self._came = None, t + _LOOK, -np.inf
         if t < self._until:
             return True
+        if self._stays and not (stands and executor.settled):
+            return True  # nothing is planned that would keep it going
         if self._looks:
             self._looks = False
             self._looked = [look for look in self._looked if t - look[0] < _VAIN_FOR]
             self._looked.append((t, executor.active.coordinates[-1, :2].copy()))
             self._then(t)
-        if self._since is None or t - self._since < _WAIT or not (stands and executor.settled):
+        waits = self._since is not None and t - self._since >= _WAIT
+        if not (self._stays or waits) or not (stands and executor.settled):
             return False
+        if self._stays:
+            self._stays, self._refused, self._stayed = False, False, (t, self._stayed[1])
         here = executor.active.coordinates[-1]
         if float(np.hypot(*(here[:2] - self._place))) > _AWAY or t - self._until > _AGAIN:
             self._place, self._heading, self._tried = here[:2].copy(), float(here[2]), 0

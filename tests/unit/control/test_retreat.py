@@ -4,11 +4,14 @@ elsewhere. Both only where that is free."""
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from elastic_strips.control import Controller, RunState
+from elastic_strips.control.vantage import Vantage
+from elastic_strips.planning import HandPose
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant
 
@@ -151,6 +154,66 @@ def test_what_was_looked_at_in_vain_is_gone_around(silvermate):
     assert [event for event in controller.events if event.kind == "looking"]
     assert controller.state is RunState.REACHED, controller.reason
     assert np.abs(places[:, 1]).max() > 0.6
+
+
+def kept_by(name, speed):
+    """Whether a robot that moves at a speed [m/s] for 15 s, its motions refused and accepted in turn because of an
+    obstacle, is to come to rest and look."""
+    executor = SimpleNamespace(estimate=np.zeros(3), at_rest=lambda t: False, settled=False)
+    vantage = Vantage(executor, None, None, lambda t: None)
+    for k in range(150):
+        executor.estimate = np.array((speed * 0.1 * k, 0.0, 0.0))
+        refused = k % 4 == 0
+        broken = SimpleNamespace(broken=SimpleNamespace(obstacle=name))
+        result = SimpleNamespace(accepted=not refused, certificate=broken if refused else None)
+        vantage.note(0.1 * k, result, stands=False)
+    return vantage.looks(15.0, 15.0, Scene([]), 1.0)
+
+
+def test_who_gets_nowhere_before_what_was_not_seen_comes_to_rest_to_look_from_elsewhere():
+    """Its motions begin and are refused in turn, so that it never stands for long."""
+    assert kept_by(f"{UNSEEN_LAYER}-4-0-0", 0.01)
+    assert not kept_by(f"{UNSEEN_LAYER}-4-0-0", 0.2), "it gets on"
+    assert not kept_by("wall", 0.01), "there is nothing to look at"
+
+
+def at_a_table(robot, seen_from, seconds):
+    """A controller that drives to a hand's goal 4 m ahead, about which something is shown until the base is as near as
+    ``seen_from`` [m]; somewhere there is something that was not seen."""
+    hand = (4.0, 0.0, 0.8)
+    elsewhere = Box((0.4, 0.4, 0.4), at=(0.0, 5.0, 0.2), name=f"{UNSEEN_LAYER}-1-0-0")
+    shown = Box((0.3, 0.3, 0.3), at=hand, name="volume-1-0-0")
+    controller = Controller(robot, robot.home(), HandPose("hand_frame", hand), Scene([elsewhere]))
+    plant = KinematicPlant(robot, controller.limits, seed=1)
+    plant.reset(robot.space.to_coordinates(robot.home()))
+    measured, there, nearest, states = None, True, np.inf, []
+    for k in range(round(seconds / DT)):
+        far = float(np.hypot(*(plant.coordinates[:2] - hand[:2])))
+        nearest, there = min(nearest, far), there and far > seen_from
+        scene = Scene([shown, elsewhere] if there and k * DT > 0.5 else [elsewhere], time=k * DT)
+        measured = plant.step(controller.step(k * DT, measured, scene), DT)
+        states.append(controller.state)
+        if controller.ended:
+            break
+    return controller, nearest, states
+
+
+def test_what_is_shown_at_a_goal_from_afar_is_looked_at_from_nearer(silvermate):
+    controller, _, states = at_a_table(silvermate, 1.7, 60.0)
+    assert [event for event in controller.events if event.kind == "looking"]
+    assert controller.state is RunState.REACHED, controller.reason
+    assert controller.reached == 1, "the place from which it looked is no goal"
+    assert states.index(RunState.REACHED) == len(states) - 1
+
+
+def test_what_is_there_from_nearby_too_is_said_to_be_in_the_way(silvermate):
+    controller, nearest, states = at_a_table(silvermate, 0.0, 80.0)
+    looks = [event for event in controller.events if event.kind == "looking"]
+    assert 1 <= len(looks) <= 3
+    assert nearest > 0.8
+    assert RunState.REACHED not in states
+    assert controller.keeper.gave_up or controller.keeper.planning
+    assert not controller.goals_reached
 
 
 def test_who_touches_something_on_the_way_does_not_go_on(silvermate):
