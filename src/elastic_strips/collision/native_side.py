@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import coal
 import numpy as np
@@ -179,7 +179,6 @@ class NativeNarrowphase:
     def __init__(self, module: ModuleType, bodies: _native.Bodies) -> None:
         self.calls: _native.Narrowphase = module.Narrowphase(bodies)
         self._module = module
-        self._solids: dict[int, tuple[Part, _native.Solid]] = {}  # of what is no box, by the id() of the part
         self._parts: tuple[CandidateParts, _native.Parts] | None = None
         self._moving: tuple[_native.Parts, NodePrediction, Indices, _native.Moving] | None = None
 
@@ -193,13 +192,10 @@ class NativeNarrowphase:
         """Candidates, which move in place; what it knows of parts that are still there is kept."""
         if self._parts is not None and self._parts[0] is candidates:
             return self._parts[1]
-        known, former = self._solids, self._parts
+        former = self._parts
         solids: list[_native.Solid | None] = [None] * len(candidates)
-        self._solids = {}
         for k in _no_boxes(candidates):
-            part = candidates.parts[k]
-            self._solids[id(part)] = kept = known.get(id(part)) or (part, _part(self._module, part))
-            solids[k] = kept[1]
+            solids[k] = _part(self._module, candidates.parts[k])
         parts = _parts(self._module, candidates, solids)
         if former is not None:
             at = {id(p): k for k, p in enumerate(former[0].parts)}
@@ -260,10 +256,18 @@ def _no_boxes(candidates: CandidateParts) -> list[int]:
 
 
 def _part(module: ModuleType, part: Part) -> _native.Solid:
+    """A part for the kernel, made once: most of a sensed scene was there before."""
+    for entry in part.kept:
+        by, known = cast("tuple[ModuleType, _native.Solid]", entry)
+        if by is module:
+            return known
     if part.geometry is not None:
-        return native_solid(module, part.geometry)
-    sides = np.array([2.0 * np.asarray(box.halfSide) for box, _ in part.boxes])
-    return module.block(sides, np.array([at for _, at in part.boxes]))
+        solid = native_solid(module, part.geometry)
+    else:
+        sides = np.array([2.0 * np.asarray(box.halfSide) for box, _ in part.boxes])
+        solid = module.block(sides, np.array([at for _, at in part.boxes]))
+    part.kept.append((module, solid))
+    return solid
 
 
 def native_solid(module: ModuleType, geometry: coal.CollisionGeometry) -> _native.Solid:

@@ -8,7 +8,7 @@ The union of the boxes does not change: only boxes of one grid that fill a large
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from itertools import permutations
 
@@ -32,6 +32,7 @@ class Part:
         half_extents: Half sizes (3,) of that box [m].
         radius: Radius of a sphere about ``center`` that holds the part [m].
         boxes: For a block: the (coal.Box, translation (3,)) of its members; empty otherwise.
+        kept: What who computes with it has made of it and keeps, as long as there is the part.
     """
 
     geometry: coal.CollisionGeometry | None
@@ -40,6 +41,7 @@ class Part:
     half_extents: Array
     radius: float
     boxes: tuple[tuple[coal.Box, Array], ...] = ()
+    kept: list[object] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
         for array in (self.T_obstacle_part, self.center, self.half_extents):
@@ -51,7 +53,7 @@ class Part:
         return tuple(g for g, _ in self.boxes) if self.geometry is None else (self.geometry,)
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restored, tuple(getattr(self, f.name) for f in fields(self))
+        return _restored, tuple(getattr(self, f.name) for f in fields(self) if f.init)
 
 
 def _restored(*state: object) -> Part:
