@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import click
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions, RobotModel
     from elastic_strips.scene import Scene
     from elastic_strips.strip import Strip
+    from elastic_strips.viewer import Viewer
 
 _JOINTS_LISTED = 12  # joints in a note
 
@@ -104,6 +107,10 @@ _JOINTS_LISTED = 12  # joints in a note
 )
 @click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
 @options.json_option("Write the answer.")
+@options.html_option("Write a standalone 3D page of the path, and of where it is refuted.")
+@options.picture_options
+@click.option("--view", is_flag=True, help="Show the path in the browser, on this machine only, until Ctrl-C.")
+@options.browser_option
 def certify(
     path: str,
     robot: str,
@@ -122,6 +129,11 @@ def certify(
     repaired: str | None,
     proof: str | None,
     json_file: str | None,
+    html_file: str | None,
+    png_file: str | None,
+    film_file: str | None,
+    view: bool,
+    no_browser: bool,
 ) -> int:
     """Prove that PATH is free of collisions all along, or show a configuration on it that is not.
 
@@ -140,7 +152,7 @@ def certify(
     from elastic_strips.io import load_path, read_scene_file
     from elastic_strips.robot import load_robot
 
-    options.check_outputs(path, repaired, proof, json_file)
+    options.check_outputs(path, repaired, proof, json_file, html_file, png_file, film_file)
     model = load_robot(robot, base=base, **described)
     given = load_path(path, model, base_at=base_at, angles=angles, ignore=ignore, starts_at=starts_at)
     scene_file = read_scene_file(scene_files, robot=model, q=given.q[0], options=reading)
@@ -186,7 +198,22 @@ def certify(
             document |= _prove(proof, model, scene, outcome, margins) if done else _no_proof("")
             done = "proof" in document
     output.write_document("answer", json_file, document)
+    draw = partial(_draw, model, scene, given, found)
+    options.write_pictures(draw, html_file, png_file, film_file, title=os.path.basename(path))
+    if view:
+        options.serve(draw, no_browser=no_browser, title=os.path.basename(path))
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
+
+
+def _draw(robot: RobotModel, scene: Scene, given: PathFile, found: PathCertificate, viewer: Viewer) -> None:
+    """The path that was given: the robot goes along it where it is certified, else it is where it touches something."""
+    from elastic_strips.viewer.path_report import PathReport
+
+    report = PathReport.of(robot, given.q, found)
+    if found.certified and len(given.q) > 1:
+        viewer.animate(robot, scene, report)
+    else:
+        viewer.show(robot, scene, report)
 
 
 @dataclass(frozen=True)

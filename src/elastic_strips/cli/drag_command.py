@@ -128,14 +128,14 @@ def _drive(
     from .drive_command import watched_drive
 
     setup = DriveSetup(robot=model, seed=problem.seed if seed is None else seed, goals=goals, compute="1")
-    driven, result, _ = watched_drive(
-        problem,
-        partial(make_simulation, problem, setup, realtime=True),
-        time_limit=seconds or _LONGEST_DRIVE,
-        view=True,
-        no_browser=no_browser,
-        stays=True,
-    )
+    with options.open_viewer(no_browser=no_browser, title=problem.name) as viewer:
+        driven, result, _ = watched_drive(
+            problem,
+            partial(make_simulation, problem, setup, realtime=True),
+            time_limit=seconds or _LONGEST_DRIVE,
+            viewer=viewer,
+            stays=True,
+        )
     found = conclude(problem, driven, result).evaluation
     touched = len(found.collisions)
     output.say(

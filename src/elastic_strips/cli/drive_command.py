@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
     from elastic_strips.sim.scenarios import DriveOutcome, Scenario
-    from elastic_strips.viewer import Seen
+    from elastic_strips.viewer import Seen, Viewer
     from elastic_strips.viewer.dragged_goal import DraggedGoal
 
 
@@ -111,7 +111,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
 @click.option(
     "--view",
     is_flag=True,
-    help="Show the drive in the browser, on this machine only, while it goes on; its goal can be dragged.",
+    help="Show the drive in the browser, on this machine only; its goal can be dragged. Then its replay until Ctrl-C.",
 )
 @options.browser_option
 def drive(
@@ -204,12 +204,32 @@ def drive_and_report(
     view: bool = False,
     no_browser: bool = False,
 ) -> int:
-    """Make a simulation, run and watch it, write and print its result; returns the exit code."""
+    """Make a simulation, run and watch it, write and print its result, and replay it; returns the exit code."""
+    viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
+    with viewer or nullcontext():
+        driven, result, interrupted = watched_drive(problem, make, time_limit=time_limit, viewer=viewer)
+        code = _report(problem, driven, result, outputs, interrupted=interrupted, time_limit=time_limit)
+        if viewer is not None and viewer.alive and not interrupted:
+            viewer.replay(driven.robot, result.record)
+            output.say(f"replay  {viewer.url}  (Ctrl-C ends)")
+            viewer.wait()
+    return code
+
+
+def _report(
+    problem: Scenario,
+    driven: Simulation[Controller],
+    result: DriveResult,
+    outputs: Outputs,
+    *,
+    interrupted: bool,
+    time_limit: float | None,
+) -> int:
+    """Write and print the result of a drive; returns the exit code."""
     from elastic_strips.io.record_file import write_record
     from elastic_strips.sim.scenarios import drive_document
     from elastic_strips.sim.scenarios.drive import conclude
 
-    driven, result, interrupted = watched_drive(problem, make, time_limit=time_limit, view=view, no_browser=no_browser)
     if outputs.record_file is not None:  # before the evaluation, which may take a while: the drive is not to be lost
         write_record(result.record, outputs.record_file)
     outcome = conclude(problem, driven, result)
@@ -229,6 +249,7 @@ def drive_and_report(
         outputs.png_file,
         outputs.film_file,
         title=problem.name,
+        moment=float("inf"),
     )
     if interrupted:
         return EXIT_INTERRUPTED
@@ -240,8 +261,7 @@ def watched_drive(
     make: Callable[..., Simulation[Controller]],
     *,
     time_limit: float | None,
-    view: bool,
-    no_browser: bool,
+    viewer: Viewer | None,
     stays: bool = False,
 ) -> tuple[Simulation[Controller], DriveResult, bool]:
     """Make a simulation, run and watch it; it, its result, and whether it was interrupted.
@@ -250,10 +270,9 @@ def watched_drive(
     """
     from elastic_strips.viewer.dragged_goal import DraggedGoal
 
-    viewer = options.open_viewer(no_browser=no_browser, title=problem.name) if view else None
     dragged: DraggedGoal | None = None
     ways: dict[int, float] = {}
-    with viewer or nullcontext(), options.LateProgress(f"{problem.name}: driving") as bar:
+    with options.LateProgress(f"{problem.name}: driving") as bar:
 
         def watch(driven: Simulation[Controller]) -> None:
             _show_way(bar, driven, time_limit, ways)
@@ -285,6 +304,8 @@ def watched_drive(
                 result = driven.run(time_limit=time_limit)
         finally:
             driven.plant.close()
+            if viewer is not None:
+                viewer.listen(None)
     return driven, result, bool(interrupted)
 
 

@@ -446,8 +446,11 @@ def write_pictures(
     film_file: str | None,
     *,
     title: str = TITLE,
+    moment: float | None = None,
 ) -> None:
     """Write what ``draw`` shows as a standalone page, a picture and a film, as far as they are wanted.
+
+    The picture is of a ``moment`` of what plays [s]: the first where None, the last where infinite.
 
     Raises:
         ViewerFailure: it cannot be drawn.
@@ -467,7 +470,7 @@ def write_pictures(
         if html_file is not None:
             output.say(f"page    {viewer.save_html(html_file)}")
         if png_file is not None:
-            output.say(f"picture {viewer.save_png(png_file)}")
+            output.say(f"picture {viewer.save_png(png_file, time=moment)}")
         if film_file is not None:
             output.say(f"film    {viewer.save_film(film_file)}")
 

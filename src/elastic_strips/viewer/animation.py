@@ -27,12 +27,14 @@ from .drawing import (
     THREADS,
     UNCHECKED,
     Drawing,
+    Report,
     Snapshot,
     bare_legend,
     segment_colors,
 )
 from .drawing_obstacles import MOVING, MOVING_COLOR
 from .geometry import Floats, RobotPoses, linear
+from .path_report import PathReport
 
 STATE_COLORS = {
     "moving": "#2b6cb0",
@@ -46,6 +48,7 @@ _FRAME_RATE, _MAX_FRAMES = 20.0, 600  # the page interpolates between them
 _MAX_STRIPS, _MAX_RECORDED, _MAX_NODES = 24, 32, 24
 _MAX_TRACE, _MAX_TRAILS = 400, 48
 _TRAIL_GHOSTS = ((0.4, 0.3), (0.8, 0.19), (1.2, 0.1))  # how far behind [s], opacity
+_NEXT_TICK = 0.15  # [s] after which a plan is another one than that which was refused
 _CARD_PERIOD, _EVENT_TIME = 0.1, 2.5  # the card changes so often, and shows an event so long [s]
 _CAMERA_HEIGHT = 1.0  # of the camera; higher than for a strip, as obstacles hide what goes on behind them
 
@@ -61,12 +64,14 @@ class StripAnimation:
     robot: RobotModel
     scene: Scene
     strips: tuple[Array, ...]
-    reports: tuple[DeformReport | None, ...]
+    reports: tuple[Report | None, ...]
     duration: float
 
     def snapshot(self) -> Snapshot:
-        """The first moment, with the camera turned to it."""
-        return Snapshot(self.robot, self.scene, self.strips[0], self.reports[0], frame=True)
+        """The first moment, with the camera turned to it; of a refuted path, the configuration that shows it."""
+        report = self.reports[0]
+        q = report.q if isinstance(report, PathReport) else None
+        return Snapshot(self.robot, self.scene, self.strips[0], report, frame=True, q=q)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +90,7 @@ class RunReplay:
         return (self.end - self.begin) / self.speed
 
 
-Animated = Strip | DeformReport | ArrayLike
+Animated = Strip | DeformReport | PathReport | ArrayLike
 """A strip, a report about one, or configurations (N, nq)."""
 
 
@@ -121,9 +126,9 @@ def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: 
     return StripAnimation(robot, scene, tuple(strips), tuple(reports), float(duration))
 
 
-def strip_and_report(item: object) -> tuple[object, DeformReport | None]:
+def strip_and_report(item: object) -> tuple[object, Report | None]:
     """Return the strip of a report and the report, or what was given and None."""
-    report = cast(DeformReport, item) if hasattr(item, "certificate") and hasattr(item, "strip") else None
+    report = cast(Report, item) if hasattr(item, "certificate") and hasattr(item, "strip") else None
     return getattr(item, "strip", item), report
 
 
@@ -398,6 +403,8 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
         rows = [["time", f"{t:.1f} s"], ["fastest point", f"{np.interp(t, times, speed):.2f} m/s"]]
         row = planning.row_at(t)
         if row >= 0:
+            if strips:  # what is driven is certified by itself, to its stop
+                rows.append(["strip", "certified" if planning.certified[row] else "not certified"])
             if np.isfinite(planning.clearance[row]):
                 rows.append(["clearance at the nodes", f"{planning.clearance[row]:.3f} m"])
             if np.isfinite(planning.tick_ms[row]):
@@ -412,6 +419,9 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
 def _note(record: Record, t: float, row: int) -> str:
     """The last event if it is recent, else the planner's reason."""
     fresh = [e for e in record.events if t - _EVENT_TIME < e.time <= t]
+    if fresh and fresh[-1].kind == "refused" and row >= 0:  # until something is accepted
+        over = record.planning.certified[row] and record.planning.time[row] > fresh[-1].time + _NEXT_TICK
+        fresh = [] if over else fresh
     if fresh:
         return f"{fresh[-1].kind}: {fresh[-1].reason}" if fresh[-1].reason else fresh[-1].kind
     return record.planning.reasons[record.planning.reason[row]] if row >= 0 else ""

@@ -367,7 +367,7 @@ def _page(title: str, scripts: str) -> str:
 
 def live_page(title: str) -> str:
     """Return the page that gets the picture from its server."""
-    ours = "".join(map(_text, ("page.js", "controls.js", "drag.js", "steer.js", "live.js")))
+    ours = "".join(map(_text, ("page.js", "controls.js", "sight.js", "keys.js", "drag.js", "steer.js", "live.js")))
     return _page(title, f"<script>{_meshcat_script()}</script>\n<script>{ours}</script>")
 
 
@@ -392,7 +392,7 @@ def _packed_script() -> str:
 
 @cache
 def _packed_page() -> str:
-    return _packed((_text("page.js") + _text("controls.js")).encode())
+    return _packed("".join(map(_text, ("page.js", "controls.js", "sight.js", "keys.js"))).encode())
 
 
 def inline_frame(page: str) -> str:

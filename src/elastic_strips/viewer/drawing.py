@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
+from elastic_strips.collision import Verdict
 from elastic_strips.errors import plural
 from elastic_strips.hulls import convex_hull
 from elastic_strips.robot import RobotModel
@@ -18,6 +20,7 @@ from . import commands, geometry
 from .commands import Command
 from .drawing_obstacles import NONE, ObstacleDrawing
 from .geometry import Body, Floats, MeshData, RobotPoses, linear
+from .path_report import PathReport
 from .sensed import Seen, SeenDrawing
 
 CERTIFIED, REFUSED, UNCHECKED = "#2f9e68", "#d64541", "#7f8fa3"
@@ -28,13 +31,19 @@ _HATCHED = f"repeating-linear-gradient(135deg, {geometry.BARE} 0 3px, #a9b0b8 3p
 STATIC = ("/ghosts", "/strip", "/forces", "/trouble", "/predictions")
 """Parts of a still picture that an animation may hide."""
 _TROUBLE, _FORCE, _GHOST, _HULL = "#b5002b", "#c2257a", "#3f7fb5", "#58a6c9"
-_CHIP = {"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED}
+_CHIP = {
+    **{"settled": CERTIFIED, "deforming": "#b7791f", "broken": REFUSED, "blocked": REFUSED},
+    **{"certified": CERTIFIED, "refuted": REFUSED, "unknown": "#b7791f"},  # a path
+}
 _MAX_HULLS = 600
 _NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
 _PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = 1.9, 0.09, 0.02  # [m] of the pin where a strip is broken
 _SPOT_RADIUS, _BALL_RADIUS = 0.16, 0.07  # [m] of the ball there, and of that by which the hand is dragged
+_MOST_LINKS = 3  # that are named together
 _LONGEST_CARD_REASON, _LONGEST_PLACE_REASON = 400, 90  # characters of a reason, in the card and at the place
+
+Report: TypeAlias = DeformReport | PathReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +59,7 @@ class Snapshot:
     robot: RobotModel
     scene: Scene
     nodes: Array
-    report: DeformReport | None = None
+    report: Report | None = None
     frame: bool = False
     q: ArrayLike | None = None
     goal: ArrayLike | None = None
@@ -123,8 +132,7 @@ class Drawing:
         self.body_paths = [f"/robot/{joint}" for joint in self.joints]
         out = [commands.delete("/robot"), commands.delete("/ghosts")]
         out += self.robot_meshes()
-        links = [", ".join(dict.fromkeys(g.name for g in robot.geometries if g.joint == j)) for j in self.joints]
-        out.append(commands.names("/robot", self.body_paths, [link or robot.name for link in links]))
+        out.append(commands.names("/robot", self.body_paths, [_links_on(robot, joint) for joint in self.joints]))
         return self.poses, out
 
     def robot_meshes(self, *, coarse: bool = False) -> list[Command]:
@@ -225,7 +233,7 @@ class Drawing:
         legend += [*([THREADS] if moves else []), *self._things(snapshot)]
         return commands.hud({"title": self.title, **head, "rows": rows, "legend": legend})
 
-    def _colours(self, report: DeformReport) -> list[list[str]]:
+    def _colours(self, report: Report) -> list[list[str]]:
         """The legend of what is in a picture because of a report."""
         legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
         if self._pinned:
@@ -286,12 +294,12 @@ class Drawing:
         T[:3, 3] = points[-1]
         return [*out, commands.transforms(path, [path], commands.columns(T[None]))]
 
-    def _forces(self, report: DeformReport | None) -> list[Command]:
+    def _forces(self, report: Report | None) -> list[Command]:
         forces = None if report is None else report.forces
         arrows = None if forces is None else geometry.arrows(forces.points, forces.vectors)
         return self._many("/forces", geometry.arrow(), commands.material(linear(_FORCE)), arrows)
 
-    def _hulls(self, report: DeformReport | None) -> list[Command]:
+    def _hulls(self, report: Report | None) -> list[Command]:
         """Draw the protective hulls; they are many, so the page hides them until they are asked for."""
         matrices = None
         if report is not None and report.hulls is not None:
@@ -302,7 +310,7 @@ class Drawing:
         look = commands.material(linear(_HULL), opacity=0.07, hides=False)
         return self._many("/hulls", geometry.sphere(16), look, matrices)
 
-    def _trouble(self, report: DeformReport | None, coordinates: Array) -> list[Command]:
+    def _trouble(self, report: Report | None, coordinates: Array) -> list[Command]:
         """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
         assert self.robot is not None
         assert self.poses is not None
@@ -353,11 +361,19 @@ def _outermost(points: Array) -> Array:
         return points
 
 
-def _bad(report: DeformReport) -> bool:
-    return report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED)
+def _links_on(robot: RobotModel, joint: int) -> str:
+    """The links that a joint carries, or the first few of them."""
+    links = list(dict.fromkeys(link for piece in robot.geometries if piece.joint == joint for link in piece.links))
+    more = len(links) - _MOST_LINKS
+    named = ", ".join(links[:_MOST_LINKS]) + (f" and {more} more" if more > 0 else "")
+    return named or robot.name
 
 
-def _chip(report: DeformReport, live: bool) -> Document:
+def _bad(report: Report) -> bool:
+    return report.status in (DeformStatus.BROKEN, DeformStatus.BLOCKED, Verdict.REFUTED, Verdict.UNKNOWN)
+
+
+def _chip(report: Report, live: bool) -> Document:
     """The state in a word and a colour, and a note that says why where it is not as it is to be."""
     status, note = report.status.value, report.reason[:_LONGEST_CARD_REASON]
     if not live:
@@ -368,7 +384,7 @@ def _chip(report: DeformReport, live: bool) -> Document:
     return {"chip": ["not certified", REFUSED], "note": note}
 
 
-def _measured(report: DeformReport, live: bool) -> list[list[str]]:
+def _measured(report: Report, live: bool) -> list[list[str]]:
     """The rows of a card about a report."""
     segments, clearance = report.certificate.segments, report.node_clearance if live else report.clearance
     rows = [["state", report.status.value]] if live else []
@@ -388,7 +404,7 @@ def _colors(snapshot: Snapshot) -> Array:
     return np.tile(linear(CERTIFIED), (count, 1)) if snapshot.motion else segment_colors(snapshot.report, count)
 
 
-def segment_colors(report: DeformReport | None, count: int) -> Array:
+def segment_colors(report: Report | None, count: int) -> Array:
     """Colours (count, 3) of the segments: certified, not certified, or not checked at all.
 
     A report may have the certificate of the strip before its own, while a motion alone is planned again.
@@ -398,10 +414,10 @@ def segment_colors(report: DeformReport | None, count: int) -> Array:
     return np.where(report.certificate.segments[:, None], linear(CERTIFIED), linear(REFUSED))
 
 
-def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, poses: RobotPoses) -> Array | None:
+def _trouble_spot(robot: RobotModel, report: Report, coordinates: Array, poses: RobotPoses) -> Array | None:
     """Where (3,) [m] the worst segment is: between the hulls that do not connect, or at the link that is not clear.
 
-    None where nothing is known to be wrong. Leaves ``poses`` at the worst segment.
+    None where nothing is known to be wrong. Leaves ``poses`` there, or in the middle of the segment.
     """
     hulls, broken = report.hulls, report.certificate.broken
     if hulls is not None and report.connectivity_counts and not hulls.connected.all():
@@ -410,7 +426,8 @@ def _trouble_spot(robot: RobotModel, report: DeformReport, coordinates: Array, p
     if broken is None or not 0 <= broken.segment < len(coordinates) - 1:
         return None
     ends = coordinates[broken.segment : broken.segment + 2]
-    poses.update(robot.space.interpolate(ends[:1], ends[1:], np.array([0.5])))
+    place = report.place if isinstance(report, PathReport) else None
+    poses.update(robot.space.interpolate(ends[:1], ends[1:], np.array([0.5 if place is None else place])))
     piece = next((piece for piece in robot.geometries if piece.name == broken.link), None)
     if piece is None:
         return poses.points()[0, 0]

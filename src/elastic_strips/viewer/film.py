@@ -33,7 +33,7 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
         html: the page.
         path: PNG to write.
         size: width and height [pixels].
-        time: moment of playing [s]; the first where None.
+        time: moment of playing [s]; the first where None, the last where infinite.
 
     Raises:
         BrowserError: there is no Chromium.
@@ -43,7 +43,7 @@ def save_picture(html: str, path: str | os.PathLike[str], *, size: tuple[int, in
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: a picture ends in .png")
     with _opened(html, path, size) as browser:
-        browser.evaluate(_AT.format(0.0 if time is None else float(time)))
+        browser.evaluate(_AT.format("animator.duration" if time == np.inf else float(time or 0.0)))
         return atomic_write(path, browser.picture())
 
 

@@ -129,7 +129,7 @@ class Viewer:
         Args:
             robot: The robot.
             scene: The obstacles.
-            strip_or_report: A ``Strip``, a ``DeformReport`` or configurations (N, nq).
+            strip_or_report: A ``Strip``, a ``DeformReport``, a ``PathReport`` or configurations (N, nq).
 
         Raises:
             InputError: Something else, or in another order.
@@ -309,7 +309,7 @@ class Viewer:
         Args:
             path: PNG to write.
             size: Width and height [pixels].
-            time: Moment of playing [s]; the first where None.
+            time: Moment of playing [s]; the first where None, the last where infinite.
 
         Raises:
             BrowserError: There is no Chromium.

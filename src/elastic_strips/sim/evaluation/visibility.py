@@ -119,8 +119,9 @@ def _hit(ends: Array, center: Array, half: Array, tolerance: float) -> bool:
 
 _LOOK_BACK = 1.0  # [s] before a contact
 _LOOK_STEP = 0.1  # [s]
-_AT_IT = 0.02  # [m] a pixel that ends within this distance of a part's box has met it
+_AT_IT, _AT_BOX = 0.02, 0.05  # [m] a pixel, or a laser's ray, that ends so near to a part's box has met it
 _LEAST_PIXELS = 6
+_ABOUT_SPOT = 0.6  # [m] from the link that touched it, within which that has to be, of what stands still
 
 
 def unseen_contacts(
@@ -129,8 +130,9 @@ def unseen_contacts(
     """Contacts with obstacles that had not been in view, without regard to noise.
 
     An obstacle was in view if it was met in at least half of the looks in the second before the contact: by a ray of a
-    laser, the middle of a moving one being within its field of view, or by some pixels of an image. What no sensor can
-    see (above or below a scan's plane, behind the robot or its arm) is no failure of their processing.
+    laser, the middle of a moving one being within its field of view, or by some pixels of an image. One that stands
+    still has to be met near the place of the contact: of a long wall, much is always in view. What no sensor can see
+    (above or below a scan's plane, behind the robot or its arm) is no failure of their processing.
 
     Args:
         record, evaluation: record and evaluation of the run.
@@ -149,34 +151,55 @@ def unseen_contacts(
         return evaluation.contacts
     suite = SensorSuite(robot, world, SensorConfig(sensors=tuple(exact), self_padding=sensors.self_padding))
     rows, mask = record.control, BodyMask(robot)
+
+    def coordinates_at(t: float) -> Array:
+        return rows.coordinates[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]
+
     unseen = []
     for contact in evaluation.contacts:
         name, first = contact.obstacle, contact.time
         times = np.arange(max(first - _LOOK_BACK, float(rows.time[0])), first + 1e-9, _LOOK_STEP)
-        looks = []
+        looks, spot = [], None
+        if name in world.at(first) and world.at(first).obstacle(name).motion is None:
+            spot = _place_of(robot, contact.link, coordinates_at(first))
         for t in times.tolist():
-            coordinates = rows.coordinates[min(int(np.searchsorted(rows.time, t)), len(rows.time) - 1)]
+            coordinates = coordinates_at(t)
             suite.reset(t)
             readings, scene = suite.observe(t, coordinates), world.at(t)
-            looks.append(name in scene and any(_in_view(scene, name, x, coordinates[:3], mask) for x in readings))
+            looks.append(name in scene and any(_in_view(scene, name, x, coordinates[:3], mask, spot) for x in readings))
         if sum(looks) < 0.5 * len(looks):
             unseen.append(contact)
     return tuple(unseen)
 
 
-def _in_view(scene: Scene, name: str, reading: Reading, base_pose: Array, mask: BodyMask) -> bool:
+def _place_of(robot: RobotModel, piece: str, coordinates: Array) -> Array:
+    """(2,) where the link of a collision piece is; the base's place where there is no such piece [m]."""
+    links = next((each.links for each in robot.geometries if each.name == piece), ())
+    if not links:
+        return coordinates[:2]
+    return robot.frame_pose(robot.space.from_coordinates(coordinates), links[0])[:2, 3]
+
+
+def _in_view(scene: Scene, name: str, reading: Reading, base_pose: Array, mask: BodyMask, spot: Array | None) -> bool:
+    """Whether a reading meets an obstacle, near the place (2,) in question where there is one."""
     obstacle = scene.obstacle(name)
+    table = Scene([obstacle], time=scene.time).table
+    cut = np.ones(len(table), dtype=bool)  # which of its parts can be met
     if isinstance(reading, (DepthImage, RangeImage)):
-        T, alone = pose_matrix(base_pose), Scene([obstacle], time=scene.time).table
+        T, least, tolerance, columns = pose_matrix(base_pose), _LEAST_PIXELS, _AT_IT, slice(3)
         ends = mask.without(reading).points() @ T[:3, :3].T + T[:3, 3]
-        near = np.zeros(len(ends), dtype=bool)
-        for center, half in zip(alone.center, alone.half_extents, strict=True):
-            near |= (np.abs(ends - center) <= half + _AT_IT).all(axis=1)
-        return int(near.sum()) >= _LEAST_PIXELS
-    if not isinstance(reading, LaserScan):
-        return False
-    if obstacle.motion is not None:
-        _, _, inside = rays_of(reading, base_pose).locate(obstacle.pose[None, :2, 3])
-        if not inside[0]:
+    elif isinstance(reading, LaserScan):
+        rays, least, tolerance, columns = rays_of(reading, base_pose), 1, _AT_BOX, slice(2)
+        if obstacle.motion is not None and not rays.locate(obstacle.pose[None, :2, 3])[2][0]:
             return False
-    return any(v.hit for v in seen_obstacles(Scene([obstacle], time=scene.time), reading, base_pose))
+        hit = np.flatnonzero(rays.hits)
+        ends = rays.origin + rays.ranges[hit, None] * rays.direction[hit]
+        cut &= np.abs(table.center[:, 2] - rays.height) <= table.half_extents[:, 2]
+    else:
+        return False
+    if spot is not None:
+        ends = ends[np.hypot(*(ends[:, :2] - spot).T) <= _ABOUT_SPOT]
+    near = np.zeros(len(ends), dtype=bool)
+    for center, half in zip(table.center[cut], table.half_extents[cut], strict=True):
+        near |= (np.abs(ends - center[columns]) <= half[columns] + tolerance).all(axis=1)
+    return int(near.sum()) >= least

@@ -86,6 +86,7 @@ function simplify(object, path) {
     const side = ["obstacles", "predictions"].includes(path[0]) ? T.FrontSide : old.side;  // closed ones
     object.material = new T.MeshBasicMaterial({ color: c, opacity, transparent, side, vertexColors: true, depthWrite });
     object.userData.painted = true;
+    if (FADED.includes(path[0])) looked_through(object.material);
     old.dispose();
   }
   if (object.userData.painted) paint(object.geometry);

@@ -131,3 +131,41 @@ function let_go() {
 }
 for (const kind of ["pointerup", "pointercancel", "lostpointercapture"]) pane.addEventListener(kind, let_go, true);
 window.addEventListener("blur", let_go);
+
+// With keys: one obstacle after the other is chosen, and moved by steps.
+const MOVE = 0.05, TURN = 0.1, PAUSE = 600;  // [m], [rad] a key; [ms] after the last key it is let go
+const SIDES = { arrowup: [0, 1, 0], arrowdown: [0, -1, 0], arrowleft: [-1, 0, 0], arrowright: [1, 0, 0] };  // right, ahead, up
+let nudged = null, left_alone = null;
+function nudge(by, turn) {
+  if (!nudged || nudged.name !== chosen) {
+    leave_nudged();
+    nudged = { name: chosen, shift: [0, 0, 0], turn: 0 };
+    say_back({ type: "grab", name: chosen, hand: false });
+  }
+  const ahead = viewer.camera.getWorldDirection(new T.Vector3()), side = Math.atan2(-ahead.z, ahead.x);
+  const square = Math.round(side / (Math.PI / 2)) * Math.PI / 2, [c, s] = [Math.cos(square), Math.sin(square)];  // along x or y
+  const step = [by[1] * c + by[0] * s, by[1] * s - by[0] * c, by[2]];
+  nudged.shift = nudged.shift.map((x, i) => x + MOVE * step[i]);
+  nudged.turn += TURN * turn;
+  say_back({ type: "drag", name: nudged.name, hand: false, shift: nudged.shift, turn: nudged.turn });
+  clearTimeout(left_alone);
+  left_alone = setTimeout(leave_nudged, PAUSE);
+}
+function leave_nudged() {
+  if (nudged) say_back({ type: "release", name: nudged.name });
+  nudged = null;
+}
+const chosen_one = () => allowed.obstacles && chosen !== null;
+ACTIONS.unshift(
+  ["o", "choose the next obstacle", () => allowed.obstacles, () => {
+    const all = [...new Set(places(1e4).map(([name]) => name).filter((name) => name !== undefined))];
+    if (all.length) choose(all[(all.indexOf(chosen) + 1) % all.length]);
+    if (all.length) toast(`${chosen}: arrows move it, Page up and Page down lift it, comma and full stop turn it, Escape leaves it`);
+  }],
+  ...Object.entries(SIDES).map(([key, by]) => [key, "move what was chosen", chosen_one, () => nudge(by, 0)]),
+  ["pageup", "lift it", chosen_one, () => nudge([0, 0, 1], 0)],
+  ["pagedown", "lower it", chosen_one, () => nudge([0, 0, -1], 0)],
+  [",", "turn it to the left", chosen_one, () => nudge([0, 0, 0], 1)],
+  [".", "turn it to the right", chosen_one, () => nudge([0, 0, 0], -1)],
+  ["escape", "leave it", chosen_one, () => choose(null)],
+);

@@ -18,10 +18,12 @@ const color = (hex) => new T.Color(hex).convertSRGBToLinear();
 viewer.renderer.outputEncoding = T.sRGBEncoding;
 viewer.renderer.shadowMap.type = T.PCFSoftShadowMap;
 for (const path of [["Lights"], ["Grid"], ["Axes"]]) viewer.delete_path(path);
-viewer.show_background = () => { viewer.scene.background = new T.Color(0xeef1f4); viewer.set_dirty(); };
+const DARK = window.matchMedia("(prefers-color-scheme: dark)"), shades = () => DARK.matches ?
+  { back: 0x1a2026, grid: 0x323d47, shadow: 0.5 } : { back: 0xeef1f4, grid: 0xcbd3db, shadow: 0.2 };
+viewer.show_background = () => { viewer.scene.background = new T.Color(shades().back); viewer.set_dirty(); };
 viewer.show_background();
-viewer.scene.fog = new T.Fog(color(0xeef1f4), 30, 120);
-viewer.camera.fov = 36;
+viewer.scene.fog = new T.Fog(color(shades().back), 30, 120);
+viewer.camera.fov = 24;  // from further away, so that upright things look upright at the edges, too
 viewer.camera.near = 0.05;
 viewer.camera.far = 500;
 viewer.controls.maxPolarAngle = Math.PI / 2 - 0.03;  // above the floor
@@ -38,7 +40,7 @@ sky.position.set(0, 0, 1);
 viewer.set_object(["lights", "sky"], sky);
 const fill = new T.DirectionalLight(0xeaf2ff, 0.22);
 viewer.set_object(["lights", "fill"], fill);
-const floor = new T.Mesh(new T.PlaneGeometry(1000, 1000), new T.ShadowMaterial({ opacity: 0.2, depthWrite: false }));
+const floor = new T.Mesh(new T.PlaneGeometry(1000, 1000), new T.ShadowMaterial({ opacity: shades().shadow, depthWrite: false }));
 floor.receiveShadow = true;
 floor.position.z = -0.002;
 viewer.set_object(["floor", "shadow"], floor);
@@ -46,18 +48,64 @@ const cells = [], HALF = 40;  // short lines: long ones that pass the camera get
 for (let i = -HALF; i <= HALF; i++) for (let j = -HALF; j < HALF; j++) cells.push([i, j]);
 cells.sort(([i, j], [k, l]) => Math.max(i * i, j * j) - Math.max(k * k, l * l));  // the first ones are the middle
 const lines = cells.flatMap(([i, j]) => [i, j, 0, i, j + 1, 0, j, i, 0, j + 1, i, 0]);
-const grid = new T.LineSegments(new T.BufferGeometry(), new T.LineBasicMaterial({ color: color(0xcbd3db) }));
+const grid = new T.LineSegments(new T.BufferGeometry(), new T.LineBasicMaterial({ color: color(shades().grid) }));
 grid.geometry.setAttribute("position", new T.BufferAttribute(new Float32Array(lines), 3));
 grid.position.z = -0.001;
 viewer.set_object(["floor", "grid"], grid);
+DARK.addEventListener("change", () => {
+  const { back, grid: line, shadow } = shades();
+  viewer.scene.fog.color = color(back);
+  grid.material.color = color(line);
+  floor.material.opacity = shadow;
+  viewer.show_background();
+});
 
-// Look against `direction` (z up) from where all points are in the picture; again where the window changes, until
-// somebody moves the camera.
+// The parts of the window that are free of the card, of the bars and of the pictures of depths, as [left, top, right,
+// bottom] in pixels: beside the card, and below it.
+function free_areas() {
+  const wide = Math.max(window.innerWidth, 1), high = Math.max(window.innerHeight, 1), rest = [0, 0, wide, high];
+  const box = (id) => {
+    const b = byId(id) && byId(id).getBoundingClientRect();
+    return b && b.width > 0 && b.height > 0 ? b : null;
+  };
+  const card = box("es-card"), bar = box("es-bar"), beside = [...rest], below = [...rest];
+  for (const id of ["es-play", "es-hint"]) { const b = box(id); if (b) beside[3] = below[3] = Math.min(below[3], b.top); }
+  if (box("es-stick")) beside[3] = below[3] = Math.min(below[3], box("es-stick").top);
+  const depth = box("es-depth");
+  if (depth) beside[2] = below[2] = Math.min(below[2], depth.left);
+  if (bar) { beside[0] = bar.right; below[3] = Math.min(below[3], bar.top); }
+  if (card) { beside[0] = Math.max(beside[0], card.right); below[1] = card.bottom; }
+  const large = [beside, below].filter(([l, t, r, b]) => r - l > 0.3 * wide && b - t > 0.3 * high);
+  return large.length ? large : [rest];
+}
+// Look against `direction` (z up) from where all points are in the free part of the picture; again where the window or
+// the card changes, until somebody moves the camera.
 let framed = null, home = null;
 viewer.controls.addEventListener("start", () => { framed = null; });
-window.addEventListener("resize", () => { if (framed) look(...framed); });
+const again = () => { if (framed) look(...framed); else shift(middle); viewer.set_dirty(); };
+window.addEventListener("resize", again);
+const bars = new ResizeObserver(() => { if (framed) again(); });
+for (const id of ["es-bar", "es-play", "es-hint", "es-depth"]) bars.observe(byId(id));
+let middle = [0.5, 0.5];  // of the free part, as shares of the window
+function shift([x, y]) {
+  const wide = Math.max(window.innerWidth, 1), high = Math.max(window.innerHeight, 1);
+  middle = [x, y];
+  viewer.camera.aspect = wide / high;
+  viewer.camera.setViewOffset(wide, high, (0.5 - x) * wide, (0.5 - y) * high, wide, high);
+}
 function look(points, direction) {
   home = framed = [points, direction];
+  const found = free_areas().flatMap((area) => sides(direction, area).map((side) => framing(points, side, area)));
+  aim_at(found.reduce((best, other) => other.distance < best.distance ? other : best));
+}
+// The direction to look against, and in a high and narrow picture others, from which a long strip is narrower.
+function sides(direction, [left, top, right, bottom]) {
+  const turn = new T.Vector3(...direction), up = new T.Vector3(0, 0, 1);
+  const angles = bottom - top > 1.2 * (right - left) ? [0, 0.6, -0.6, 1.1, -1.1] : [0];
+  return angles.map((angle) => turn.clone().applyAxisAngle(up, angle).toArray());
+}
+function framing(points, direction, [left, top, right_edge, bottom]) {
+  const wide = Math.max(window.innerWidth, 1), high = Math.max(window.innerHeight, 1);
   const box = new T.Box3(), p = new T.Vector3(), list = [];
   for (let i = 0; i < points.length; i += 3) {
     list.push(new T.Vector3(points[i], points[i + 1], points[i + 2]));
@@ -65,8 +113,8 @@ function look(points, direction) {
   }
   const center = box.getCenter(new T.Vector3()), n = new T.Vector3(...direction).normalize();
   const right = new T.Vector3(0, 0, 1).cross(n).normalize(), up = n.clone().cross(right);
-  const vertical = Math.tan(viewer.camera.fov * Math.PI / 360) * 0.9;
-  const horizontal = vertical * Math.max(window.innerWidth, 1) / Math.max(window.innerHeight, 1);
+  const share = Math.tan(viewer.camera.fov * Math.PI / 360) * 0.92 / high;
+  const vertical = share * (bottom - top), horizontal = share * (right_edge - left);
   let distance = 1;
   for (let turn = 0; turn < 8; turn++) {  // near things look larger: find the middle of the picture
     distance = 1;
@@ -84,7 +132,11 @@ function look(points, direction) {
     }
     center.addScaledVector(right, distance * (x[0] + x[1]) / 2).addScaledVector(up, distance * (y[0] + y[1]) / 2);
   }
-  const eye = center.clone().addScaledVector(n, distance);
+  return { box, center, n, distance, middle: [(left + right_edge) / 2 / wide, (top + bottom) / 2 / high] };
+}
+function aim_at({ box, center, n, distance, middle: at }) {
+  const eye = center.clone().addScaledVector(n, distance), p = new T.Vector3();
+  shift(at);
   viewer.controls.target.set(center.x, center.z, -center.y);  // the camera lives in a frame with y up
   viewer.camera.position.set(eye.x, eye.z, -eye.y);
   viewer.controls.update();
@@ -182,12 +234,27 @@ function card(cmd) {
   write_card(cmd);
   if (!FINE) resting = setTimeout(() => { resting = null; if (newest !== cmd) card(newest); }, 150);  // nobody reads faster
 }
+const SMALL = window.matchMedia("(max-width: 700px), (max-height: 420px)");
+let folded = SMALL.matches, rows_before = -1;
+SMALL.addEventListener("change", () => fold(SMALL.matches));
+function fold(is) {
+  folded = is;
+  if (newest) write_card(newest);
+  again();
+}
 function write_card(cmd) {
   const box = byId("es-card");
   box.replaceChildren();
   box.style.display = "block";
+  box.className = folded ? "folded" : "";
   const head = element(box, "h1", cmd.title);
   if (cmd.chip) element(head, "span", cmd.chip[0], cmd.chip[1]).className = "chip";
+  const button = element(head, "button", folded ? "+" : "\u2212");
+  button.type = "button";
+  button.title = folded ? "show all of the card (C)" : "show less of the card (C)";
+  button.setAttribute("aria-label", button.title);
+  button.setAttribute("aria-expanded", !folded);
+  button.onclick = () => fold(!folded);
   for (const [name, value] of cmd.rows) {
     const row = element(box, "div");
     row.className = "row";
@@ -202,6 +269,10 @@ function write_card(cmd) {
     const entry = element(legend, "span");
     element(entry, "i", undefined, color);
     entry.append(name);
+  }
+  if (cmd.rows.length + cmd.legend.length !== rows_before) {  // another card: of another size
+    rows_before = cmd.rows.length + cmd.legend.length;
+    if (framed) again();
   }
 }
 

@@ -13,8 +13,9 @@ from elastic_strips.control import DriveParams
 from elastic_strips.control.params import LASER_ASSUMPTIONS
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
-from elastic_strips.scene import Box, Obstacle, Scene, Sphere, Twist
+from elastic_strips.scene import Box, Obstacle, Scene, Sphere, Twist, World
 from elastic_strips.sim import SensorPerception
+from elastic_strips.sim.evaluation.drive_evaluation import Contact
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation
 from elastic_strips.sim.scenarios.scenario import Scenario
@@ -120,6 +121,17 @@ def test_what_hangs_above_the_laser_is_told_apart(silvermate):
     assert document["unseen_contacts"] == ["beam"]
     assert document["sensors"] == ["laser"]
     json.dumps(document, allow_nan=False)
+
+
+def test_of_a_long_wall_the_place_that_was_touched_has_to_be_in_view(silvermate):
+    wall = Box((8.0, 0.2, 1.5), at=(2.0, 0.6, 0.75), name="wall")
+    outcome = drive_scenario(scenario(BEAM), robot=silvermate, sensors=LASER, time_limit=1.0)
+    record, evaluation, world = outcome.result.record, outcome.evaluation, World(Scene([wall]))
+    contact = Contact(time=0.3, end=0.4, link="base_link", obstacle="wall", depth=0.01, speed=0.3)
+    touched = replace(evaluation, contacts=(contact,))
+    for field_of_view, unseen in ((0.8, touched.contacts), (3.1, ())):  # [rad]; the one sees it only from 1 m ahead on
+        laser = SensorConfig(sensors=(replace(LASER.sensors[0], field_of_view=field_of_view),))
+        assert unseen_contacts(record, touched, silvermate, world, laser) == unseen
 
 
 def test_wrong_names_are_refused(silvermate):
