@@ -13,6 +13,8 @@ import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -242,12 +244,21 @@ def house_scene(path: str | os.PathLike[str]) -> tuple[Scene, Array]:
     Raises:
         ScenarioError: The file is missing or not JSON, or an entry does not fit.
     """
+    file = Path(path) / _HOUSE_FILE if Path(path).is_dir() else Path(path)
+    return _house_scene(os.fspath(path), file.stat().st_mtime_ns if file.exists() else 0)
+
+
+@lru_cache(maxsize=2)
+def _house_scene(path: str, _changed: int) -> tuple[Scene, Array]:
+    """See :func:`house_scene`; its hulls take seconds."""
     root = load_json(path, _HOUSE_FILE)
     pieces = [
         entry.checked(ConvexHull, entry["vertices"].rows(3, limit=MAX_LENGTH), name=entry["name"].text())
         for entry in root["obstacles"]
     ]
-    return root["obstacles"].checked(Scene, pieces), root["inside"].rows(2, limit=MAX_LENGTH)
+    inside = root["inside"].rows(2, limit=MAX_LENGTH)
+    inside.flags.writeable = False
+    return root["obstacles"].checked(Scene, pieces), inside
 
 
 def load_house(path: str | os.PathLike[str], robot: RobotModel, seed: int) -> DriveProblem:

@@ -14,6 +14,8 @@ from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams
 from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ElasticStripsError, ScenarioError
+from elastic_strips.perception import VolumeMapParams
+from elastic_strips.planning import HandPose, find_goals
 from elastic_strips.planning.grid_path import grid_path
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Cylinder, Keyframes, PedestrianMotion, Scene, World
@@ -26,7 +28,7 @@ from elastic_strips.sim.sensors import SensorConfig
 from workshop.datasets import house_scene, load_house
 
 from .measure import Figures, Note, head, percentiles, silent
-from .picks import hand_poses, house_pick
+from .picks import Pick, hand_poses, house_pick
 
 LOOKING = {
     "tiago": ("head_1_joint", "head_2_joint"),
@@ -42,6 +44,9 @@ _ACCELERATION = 1.0  # [m/s²]
 _SMOOTH = 0.8  # [m] over which the corners of their ways are rounded
 _APART = 2.0  # [m] of the ways' ends from the robot's start, at least
 _TRIES = 50
+_NEXT = 100_000  # added to a seed where its start or goal is none
+_ARM = 2.5  # [m] about a goal, within which the robot stands when it reaches it
+_TALL, _FLAT = 1.6, 0.02  # [m] what hangs higher, and what is flatter, is in no robot's way
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +125,38 @@ def _drive(task: _Reach) -> Figures:
         return row | {"state": "error", "reason": f"{type(error).__name__}: {error}"}
 
 
+def reach(root: str, robot: RobotModel, seed: int) -> tuple[Pick, list[HandPose]]:
+    """A start, and hand poses above furniture elsewhere that the robot reaches where it knows the house.
+
+    The start is one that the sensed scenes ask for: within `VolumeMapParams.start_radius` of it nothing stands.
+
+    Raises:
+        ScenarioError: there is none among so many.
+    """
+    for k in range(_TRIES):
+        pick = house_pick(root, robot, seed + k * _NEXT)
+        start = robot.space.to_coordinates(pick.start)
+        if _room(pick.scene, start[:2]) < VolumeMapParams().start_radius:
+            continue
+        at = np.array(pick.can.pose[:3, 3])
+        at[2] = pick.surface + _ABOVE
+        poses = hand_poses(robot, at, before=_BEFORE)
+        about = Scene([o for o in pick.scene if _room(Scene([o]), at[:2]) < _ARM])
+        if len(find_goals(robot, about, pick.start, poses, count=1).configurations):
+            return pick, poses
+    raise ScenarioError(f"{root}: no start with room and no reach among {_TRIES}")
+
+
+def _room(scene: Scene, place: Array) -> float:
+    """How far [m] from a place (2,) something stands or hangs, above the floor and no higher than a robot."""
+    table = scene.table
+    low, high = table.center[:, 2] - table.half_extents[:, 2], table.center[:, 2] + table.half_extents[:, 2]
+    off = np.maximum(np.abs(table.center[:, :2] - place) - table.half_extents[:, :2], 0.0)
+    return float(np.hypot(*off[(low < _TALL) & (high > _FLAT)].T).min(initial=np.inf))
+
+
 def _driven(robot: RobotModel, task: _Reach) -> Figures:
-    pick = house_pick(task.root, robot, task.seed)
-    at = np.array(pick.can.pose[:3, 3])
-    at[2] = pick.surface + _ABOVE
+    pick, poses = reach(task.root, robot, task.seed)
     start = robot.space.to_coordinates(pick.start)
     walkers = people(task.root, robot, pick.scene, start, task.walkers, task.seed) if task.walkers else []
     world, sensors = World(Scene([*pick.scene, *walkers])), task.sensors
@@ -141,7 +174,7 @@ def _driven(robot: RobotModel, task: _Reach) -> Figures:
         robot,
         world,
         pick.start,
-        [hand_poses(robot, at, before=_BEFORE)],
+        [poses],
         params=params,
         perception=perception,
         seed=task.seed,
@@ -152,7 +185,7 @@ def _driven(robot: RobotModel, task: _Reach) -> Figures:
     unseen = () if sensors is None else unseen_contacts(result.record, found, robot, driven.world, sensors)
     return {
         "on": pick.on,
-        "at": at.tolist(),
+        "at": list(poses[0].position),
         "state": result.state.name,
         "reason": result.reason,
         "reached": result.reached > 0 and result.state.name == "REACHED",

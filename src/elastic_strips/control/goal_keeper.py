@@ -39,7 +39,7 @@ _NEARER = (1.1, 1.5)
 _SIDES = 12  # … from so many sides
 _ELSEWHERE = 0.5  # [m] from one such place to the next
 _MOST_LOOKS = 3  # such places, after which there is no way to the goal for now
-_LOOKS_AGAIN = 4.0  # [s] from one plan to the goal to the next at the last of them
+_LOOKS_AGAIN = 8.0  # [s] from one plan to the goal to the next at the last of them
 _DRIVES_ON = 0.5
 """Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
 
@@ -314,6 +314,8 @@ class GoalKeeper:
     def look_onward(self, scene: Scene) -> None:
         """Plan the strip from the goal to the next one, and let motions go on along it as soon as it is there."""
         if not self.goals or self._params.stop_at_goals or not self._replanner.flows or self._onward is not None:
+            return
+        if self.looks:  # from here nothing was free there
             return
         if self._onward_plan is None:
             self._onward_plan = self.plans.submit(self._replanner.onward(scene, self.goal_q, self.goals[0]))

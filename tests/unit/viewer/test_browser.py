@@ -14,7 +14,7 @@ from elastic_strips.robot import load_robot
 from elastic_strips.viewer import Viewer
 
 SCREENSHOT = Path(__file__).parents[3] / "scripts" / "screenshot"
-STATE = """new Promise((done) => setTimeout(() => done({
+STATE = """fold(false), new Promise((done) => setTimeout(() => done({
   calls: viewer.renderer.info.render.calls,
   card: document.getElementById("es-card").innerText,
   injected: document.querySelectorAll("#es-card b b, b:not(#es-card b)").length,
@@ -46,7 +46,7 @@ def check(state, picture):
     assert state["injected"] == 0
     assert state["hulls"] is False
     assert state["ghosts"] == 7
-    below = picture[160:]  # below the card
+    below = picture[200:]  # below the card
     assert np.ptp(below) > 150
     green, red = (below[..., 1] - below[..., 0]), (below[..., 0] - below[..., 1])
     assert (green > 60).sum() > 50  # the certified part of the base's path

@@ -251,6 +251,117 @@ def test_the_picture_is_framed_again_when_the_window_changes(opened, live):
     assert page.evaluate("viewer.controls.maxPolarAngle") < 1.571  # the camera stays above the floor
 
 
+COVERED = """() => {
+  viewer.render();
+  const panels = ["es-card", "es-bar", "es-hint", "es-play"].map((id) => byId(id).getBoundingClientRect());
+  const at = new T.Vector3(), under = [], outside = [];
+  const look_at = (object, path) => {
+    if (!object.geometry || !shown(object)) return;
+    const { position } = object.geometry.attributes;
+    for (let i = 0; i < position.count; i += 7) {
+      at.fromBufferAttribute(position, i).applyMatrix4(object.matrixWorld).project(viewer.camera);
+      const x = (at.x + 1) / 2 * innerWidth, y = (1 - at.y) / 2 * innerHeight;
+      if (x < 0 || y < 0 || x > innerWidth || y > innerHeight) outside.push(path.join("/"));
+      if (panels.some((p) => x > p.left && x < p.right && y > p.top && y < p.bottom)) under.push(path.join("/"));
+    }
+  };
+  viewer.scene.updateMatrixWorld(true);
+  each_mesh(viewer.scene_tree.children.robot, ["robot"], look_at);
+  each_mesh(viewer.scene_tree.children.strip.children.base, ["strip"], look_at);
+  return [[...new Set(under)], [...new Set(outside)]];
+}"""
+
+
+def test_nothing_of_robot_and_strip_is_under_the_card_and_the_bars(opened, live):
+    page = opened()
+    for width, height in ((1280, 800), (1024, 640), (800, 480), (844, 390), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_function("(wide) => innerWidth === wide", arg=width)
+        page.wait_for_timeout(300)  # the bars' sizes are heard of late
+        assert page.evaluate(COVERED) == [[], []], (width, height)
+    page.keyboard.press("c")  # the small one's whole card, as somebody asked for it
+    page.wait_for_function("byId('es-card').querySelector('.legend').offsetHeight > 0")
+    assert page.evaluate(COVERED) == [[], []]
+    finger = page.evaluate(
+        "[...document.querySelectorAll('#es-bar button')].map((b) => b.getBoundingClientRect().height)"
+    )
+    assert min(finger) >= 40
+
+
+def test_keys_hide_and_show_and_frame(opened, live):
+    page = opened()
+    page.set_viewport_size({"width": 1280, "height": 800})
+    first = page.evaluate("byId('es-bar').querySelector('button[aria-pressed]').textContent")
+    page.keyboard.press("1")
+    assert page.evaluate("on")[first] is False
+    page.keyboard.press("1")
+    assert page.evaluate("on")[first] is True
+    page.wait_for_timeout(300)
+    eye = page.evaluate("viewer.camera.position.toArray()")
+    page.evaluate("void viewer.camera.position.set(1, 2, 3)")
+    page.keyboard.press("f")
+    assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(eye, abs=1e-6)
+    page.keyboard.press("h")
+    page.wait_for_function("byId('es-toast').textContent.includes('C  ')")
+
+
+def test_an_obstacle_is_moved_by_keys(opened, live):
+    page = opened()
+    before = {o.name: o.pose[:3, 3].copy() for o in live.scene}
+    page.keyboard.press("o")
+    name = page.evaluate("chosen")
+    for _ in range(4):
+        page.keyboard.press("ArrowRight")
+    page.keyboard.press("PageUp")
+    wait(lambda: live.scene.obstacle(name).pose[2, 3] > before[name][2] + 0.04)
+    wait(lambda: np.linalg.norm((live.scene.obstacle(name).pose[:3, 3] - before[name])[:2]) > 0.15)
+    page.keyboard.press("Escape")
+    assert page.evaluate("chosen") is None
+    page.wait_for_function("nudged === null", timeout=10_000)
+
+
+def test_it_is_dark_where_the_reader_has_it_dark(opened, live):
+    page = opened()
+    look = "[getComputedStyle(byId('es-card')).backgroundColor, viewer.scene.background.getHex()]"
+    bright = page.evaluate(look)
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_function(f"(was) => {look}[1] !== was", arg=bright[1])
+    dark = page.evaluate(look)
+    assert dark[0] != bright[0]
+    assert dark[1] < bright[1]
+
+
+def test_a_wall_before_the_robot_is_looked_through(opened, live):
+    """Of the pixels about the robot, there are others where it is not looked through."""
+    page = opened("#fine")
+    live.viewer_of_test.update(live.report, Scene([Box((0.1, 6.0, 3.0), at=(1.0, 1.4, 1.5), name="wall"), *live.scene]))
+    page.wait_for_function("places(9).some(([name]) => name === 'wall')")
+    page.evaluate("""() => {
+      framed = null; find_robot();
+      const at = sight.esRobot.value.clone();
+      viewer.camera.position.set(at.x + 6, at.y + 1, at.z); viewer.controls.target.copy(at); viewer.controls.update();
+    }""")
+    count = """(radius) => {
+      found = Infinity; sight.esRadius.value = radius; draw();
+      const gl = viewer.renderer.getContext(), n = 60, pixels = new Uint8Array(4 * n * n);
+      const at = sight.esRobot.value.clone().project(viewer.camera), size = viewer.renderer.getDrawingBufferSize(new T.Vector2());
+      gl.readPixels((at.x + 1) / 2 * size.x - n / 2, (at.y + 1) / 2 * size.y - n / 2, n, n, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+      const seen = new Set();
+      for (let i = 0; i < pixels.length; i += 4) seen.add(pixels.slice(i, i + 3).join());
+      return seen.size;
+    }"""
+    through, closed = page.evaluate(count, 0.6), page.evaluate(count, 0.0)
+    assert through > 2 * closed
+
+
+def test_it_is_sharp_at_rest_and_coarse_while_something_moves(opened, live):
+    page = opened()
+    page.evaluate("while (plain < 2) plainer(); viewer.set_dirty()")
+    page.wait_for_function("viewer.renderer.getPixelRatio() === devicePixelRatio && coarse !== null")
+    page.evaluate("viewer.render()")
+    assert page.evaluate("viewer.renderer.getPixelRatio() < devicePixelRatio")
+
+
 def test_a_page_says_that_the_program_has_ended(browser, live):
     page = browser.new_page()
     page.goto(live.viewer_of_test.url)

@@ -277,7 +277,7 @@ def test_the_robot_is_shown_where_it_is(silvermate, record):
 
 
 STATE = """new Promise((done) => {
-  animator.pause(); animator.seek(6.0); animator.display_progress(6.0);
+  fold(false); animator.pause(); animator.seek(6.0); animator.display_progress(6.0);
   const at = (path) => viewer.scene_tree.find(path.split("/").filter((x) => x)).object;
   setTimeout(() => done({
     card: document.getElementById("es-card").innerText,
