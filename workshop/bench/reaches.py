@@ -25,6 +25,7 @@ from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.strip import DeformParams
 from workshop.datasets import house_scene, load_house
 
 from .measure import Figures, Note, head, percentiles, silent
@@ -45,6 +46,7 @@ _SMOOTH = 0.8  # [m] over which the corners of their ways are rounded
 _APART = 2.0  # [m] of the ways' ends from the robot's start, at least
 _TRIES = 50
 _NEXT = 100_000  # added to a seed where its start or goal is none
+_TO_SPARE = DeformParams(clearance=VolumeMapParams().cell)  # what is seen is known to a voxel
 _ARM = 2.5  # [m] about a goal, within which the robot stands when it reaches it
 _TALL, _FLAT = 1.6, 0.02  # [m] what hangs higher, and what is flatter, is in no robot's way
 
@@ -126,7 +128,8 @@ def _drive(task: _Reach) -> Figures:
 
 
 def reach(root: str, robot: RobotModel, seed: int) -> tuple[Pick, list[HandPose]]:
-    """A start, and hand poses above furniture elsewhere that the robot reaches where it knows the house.
+    """A start, and hand poses above furniture elsewhere that the robot reaches where it knows the house, with a voxel
+    to spare.
 
     The start is one that the sensed scenes ask for: within `VolumeMapParams.start_radius` of it nothing stands.
 
@@ -142,7 +145,7 @@ def reach(root: str, robot: RobotModel, seed: int) -> tuple[Pick, list[HandPose]
         at[2] = pick.surface + _ABOVE
         poses = hand_poses(robot, at, before=_BEFORE)
         about = Scene([o for o in pick.scene if _room(Scene([o]), at[:2]) < _ARM])
-        if len(find_goals(robot, about, pick.start, poses, count=1).configurations):
+        if len(find_goals(robot, about, pick.start, poses, count=1, params=_TO_SPARE).configurations):
             return pick, poses
     raise ScenarioError(f"{root}: no start with room and no reach among {_TRIES}")
 

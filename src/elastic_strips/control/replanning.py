@@ -60,6 +60,7 @@ class PlanRequest:
         attempt: how many plans have been made since the first.
         why: why the last strip is given up.
         unused: whether nobody has driven what was planned last.
+        tries: how many first strips to a goal came to nothing before: other configurations are looked for then.
     """
 
     scene: Scene
@@ -70,6 +71,7 @@ class PlanRequest:
     attempt: int = 0
     why: str = ""
     unused: bool = False
+    tries: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,11 +107,11 @@ class StripPlanner:
             GoalError: no configuration that is free reaches the goal.
         """
         here = self.robot.space.to_coordinates(self.robot.check_q(asked.start, what="start"))
-        turned = faced(self.robot, here, asked.goal)
+        turned, seed = faced(self.robot, here, asked.goal), self.seed + asked.tries
         if turned is not asked.goal:
             with suppress(GoalError):  # turned like that, it touches something
-                return self._planned(standing(asked.scene), replace(asked, goal=turned), self.seed, _FIRST_TIMEOUT)
-        return self._planned(standing(asked.scene), asked, self.seed, _FIRST_TIMEOUT)
+                return self._planned(standing(asked.scene), replace(asked, goal=turned), seed, _FIRST_TIMEOUT)
+        return self._planned(standing(asked.scene), asked, seed, _FIRST_TIMEOUT)
 
     def onward(self, asked: PlanRequest) -> PlanReport:
         """Plan a strip from one goal to the next, before the robot is there; see :meth:`first`."""
@@ -267,6 +269,7 @@ class Replanner:
         self.no_way: str = ""
         self._why = ""
         self._unused = False
+        self._tries = 0  # first strips since the one that is followed
 
     def first(
         self, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal], *, path: npt.ArrayLike | None = None
@@ -280,10 +283,13 @@ class Replanner:
             path: waypoints (K, 2) [m] that are tried first.
         """
         self.pending, self.no_way = False, ""  # what was given up leads to another goal
-        return partial(self.planner.first, PlanRequest(scene, start, goal, self.deform, path))
+        asked = PlanRequest(scene, start, goal, self.deform, path, tries=self._tries)
+        self._tries += 1
+        return partial(self.planner.first, asked)
 
     def begin(self, report: PlanReport) -> None:
         """Told of the first strip to a goal: it is followed from now on."""
+        self._tries = 0
 
     def onward(self, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal]) -> Callable[[], PlanReport]:
         """A function that plans a strip from one goal to the next, before the robot is there; the present strip stays.
