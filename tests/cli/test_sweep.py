@@ -128,7 +128,8 @@ def test_the_answer_is_a_document(folder: Path, capsys: pytest.CaptureFixture[st
 
 def test_a_full_disk_is_said_and_nothing_is_lost(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By a limit on the size of files: the journal reaches it in the middle of a row."""
-    limited = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2600, 2600)); "
+    limited = "import resource, sys; sys.dont_write_bytecode = True; "  # half a module's would be believed later
+    limited += "resource.setrlimit(resource.RLIMIT_FSIZE, (2600, 2600)); "
     command = [CALL[0], "-c", limited + CALL[2], "sweep", "s.yaml", "--processes", "1"]
     ended = subprocess.run(command, capture_output=True, text=True, env=os.environ)
     assert ended.returncode == 2, ended

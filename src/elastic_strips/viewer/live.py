@@ -25,6 +25,7 @@ from .viewer import Viewer
 
 _log = logging.getLogger(__name__)
 _TURN_SPEED = 3.0  # of what is moved [rad/s]
+_STILL = 1e-6  # [m or rad] by which nothing has moved in a picture
 _RECENT_TICKS = 50  # whose median is shown
 
 
@@ -86,6 +87,7 @@ class LiveStrip:
         self._hands = hand_solvers(robot)  # of the ticks, and of whoever holds the lock
         self._held: tuple[str | None, bool, Array] | None = None  # name, hand, and the pose (4, 4) when it was grabbed
         self._ticks: deque[float] = deque([self.report.seconds], maxlen=_RECENT_TICKS)
+        self._shown: tuple[DeformReport, Scene, list[tuple[str, str]]] | None = None  # the newest picture
         self._count = 0
         self._first_time = scene.time
         self._ended = threading.Event()
@@ -261,7 +263,11 @@ class LiveStrip:
         self._ticks.append(report.seconds)
         if self._viewer is not None:
             notes = [("replanned", "looking for a way" if keeper.searching else str(keeper.replans))]
-            self._viewer.update(report, scene, tick=float(np.median(self._ticks)), notes=notes)
+            shown, self._shown = self._shown, (report, scene, notes)
+            if shown is not None and shown[1] is scene and shown[2] == notes and _alike(shown[0], report):
+                self._shown = shown  # pages draw when something changes
+            else:
+                self._viewer.update(report, scene, tick=float(np.median(self._ticks)), notes=notes)
 
     def _moved(self, scene: Scene) -> Scene:
         """The scene with what is moved one step nearer to where it is wanted."""
@@ -301,6 +307,15 @@ class LiveStrip:
                 self._goal = None if self._goal is goal else self._goal
         share = np.linspace(0.0, 1.0, len(coordinates))[:, None]
         return Strip.from_coordinates(self._robot, coordinates + share * off / max(far, 1.0))
+
+
+def _alike(one: DeformReport, other: DeformReport) -> bool:
+    """Whether two reports give the same picture."""
+    q, p = one.strip.q, other.strip.q
+    if (one.status, one.reason) != (other.status, other.reason) or q.shape != p.shape:
+        return False
+    same = np.array_equal(one.certificate.segments, other.certificate.segments)
+    return same and float(np.abs(q - p).max(initial=0.0)) < _STILL
 
 
 def _towards(pose: Array, target: Array, step: float, turn: float) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,12 +31,14 @@ resource = pytest.importorskip("resource")
 def _little_room(most: int = 200) -> Iterator[None]:
     """No file of this process, nor of one that it starts, gets more than so many bytes: what the system says of it is
     what it says of a full disk, by another number."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before, wrote = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    sys.dont_write_bytecode = True  # half a module's would be believed later
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = wrote
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from io import BytesIO
 
 import numpy as np
@@ -71,8 +72,9 @@ def test_without_a_chromium_the_message_says_how_to_get_one(viewer, tmp_path, mo
 
 @pytest.mark.parametrize("ending", ["gif", "mp4", "webm"])
 @pytest.mark.parametrize("room", [200, 20_000])
-def test_a_film_that_finds_no_room_is_an_error_and_no_film(tmp_path, ending, room):
+def test_a_film_that_finds_no_room_is_an_error_and_no_film(tmp_path, monkeypatch, ending, room):
     """Where the disk is full ffmpeg ends without a word, and what it has written is the beginning of a film."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # half a module's would be believed later
     resource = pytest.importorskip("resource")
     if ending != "gif":
         pytest.importorskip("imageio_ffmpeg")

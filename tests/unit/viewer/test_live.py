@@ -13,7 +13,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.planning import plan
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Twist
-from elastic_strips.viewer import Drag, LiveStrip
+from elastic_strips.viewer import Drag, LiveStrip, Viewer
 from elastic_strips.viewer.drag import Steer, parse, parse_steer
 
 
@@ -150,6 +150,23 @@ def test_what_moves_by_itself_stays_where_it_is_put(robot, scene, strip):
         live.move("walker", (2.0, 4.0, 0.85))
         wait(lambda: live.scene.obstacle("walker").pose[0, 3] == 2.0)
         assert live.scene.obstacle("walker").motion is None
+
+
+def test_what_has_settled_is_not_drawn_again_and_again(robot, scene, strip, monkeypatch):
+    drawn = []
+    with Viewer(server=False) as viewer:
+        monkeypatch.setattr(viewer, "update", lambda report, *_, **__: drawn.append(report))
+        live = LiveStrip(robot, scene, strip, viewer=viewer, thread=False)
+        for _ in range(300):
+            live.tick()
+        settled = len(drawn)
+        for _ in range(50):
+            live.tick()
+        assert len(drawn) == settled > 0
+        live.move(scene.names[0], scene.obstacle(scene.names[0]).pose[:3, 3] + np.array([0.1, 0.0, 0.0]))
+        live.tick()
+        assert len(drawn) > settled
+        live.close()
 
 
 def test_wrong_input_names_what_is_wrong(robot, scene, strip):

@@ -331,35 +331,49 @@ def test_it_is_dark_where_the_reader_has_it_dark(opened, live):
     assert dark[1] < bright[1]
 
 
-def test_a_wall_before_the_robot_is_looked_through(opened, live):
-    """Of the pixels about the robot, there are others where it is not looked through."""
-    page = opened("#fine")
-    live.viewer_of_test.update(live.report, Scene([Box((0.1, 6.0, 3.0), at=(1.0, 1.4, 1.5), name="wall"), *live.scene]))
-    page.wait_for_function("places(9).some(([name]) => name === 'wall')")
-    page.evaluate("""() => {
-      framed = null; find_robot();
-      const at = sight.esRobot.value.clone();
-      viewer.camera.position.set(at.x + 6, at.y + 1, at.z); viewer.controls.target.copy(at); viewer.controls.update();
-    }""")
-    count = """(radius) => {
-      found = Infinity; sight.esRadius.value = radius; draw();
-      const gl = viewer.renderer.getContext(), n = 60, pixels = new Uint8Array(4 * n * n);
-      const at = sight.esRobot.value.clone().project(viewer.camera), size = viewer.renderer.getDrawingBufferSize(new T.Vector2());
-      gl.readPixels((at.x + 1) / 2 * size.x - n / 2, (at.y + 1) / 2 * size.y - n / 2, n, n, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
-      const seen = new Set();
-      for (let i = 0; i < pixels.length; i += 4) seen.add(pixels.slice(i, i + 3).join());
-      return seen.size;
-    }"""
-    through, closed = page.evaluate(count, 0.6), page.evaluate(count, 0.0)
+def still(browser, viewer, scene, how=""):
+    """A page of a picture that does not change."""
+    robot = load_robot("bridge-arm")
+    viewer.show(robot, scene, plan(robot, scene, robot.home(x=-1.0), robot.home(x=4.0)))
+    page = browser.new_page()
+    page.goto(viewer.url + how)
+    page.wait_for_function(
+        "document.body.dataset.ready === 'yes' && viewer.scene_tree.children.obstacles !== undefined"
+    )
+    return page
+
+
+def test_a_wall_before_the_robot_is_looked_through(browser):
+    """Of the colours about the robot there are others where it is not looked through."""
+    wall = Box((6.0, 0.1, 3.0), at=(1.0, -2.5, 1.5), name="wall")
+    with Viewer() as viewer:
+        page = still(browser, viewer, Scene([wall]), "#fine")
+        count = """(radius) => {
+          framed = null; find_robot(); found = Infinity;
+          const at = viewer.scene.localToWorld(new T.Vector3(-1.0, 0.0, 0.5)), size = new T.Vector2();
+          viewer.camera.position.copy(viewer.scene.localToWorld(new T.Vector3(-1.0, -8.0, 0.7)));
+          viewer.controls.target.copy(at); viewer.controls.update(); viewer.camera.updateMatrixWorld();
+          sight.esRobot.value.copy(at); sight.esRadius.value = radius; draw();
+          const gl = viewer.renderer.getContext(), n = 60, pixels = new Uint8Array(4 * n * n), seen = new Set();
+          viewer.renderer.getDrawingBufferSize(size); at.project(viewer.camera);
+          const [x, y] = [(at.x + 1) / 2 * size.x - n / 2, (at.y + 1) / 2 * size.y - n / 2];
+          gl.readPixels(x, y, n, n, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+          for (let i = 0; i < pixels.length; i += 4) seen.add(pixels.slice(i, i + 3).join());
+          return seen.size;
+        }"""
+        through, closed = page.evaluate(count, 0.6), page.evaluate(count, 0.0)
+        page.close()
     assert through > 2 * closed
 
 
-def test_it_is_sharp_at_rest_and_coarse_while_something_moves(opened, live):
-    page = opened()
-    page.evaluate("while (plain < 2) plainer(); viewer.set_dirty()")
-    page.wait_for_function("viewer.renderer.getPixelRatio() === devicePixelRatio && coarse !== null")
-    page.evaluate("viewer.render()")
-    assert page.evaluate("viewer.renderer.getPixelRatio() < devicePixelRatio")
+def test_it_is_sharp_at_rest_and_coarse_while_something_moves(browser):
+    with Viewer() as viewer:
+        page = still(browser, viewer, Scene([Sphere(0.2, at=(3.0, 2.0, 1.0))]))
+        page.evaluate("while (plain < 2) plainer(); viewer.set_dirty()")
+        page.wait_for_function("viewer.renderer.getPixelRatio() === devicePixelRatio && coarse !== null")
+        page.evaluate("viewer.render()")
+        assert page.evaluate("viewer.renderer.getPixelRatio() < devicePixelRatio")
+        page.close()
 
 
 def test_a_page_says_that_the_program_has_ended(browser, live):
