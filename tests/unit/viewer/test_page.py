@@ -196,6 +196,7 @@ def test_a_strip_that_moves_is_not_compiled_anew(opened, live):
       window.linked = 0;
       gl.linkProgram = (program) => { linked++; link(program); };
     }""")
+    live.move("shelf", (1.5, 0.6, 0.6))
     page.wait_for_function("band.geometry !== shape")
     page.evaluate("viewer.render()")
     assert page.evaluate("[linked, viewer.scene_tree.find(['strip', 'base', '<object>']).object === band]") == [0, True]
