@@ -66,6 +66,13 @@ def test_a_path_through_something_is_refuted(folder, capsys, silvermate):
     assert len(broken["q"]) == silvermate.nq
 
 
+@each("path", ["through.csv", "beside.csv"])
+def test_a_path_is_drawn(folder, path):
+    page = folder / "page.html"
+    assert call(folder / path, *_robot(folder), "--html", page) == (3 if path == "through.csv" else 0)
+    assert page.stat().st_size > 100_000
+
+
 def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     repaired, proof = folder / "free.csv", folder / "p.npz"
     arguments = [folder / "through.csv", *_robot(folder), "--clearance", 0.01]

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -130,6 +131,19 @@ def test_wrong_input_is_one_message(
     assert ended.value.code == 2
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_drive_in_the_browser_goes_on_with_its_replay_until_ctrl_c(tmp_path: Path) -> None:
+    file = tmp_path / "d.json"
+
+    def replays() -> bool:
+        return file.exists() and time.time() > file.stat().st_mtime + 1.0
+
+    drive = ["drive", "case-1", "--view", "--no-browser", "--time-limit", "1", "--json", "d.json"]
+    ended = interrupted(drive, tmp_path, until=replays)
+    assert ended.returncode == 3, ended
+    assert "replay" in ended.stdout
+    assert "Traceback" not in ended.stderr
 
 
 def test_ctrl_c_stops_the_robot_and_writes_the_record(tmp_path: Path) -> None:

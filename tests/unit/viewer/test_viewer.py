@@ -27,6 +27,7 @@ from tornado.websocket import websocket_connect
 import elastic_strips as es
 from elastic_strips.errors import InputError, ParameterError
 from elastic_strips.viewer import Viewer, commands, geometry
+from elastic_strips.viewer.path_report import PathReport
 
 linux = pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs /proc")
 
@@ -200,6 +201,27 @@ def test_a_motion_is_shown_as_certified_and_its_goal_where_it_is(silvermate):
     assert not any("not checked" in name for name, _ in page["", "hud"]["legend"])
     places = np.frombuffer(page["/markers/start", "transforms"]["matrices"].data, "<f4").reshape(2, 16)
     np.testing.assert_allclose(places[:, 12:14], [[0.0, 0.0], [1.5, -0.25]], atol=2e-5)
+
+
+def test_a_path_that_is_refuted_is_shown_where_it_is(silvermate):
+    path = np.stack([silvermate.home(x=0.5 * k) for k in range(8)])
+    scene = es.Scene([es.Box((0.3, 0.3, 1.0), at=(2.0, 0.3, 0.5), name="post")])
+    found = es.certify(silvermate, scene, path)
+    with Viewer(server=False) as viewer:
+        page = pictured(viewer.show(silvermate, scene, PathReport.of(silvermate, path, found)))
+    assert page["", "hud"]["chip"][0] == "refuted"
+    assert page["", "hud"]["note"] == found.reason
+    at = next(
+        command for (branch, kind), command in page.items() if kind == "transforms" and branch.startswith("/robot")
+    )
+    places = np.frombuffer(at["matrices"].data, "<f4").reshape(-1, 16)
+    assert places[at["paths"].index("/robot/1"), 12] == pytest.approx(found.q[0], abs=1e-4)
+    assert len(page["/trouble/spot", "instances"]["matrices"].data) == 64, "a pin"
+    free = es.Scene([es.Box((0.3, 0.3, 1.0), at=(2.0, 2.0, 0.5))])
+    report = PathReport.of(silvermate, path, es.certify(silvermate, free, path))
+    with Viewer(server=False) as viewer:
+        assert pictured(viewer.animate(silvermate, free, report))["", "hud"]["chip"][0] == "certified"
+    assert report.certificate.segments.all()
 
 
 def test_a_report_that_proves_nothing_is_shown_as_its_strip(robot, scene, make_report):
