@@ -403,7 +403,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
         rows = [["time", f"{t:.1f} s"], ["fastest point", f"{np.interp(t, times, speed):.2f} m/s"]]
         row = planning.row_at(t)
         if row >= 0:
-            if strips:  # what is driven is certified by itself, to its stop
+            if strips and len(planning.strip(row)) > 1:  # what is driven is certified by itself, to its stop
                 rows.append(["strip", "certified" if planning.certified[row] else "not certified"])
             if np.isfinite(planning.clearance[row]):
                 rows.append(["clearance at the nodes", f"{planning.clearance[row]:.3f} m"])
