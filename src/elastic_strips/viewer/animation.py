@@ -356,7 +356,8 @@ def _recorded_strips(drawing: Drawing, play: RunReplay, times: Array, tracks: li
     """Draw some of the strips, each to be seen until the next one."""
     planning = play.record.planning
     lengths = np.diff(planning.node_offset)
-    there = np.flatnonzero((lengths > 1) & (planning.time <= play.end))
+    looked_at = np.array([bool(name) for name in planning.statuses] or [False])[planning.status]  # in that tick
+    there = np.flatnonzero((lengths > 1) & looked_at & (planning.time <= play.end))
     late = np.flatnonzero(planning.time[there] <= play.begin)
     there = there[late[-1] if len(late) else 0 :]
     if not len(there):
@@ -403,7 +404,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
         rows = [["time", f"{t:.1f} s"], ["fastest point", f"{np.interp(t, times, speed):.2f} m/s"]]
         row = planning.row_at(t)
         if row >= 0:
-            if strips and len(planning.strip(row)) > 1:  # what is driven is certified by itself, to its stop
+            if strips and planning.statuses[planning.status[row]]:  # what is driven is certified by itself, to its stop
                 rows.append(["strip", "certified" if planning.certified[row] else "not certified"])
             if np.isfinite(planning.clearance[row]):
                 rows.append(["clearance at the nodes", f"{planning.clearance[row]:.3f} m"])
