@@ -227,7 +227,7 @@ def tuning() -> Figure:
         one.plot(range(len(values)), [row["least"] for row in found], "o--", color=LINE, ms=3, label="least of ten")
         one.set_xticks(range(len(values)), [f"{value:g}" for value in values])
         one.set_xlabel(name + (" [m]" if name == "influence" else ""))
-    axes[0].set(ylabel="clearance at rest [m]", ylim=(0.0, None))
+    axes[0].set(ylabel="clearance once settled [m]", ylim=(0.0, None))
     axes[0].legend(fontsize=8)
     return figure
 

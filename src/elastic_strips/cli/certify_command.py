@@ -198,7 +198,8 @@ def certify(
             document |= _prove(proof, model, scene, outcome, margins) if done else _no_proof("")
             done = "proof" in document
     output.write_document("answer", json_file, document)
-    draw = partial(_draw, model, scene, given, found)
+    shown = world.at(found.time) if timed and found.time is not None else scene  # what it touches is there then
+    draw = partial(_draw, model, shown, given, found)
     options.write_pictures(draw, html_file, png_file, film_file, title=os.path.basename(path))
     if view:
         options.serve(draw, no_browser=no_browser, title=os.path.basename(path))
