@@ -20,7 +20,8 @@ from .strip_timer import PlanResult
 
 _WAIT = 1.5  # [s] at rest, after which it goes to look from elsewhere: before that, its head may see enough
 _STAYS = 10.0  # [s] within which motions that begin and are refused in turn have led it nowhere …
-_NOWHERE = 0.3  # [m] … that is, not so far away
+_IN_TURN = 5  # motions that begin, one after the other is refused
+_NOWHERE, _ELSEWHERE = 0.3, 1.0  # [m], [rad or m] … that is, not so far away with the base, or with a joint
 _LOOK = 1.2  # [s] for which it stands there
 _TURNS = (0.0, 0.7, -0.7, 1.4, -1.4, 2.2, -2.2)
 """Angles [rad] from the heading with which it was stopped, to which it turns one after the other …"""
@@ -57,9 +58,11 @@ class Vantage:
     ) -> None:
         self._executor, self._planner, self._back, self._then = executor, planner, back, then
         self._since: float | None = None  # [s] when it stood before what was not seen
-        self._stayed = 0.0, np.full(2, np.inf)  # since when [s] and about where [m] it has stayed, moving or not
+        self._stayed = 0.0, np.full(planner.robot.space.nv, np.inf)  # since when [s] it has stayed about which row
         self._refused = False  # whether what was not seen has kept it from a motion there
-        self._stays = False  # whether it is brought to rest there, to look from elsewhere
+        self._begun = 0  # how many motions have begun there after one was refused
+        self._accepted = False  # whether the last one was
+        self._stays = False  # whether it is brought to rest there, to look from elsewhere or to be led around
         self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
         self._tried = 0
         self._motion: Trajectory | None = None  # to where it looks from, or the beginning of the way
@@ -101,7 +104,7 @@ class Vantage:
         return made
 
     def note(self, t: float, result: PlanResult, *, stands: bool) -> None:
-        """Take note of a planning tick: whether the robot stands before what was not seen, or gets nowhere for it.
+        """Take note of a planning tick: whether the robot stands before what was not seen, or gets nowhere.
 
         Args:
             t: time [s].
@@ -110,11 +113,14 @@ class Vantage:
         """
         broken = None if result.accepted or result.certificate is None else result.certificate.broken
         unseen = "" if broken is None else broken.obstacle if broken.obstacle.startswith(f"{UNSEEN_LAYER}-") else ""
-        here = self._executor.estimate[:2]
-        if np.hypot(*(here - self._stayed[1])) > _NOWHERE:
-            self._stayed, self._refused = (t, here.copy()), False
+        row, stayed = self._executor.estimate, self._stayed[1]
+        here = row[:2]
+        if np.hypot(*(here - stayed[:2])) > _NOWHERE or np.abs(row[3:] - stayed[3:]).max(initial=0.0) > _ELSEWHERE:
+            self._stayed, self._refused, self._begun = (t, row.copy()), False, 0
         self._refused |= bool(unseen)
-        stays = self._refused and t - self._stayed[0] > _STAYS
+        self._begun += result.accepted and not self._accepted
+        self._accepted = result.accepted
+        stays = (self._refused or self._begun >= _IN_TURN) and t - self._stayed[0] > _STAYS
         if not stands or result.accepted or (broken is not None and not unseen):
             self._since = None
         elif unseen:
@@ -169,7 +175,12 @@ class Vantage:
         if not (self._stays or waits) or not (stands and executor.settled):
             return False
         if self._stays:
-            self._stays, self._refused, self._stayed = False, False, (t, self._stayed[1])
+            sees_all = not (self._refused or waits)
+            self._stays, self._refused, self._begun, self._stayed = False, False, 0, (t, self._stayed[1])
+            if sees_all:  # it is led to and fro by what it sees: another strip, from where it stands
+                self._executor.log("replanning", f"within {_STAYS:g} s its motions have led nowhere")
+                self._then(t)
+                return False
         here = executor.active.coordinates[-1]
         if float(np.hypot(*(here[:2] - self._place))) > _AWAY or t - self._until > _AGAIN:
             self._place, self._heading, self._tried = here[:2].copy(), float(here[2]), 0

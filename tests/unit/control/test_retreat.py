@@ -156,14 +156,15 @@ def test_what_was_looked_at_in_vain_is_gone_around(silvermate):
     assert np.abs(places[:, 1]).max() > 0.6
 
 
-def kept_by(name, speed):
+def kept_by(name, speed, every=4):
     """Whether a robot that moves at a speed [m/s] for 15 s, its motions refused and accepted in turn because of an
     obstacle, is to come to rest and look."""
     executor = SimpleNamespace(estimate=np.zeros(3), at_rest=lambda t: False, settled=False)
-    vantage = Vantage(executor, None, None, lambda t: None)
+    planner = SimpleNamespace(robot=SimpleNamespace(space=SimpleNamespace(nv=3)))
+    vantage = Vantage(executor, planner, None, lambda t: None)
     for k in range(150):
         executor.estimate = np.array((speed * 0.1 * k, 0.0, 0.0))
-        refused = k % 4 == 0
+        refused = k % every == 0
         broken = SimpleNamespace(broken=SimpleNamespace(obstacle=name))
         result = SimpleNamespace(accepted=not refused, certificate=broken if refused else None)
         vantage.note(0.1 * k, result, stands=False)
@@ -174,7 +175,8 @@ def test_who_gets_nowhere_before_what_was_not_seen_comes_to_rest_to_look_from_el
     """Its motions begin and are refused in turn, so that it never stands for long."""
     assert kept_by(f"{UNSEEN_LAYER}-4-0-0", 0.01)
     assert not kept_by(f"{UNSEEN_LAYER}-4-0-0", 0.2), "it gets on"
-    assert not kept_by("wall", 0.01), "there is nothing to look at"
+    assert kept_by("wall", 0.01), "there is nothing to look at, but another way may be"
+    assert not kept_by("wall", 0.01, every=100), "its motions are not refused"
 
 
 def at_a_table(robot, seen_from, seconds):
