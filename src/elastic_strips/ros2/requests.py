@@ -113,8 +113,10 @@ class Requests:
             self._end(GoalState.REACHED, controller.reason)
             log(f"reached: {controller.reason}")
         elif self.state is GoalState.DRIVING and keeper.gave_up and controller.executor.at_rest(controller.time):
-            self._end(GoalState.REFUSED, keeper.no_way)
-            log(f"given up: {keeper.no_way}")
+            reason = keeper.no_way
+            controller.cancel(reason)  # it is not to set out later, when nobody waits for that any more
+            self._end(GoalState.REFUSED, reason)
+            log(f"given up: {reason}")
         elif self.state is GoalState.CANCELLED and controller.halted:
             self._end(self.state, self.reason)
 

@@ -106,6 +106,7 @@ def test_a_goal_to_which_nothing_leads_is_given_up_with_the_reason(drive: Drive)
     state, reason = drive.requests.outcome(number) or ("", "")
     assert state is GoalState.REFUSED
     assert "wall" in reason
+    assert drive.controller.keeper.cancelled == reason, "it does not set out later by itself"
     drive.requests.ask(goal(0.4))
     drive.run(20.0, GoalState.REACHED)
     assert drive.requests.state is GoalState.REACHED
