@@ -217,9 +217,12 @@ class _Mover:
         return places
 
     def _towards(self, wish: float, place: float, rate: float, dt: float) -> float:
-        """The rate [s/s] that is reached after ``dt`` [s] towards a wanted one."""
+        """The rate [s/s] that is reached after ``dt`` [s] towards a wanted one; no clock runs faster than others.
+
+        Where its track brakes harder than it may, it would have to go on along it faster.
+        """
         down, up = self._changes(place, rate)
-        return min(max(wish, rate + dt * down), rate + dt * up)
+        return min(max(wish, rate + dt * down, -1.0), rate + dt * up, 1.0)
 
     def _changes(self, place: float, rate: float) -> tuple[float, float]:
         """Least and largest change of the rate [1/s] that keep the obstacle within its acceleration.

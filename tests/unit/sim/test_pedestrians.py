@@ -11,7 +11,7 @@ from elastic_strips.control.interfaces import Command
 from elastic_strips.errors import ParameterError
 from elastic_strips.scene import Box, Cylinder, Keyframes, PedestrianMotion, Scene, World
 from elastic_strips.sim import KinematicPlant, PerceptionError, PerceptionParams, PlantParams, evaluate, simulation
-from elastic_strips.sim.pedestrians import Pedestrians, YieldingPolicy
+from elastic_strips.sim.pedestrians import Pedestrians, YieldingPolicy, _Mover
 from elastic_strips.trajectory import MotionLimits
 
 DT = 0.01
@@ -117,6 +117,19 @@ def test_a_turn_and_braking_together_stay_within_the_bound(silvermate):
     assert motion.rate(11.9) < 1.0
     assert motion.place(11.9) < 6.0
     assert 0.42 < acceleration(np.array(places)) <= 0.5
+
+
+def test_where_its_track_brakes_harder_than_it_may_its_clock_runs_no_faster_than_others():
+    times = np.arange(0.0, 2.05, 0.1)
+    way = np.where(times < 1.0, 2.0 * times, 2.0 + np.minimum(2.0 * (times - 1.0) - 5.0 * (times - 1.0) ** 2, 0.2))
+    way = np.maximum.accumulate(way)
+    track = Keyframes(times, np.column_stack((way, 0.0 * way, np.full(len(way), 0.85))))
+    person = Cylinder(0.25, 1.7, motion=PedestrianMotion(track, acceleration=2.0), name="person")
+    mover = _Mover(person, person.motion)
+    changed = [mover._towards(1.0, place, rate, 0.1) for place in np.linspace(0.8, 1.4, 61) for rate in (0.9, 0.99)]
+    assert max(changed) <= 1.0
+    free = [rate + 0.1 * mover._changes(place, rate)[0] for place in np.linspace(0.8, 1.4, 61) for rate in (0.9, 0.99)]
+    assert max(free) > 1.0, "this is not the case that it is about"
 
 
 def test_making_the_workspace_begins_anew(silvermate):
