@@ -112,9 +112,15 @@ def _share(rays: ScanRays, center: Array, half: Array) -> float:
 
 
 def _hit(ends: Array, center: Array, half: Array, tolerance: float) -> bool:
-    return any(
-        bool((np.abs(ends - c[:2]) <= h[:2] + tolerance).all(axis=1).any()) for c, h in zip(center, half, strict=True)
-    )
+    return bool(_at_boxes(ends, center[:, :2], half[:, :2], tolerance).any())
+
+
+def _at_boxes(ends: Array, center: Array, half: Array, tolerance: float) -> Mask:
+    """Which ends of rays (n, d) lie within a distance [m] of one of some boxes (b, d)."""
+    at = np.zeros(len(ends), dtype=bool)
+    for c, h in zip(center, half, strict=True):
+        at |= (np.abs(ends - c) <= h + tolerance).all(axis=1)
+    return at
 
 
 _LOOK_BACK = 1.0  # [s] before a contact
@@ -199,7 +205,5 @@ def _in_view(scene: Scene, name: str, reading: Reading, base_pose: Array, mask: 
         return False
     if spot is not None:
         ends = ends[np.hypot(*(ends[:, :2] - spot).T) <= _ABOUT_SPOT]
-    near = np.zeros(len(ends), dtype=bool)
-    for center, half in zip(table.center[cut], table.half_extents[cut], strict=True):
-        near |= (np.abs(ends - center[columns]) <= half[columns] + tolerance).all(axis=1)
-    return int(near.sum()) >= least
+    met = _at_boxes(ends, table.center[cut][:, columns], table.half_extents[cut][:, columns], tolerance)
+    return int(met.sum()) >= least
