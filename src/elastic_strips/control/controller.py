@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision.path_rows import path_rows
-from elastic_strips.errors import ConfigurationError, ElasticStripsError, RobotError, SceneError
+from elastic_strips.errors import ConfigurationError, ElasticStripsError, GoalError, RobotError, SceneError
 from elastic_strips.planning import Goal, PlanReport
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -28,7 +28,7 @@ from elastic_strips.trajectory.trajectory import stationary
 from elastic_strips.validation import check_able, check_count, check_number, check_type, named_arguments
 
 from .executor import ExecutorLink, MotionExecutor
-from .goal_keeper import GoalKeeper
+from .goal_keeper import GoalKeeper, may_look
 from .interfaces import Command, Event, GoalReached, Measurement, RunState
 from .itinerary import Goals, configuration_of, goals_in_order
 from .local_planner import LocalPlanner
@@ -123,7 +123,7 @@ class Controller:
             longer. None where it takes no time.
 
     Attributes:
-        first_plan: report of the first strip's plan; None where the strip was given.
+        first_plan: report of the first strip's plan; None where the strip was given, or there is none yet.
         scene: the newest scene that was planned with.
         result: result of the last planning tick; None where it gave none.
         plan_tick: function that plans in a tick; it may be replaced by a wrapper.
@@ -136,7 +136,8 @@ class Controller:
 
     Raises:
         ConfigurationError: start or goal is not valid, or in collision; or the strip is another robot's.
-        GoalError: no configuration that is free reaches the first goal.
+        GoalError: no configuration that is free reaches the first goal. Where the scene is of sensors that see what is
+            free, and a hand is to be there, the robot looks at it from nearer first.
 
     Examples:
         >>> robot = es.load_robot("silvermate")
@@ -191,11 +192,19 @@ class Controller:
         self.scene: Scene = Scene([]) if scene is None else scene
         self.first_plan: PlanReport | None = None
         self.replanner: Replanner = replanner or Replanner(robot, self.params, seed=seed, grid=grid)
+        looks = False  # whether it has to look at the goal from nearer, before there is a strip to it
         if strip is None:
-            self.first_plan = self.replanner.first(self.scene, start, first, path=path)()
-            self.replanner.begin(self.first_plan)
-            strip = self.first_plan.strip
-        goal_q = configuration_of(robot, first)
+            plan = self.replanner.first(self.scene, start, first, path=path)
+            try:
+                self.first_plan = plan()
+                self.replanner.begin(self.first_plan)
+                strip = self.first_plan.strip
+            except GoalError:
+                looks = may_look(robot, self.scene, first)
+                if not looks:
+                    raise
+                strip = Strip.from_coordinates(robot, np.array([self.start, self.start]))
+        goal_q = None if looks else configuration_of(robot, first)
         goal_q = strip.q[-1] if goal_q is None else goal_q
         self.pace: Pace = Pace(self.params, meter, transfer=0 if executor is None else 1)
         self.planner: LocalPlanner = LocalPlanner(robot, self.limits, self.params, strip, self.pace)
@@ -238,6 +247,8 @@ class Controller:
         self._newest, self._trouble = scene, "" if scene is not None else "no scene has arrived yet"
         self._stopping = ""
         self._next_tick = 0  # number of the step with the next planning tick
+        if looks:
+            self.keeper.retarget(0.0, goal, self.scene, 0.0)
 
     def __enter__(self) -> Controller:
         return self

@@ -44,6 +44,12 @@ _DRIVES_ON = 0.5
 """Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
 
 
+def may_look(robot: RobotModel, scene: Scene, goal: Goal | Sequence[Goal]) -> bool:
+    """Whether a robot may look at a goal from nearer, where nothing is free at it: a hand's goal, in a scene by sensors
+    that see what is free."""
+    return robot.space.planar and hand_of(goal) is not None and len(scene.seen) < len(scene)
+
+
 class GoalKeeper:
     """Workspace: the goals of a drive, and the plans that lead to them, which are computed beside the control loop.
 
@@ -107,6 +113,7 @@ class GoalKeeper:
         self._nearer: Sequence[Goal] = ()  # places from which the robot looks at the goal before it goes on to it
         self._looked_from: list[Array] = []  # (2,) each [m], from where nothing was free at the goal
         self._blocked = ""  # why
+        self._led = True  # whether a strip leads to the present goal, or led there
         self._plan_from: Array = start  # (nv,) where either begins
         self._asked = -np.inf  # [s] when another goal was asked for
         self._onward_plan: Future[PlanReport] | None = None  # plans the strip from the present goal to the next
@@ -418,9 +425,7 @@ class GoalKeeper:
         try:
             report = plan.result()
         except Exception as error:  # on any error: the present strip leads to another goal
-            known = self.looks or self._next_goal is self._asked_goal or self._next_goal is self._nearer
-            if known and isinstance(error, ElasticStripsError):
-                self._not_free(t, error, scene)
+            if isinstance(error, ElasticStripsError) and self._not_free(t, error, scene):
                 return  # what stands at the goal may go away: the strip to it is watched on
             self.no_way = f"no way to the goal: {error}"
             raise
@@ -438,25 +443,38 @@ class GoalKeeper:
         self._take_goal(report)
         self._planner.take(report.strip, beside=not stands)
 
-    def _not_free(self, t: float, error: ElasticStripsError, scene: Scene) -> None:
-        """No way to be at the goal was found, or none to a place from which it is seen."""
-        goal = self._next_goal
-        if goal is not self._nearer:
-            self._executor.log("replanned", f"no other way to be at the goal: {error}")
+    def _not_free(self, t: float, error: ElasticStripsError, scene: Scene) -> bool:
+        """No way to be at the goal was found, or none to a place from which it is seen.
+
+        Returns:
+            Whether the robot goes on, or will try again.
+        """
+        goal, executor = self._next_goal, self._executor
+        nearer = goal is self._nearer
+        new = not (self.looks or nearer or goal is self._asked_goal)  # no strip leads to it
+        if new and not may_look(self._robot, scene, goal):
+            return False
+        if new and (not executor.at_rest(t) or self._apart(self._plan_from, executor.active.coordinates[-1])):
+            self._plan_to(goal, executor.active.coordinates[-1], scene)  # once more, from where it comes to rest
+            return True
+        if not nearer:
+            executor.log("replanned", f"no other way to be at the goal: {error}")
             self._blocked = str(error)
-        if self.looks and goal is not self._nearer:  # it stands where it was to see more, and goes on from there
+            if new:
+                self._led, self._asked_goal = False, goal
+        if self.looks and not nearer:  # it stands where it was to see more, and goes on from there
             self.goals.insert(0, goal)
-        if goal is not self._nearer and self._look_nearer(t, goal, scene):
-            return
-        if self.looks:
+        if not nearer and self._look_nearer(t, goal, scene):
+            return True
+        if self.looks or not self._led:
             self.no_way, self._asked = f"no way to the goal: {self._blocked}", t
+        return True
 
     def _look_nearer(self, t: float, goal: Goal | Sequence[Goal], scene: Scene) -> bool:
         """Plan to a place near a hand's goal from which it is seen, where sensors that see what is free have shown
         something at it from afar: there they are not as exact."""
-        executor = self._executor
-        hand, seen = hand_of(goal), len(scene.seen) == len(scene)
-        if hand is None or seen or not (self._robot.space.planar and executor.at_rest(t)):
+        executor, hand = self._executor, hand_of(goal)
+        if hand is None or not (may_look(self._robot, scene, goal) and executor.at_rest(t)):
             return False
         here, at = executor.active.coordinates[-1], np.array(hand.position[:2])
         self._looked_from.append(here[:2].copy())
@@ -480,6 +498,7 @@ class GoalKeeper:
         self._lead_to(report.strip)
 
     def _lead_to(self, strip: Strip) -> None:
+        self._led = True
         self.goal_q = strip.q[-1]
         self.goal = self._robot.space.to_coordinates(self.goal_q)
         self._counted = False

@@ -11,6 +11,7 @@ import pytest
 
 from elastic_strips.control import Controller, RunState
 from elastic_strips.control.vantage import Vantage
+from elastic_strips.errors import GoalError
 from elastic_strips.planning import HandPose
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant
@@ -179,20 +180,25 @@ def test_who_gets_nowhere_before_what_was_not_seen_comes_to_rest_to_look_from_el
     assert not kept_by("wall", 0.01, every=100), "its motions are not refused"
 
 
-def at_a_table(robot, seen_from, seconds):
-    """A controller that drives to a hand's goal 4 m ahead, about which something is shown until the base is as near as
-    ``seen_from`` [m]; somewhere there is something that was not seen."""
+def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None):
+    """A controller that drives to a hand's goal 4 m ahead, about which something is shown from the time ``since`` [s]
+    on until the base is as near as ``seen_from`` [m]; somewhere there is something that was not seen. The goal is asked
+    for at the time ``asked`` [s], on the way to another one; None: from the beginning."""
     hand = (4.0, 0.0, 0.8)
     elsewhere = Box((0.4, 0.4, 0.4), at=(0.0, 5.0, 0.2), name=f"{UNSEEN_LAYER}-1-0-0")
     shown = Box((0.3, 0.3, 0.3), at=hand, name="volume-1-0-0")
-    controller = Controller(robot, robot.home(), HandPose("hand_frame", hand), Scene([elsewhere]))
+    goal = HandPose("hand_frame", hand)
+    first = Scene([shown, elsewhere] if since <= 0.0 else [elsewhere], time=0.0)
+    controller = Controller(robot, robot.home(), goal if asked is None else robot.home(x=-1.5), first)
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
     measured, there, nearest, states = None, True, np.inf, []
     for k in range(round(seconds / DT)):
         far = float(np.hypot(*(plant.coordinates[:2] - hand[:2])))
         nearest, there = min(nearest, far), there and far > seen_from
-        scene = Scene([shown, elsewhere] if there and k * DT > 0.5 else [elsewhere], time=k * DT)
+        scene = Scene([shown, elsewhere] if there and k * DT > since else [elsewhere], time=k * DT)
+        if asked is not None and k == round(asked / DT):
+            controller.retarget(goal)
         measured = plant.step(controller.step(k * DT, measured, scene), DT)
         states.append(controller.state)
         if controller.ended:
@@ -206,6 +212,23 @@ def test_what_is_shown_at_a_goal_from_afar_is_looked_at_from_nearer(silvermate):
     assert controller.state is RunState.REACHED, controller.reason
     assert controller.reached == 1, "the place from which it looked is no goal"
     assert states.index(RunState.REACHED) == len(states) - 1
+
+
+@pytest.mark.parametrize("asked", [None, 0.5, 1.5])
+def test_so_is_what_is_shown_there_before_it_sets_out(silvermate, asked):
+    """It is shown before there is a strip to the goal: from the beginning, and when another goal is asked for at rest
+    or on the way."""
+    controller, _, states = at_a_table(silvermate, 1.7, 60.0, since=-1.0, asked=asked)
+    assert [event for event in controller.events if event.kind == "looking"]
+    assert controller.state is RunState.REACHED, controller.reason
+    assert controller.reached == 1, "where it stood at first, and looked from, are no goals"
+    assert states.index(RunState.REACHED) == len(states) - 1
+
+
+def test_a_goal_that_is_taken_in_a_known_scene_is_refused_at_once(silvermate):
+    shown = Box((0.3, 0.3, 0.3), at=(4.0, 0.0, 0.8), name="box")
+    with pytest.raises(GoalError):
+        Controller(silvermate, silvermate.home(), HandPose("hand_frame", (4.0, 0.0, 0.8)), Scene([shown]))
 
 
 def test_what_is_there_from_nearby_too_is_said_to_be_in_the_way(silvermate):
