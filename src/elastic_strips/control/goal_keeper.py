@@ -356,10 +356,16 @@ class GoalKeeper:
                 return True
             start = self._configuration(end)
             self._plan_from = end
-            self._replan = self.plans.submit(replanner.another(scene, start, self.goal_q))
+            # Where there is no way to how the robot was to be there, there may be one to another way to be there.
+            goal = self._asked_goal if replanner.no_way else self.goal_q
+            self._replan = self.plans.submit(replanner.another(scene, start, goal))
         if self._replan is not None and self._replan.done() and (stands or beside):
             found = self._finish(self._replan, replanner.take)
             if found.strip is not None:
+                self._onward_plan = self._onward = None
+                if self._apart(self._robot.space.to_coordinates(found.strip.q[-1]), self.goal):
+                    self._forget_motions()
+                    self._lead_to(found.strip)
                 self._planner.take(found.strip, beside=beside)
             executor.log("replanned", found.reason)
         return True

@@ -42,8 +42,10 @@ _FIRST_TIMEOUT, _WAITING_TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of th
 _FAMILY_TIMEOUT = 2.0  # [s] of a plan of further strips
 _BERTH_STEP, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
-_BACKWARD_ALLOWED = 0.25
-"""So far [m] a robot that sees only ahead may go backwards in all: strips give way by as much about a turn."""
+_BACKWARD_ALLOWED, _BACKS_OUT = 0.25, 0.8
+"""So far [m] a robot that sees only ahead may go backwards in all: strips give way by as much about a turn; and where a
+plan without that came to nothing."""
+_DRIVEN_ON = 4.0  # [s] for which a strip has to be whole while the robot moves, so that plans count anew from there
 _FAMILY_EVERY = 5  # planning ticks from one tick of the other strips to the next
 
 
@@ -57,7 +59,7 @@ class PlanRequest:
         goal: configuration (nq,), or any other goal.
         deform: parameters of the strip.
         path: waypoints (K, 2) [m] that are tried first, or None.
-        attempt: how many plans have been made since the first.
+        attempt: how many plans have been made since a strip was last driven for a while.
         why: why the last strip is given up.
         unused: whether nobody has driven what was planned last.
         tries: how many first strips to a goal came to nothing before: other configurations are looked for then.
@@ -187,7 +189,7 @@ class StripPlanner:
         """A plan that satisfies the drive's constraint; where there is none, one that does not, and says so."""
         report = self._plan(scene, asked, seed, timeout, line=line)
         back = 0.0 if self.params.backward or not report.certified else _backed_up(report.strip)
-        if back <= _BACKWARD_ALLOWED:
+        if back <= (_BACKS_OUT if asked.attempt else _BACKWARD_ALLOWED):
             return report
         why = f"the only way that was found leads {back:.2f} m backwards, where the robot does not see (backward=False)"
         return replace(report, certified=False, reason=why)
@@ -248,6 +250,7 @@ class Replanner:
         pending: whether another plan is due, and not taken yet.
         due: time [s] from which on the plan may be used.
         count: number of plans after the first.
+        attempts: number of those since a strip was last driven for a while.
         deform: parameters of the strips that are planned.
     """
 
@@ -265,7 +268,9 @@ class Replanner:
         self.halted = self.pending = False
         self.due: float = 0.0
         self.count: int = 0
+        self.attempts: int = 0
         self._since: float | None = None
+        self._whole_since = np.inf  # [s] since when the strip is whole, and the robot moves along it
         self.no_way: str = ""
         self._why = ""
         self._unused = False
@@ -322,12 +327,15 @@ class Replanner:
         """
         broken = result.report.certificate.broken
         by_standing = broken is not None and not _moves(scene, broken.obstacle)
+        self._whole_since = np.inf if by_standing or at_rest or not result.accepted else min(self._whole_since, t)
+        if t - self._whole_since > _DRIVEN_ON:
+            self.attempts = 0
         if not by_standing and (result.accepted or not at_rest):
             self._since, self.halted, self.no_way = None, False, ""
             return ""
         if self._since is None:
             self._since = t
-        if t - self._since <= self.params.replan_after * (1 + self.count):
+        if t - self._since <= self.params.replan_after * (1 + self.attempts):
             return ""
         self.halted = by_standing
         if not at_rest and not by_standing:
@@ -336,15 +344,17 @@ class Replanner:
         self._why = f"the strip is broken: {broken}" if by_standing else result.reason
         return self._why
 
-    def another(self, scene: Scene, start: npt.ArrayLike, goal: npt.ArrayLike) -> Callable[[], Replanned]:
+    def another(self, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal]) -> Callable[[], Replanned]:
         """A function that plans another strip; see :meth:`StripPlanner.another`.
 
         Args:
             scene: the obstacles.
-            start, goal: configurations (nq,).
+            start: configuration (nq,).
+            goal: configuration (nq,), or any other goal.
         """
-        asked = PlanRequest(scene, start, goal, self.deform, attempt=self.count, why=self._why, unused=self._unused)
+        asked = PlanRequest(scene, start, goal, self.deform, attempt=self.attempts, why=self._why, unused=self._unused)
         self.count += 1
+        self.attempts += 1
         self._unused = False
         return partial(self.planner.another, asked)
 
@@ -357,6 +367,7 @@ class Replanner:
         """Told that a plan is not used, because the robot does not stand where it begins: it does not count."""
         self._found(found)
         self.count -= 1
+        self.attempts = max(self.attempts - 1, 0)
         self._unused = True
 
     def _found(self, found: Replanned) -> None:

@@ -457,3 +457,23 @@ def test_a_goal_that_is_taken_in_every_way_is_waited_for(silvermate):
     assert drive.controller.replans + sum(e.kind == "replanned" for e in drive.controller.events) > 0
     drive.scene = Scene([PILLAR])
     assert drive.until(lambda: drive.controller.ended)
+
+
+def test_where_no_way_leads_to_one_way_to_be_there_one_to_another_is_planned(silvermate):
+    """A low wall comes up around where the base was to stand; the hand reaches its goal from beside that, too."""
+    hand = HandPose("hand_frame", (4.0, 0.0, 0.8))
+    controller = Controller(silvermate, silvermate.home(), hand, Scene([], time=0.0))
+    x, y = controller.goal[:2]
+    walls = [Box((1.5, 0.1, 0.3), at=(x, y + side * 0.7, 0.15), name=f"along{side:+d}") for side in (-1, 1)]
+    walls += [Box((0.1, 1.5, 0.3), at=(x + side * 0.7, y, 0.15), name=f"across{side:+d}") for side in (-1, 1)]
+    plant = KinematicPlant(silvermate, controller.limits, seed=1)
+    plant.reset(silvermate.space.to_coordinates(silvermate.home()))
+    measured = None
+    for k in range(6000):
+        scene = Scene(walls if k > 50 else [], time=k * DT)
+        measured = plant.step(controller.step(k * DT, measured, scene), DT)
+        if controller.ended:
+            break
+    assert controller.ended, controller.reason
+    assert np.abs(plant.coordinates[:2] - (x, y)).max() > 0.7, "outside the walls"
+    assert controller.reached == 1

@@ -11,7 +11,7 @@ from brute_force import link_distances
 from elastic_strips.collision import BrokenSegment
 from elastic_strips.control import DriveParams
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner, standing
-from elastic_strips.planning import BasePose, find_goals
+from elastic_strips.planning import BasePose, find_goals, plan_report
 from elastic_strips.scene import Box, Cylinder, Scene, Twist
 from elastic_strips.strip import LookAt, OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce
@@ -143,7 +143,7 @@ def test_who_stands_in_the_way_is_given_a_wider_berth_each_time(replanner, silve
 def test_where_there_is_no_room_for_a_berth_the_way_is_as_narrow_as_before(replanner, silvermate):
     walls = [Box((60.0, 0.2, 1.0), at=(2.5, side * 0.65, 0.5), name=f"wall{side:+d}") for side in (-1, 1)]
     idler = SCENE.obstacle("idler").moved(pose_at(2.5, 0.5, 0.8))
-    replanner.count = 3
+    replanner.attempts = 3
     strip, text = plan_anew(replanner, Scene([*walls, idler]), silvermate.home(), silvermate.home(x=5.0))
     assert strip is not None, text
 
@@ -152,3 +152,35 @@ def pose_at(x: float, y: float, z: float) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
     return pose
+
+
+def test_plans_count_anew_once_a_strip_was_driven_for_a_while(replanner, silvermate):
+    """Else a robot that has replanned often on a long way waits longer and longer before it does so again."""
+    for _ in range(3):
+        plan_anew(replanner, SCENE, silvermate.home(), silvermate.home(x=5.0))
+
+    def gives_up_after(t, moves):
+        """[s] after which a broken strip is given up, where it was whole for ``moves`` seconds before."""
+        for k in range(round(10 * moves)):
+            assert not replanner.watch(t + 0.1 * k, proposal(None, accepted=True), SCENE, at_rest=False)
+        begin = t + moves
+        for k in range(200):
+            if replanner.watch(begin + 0.1 * k, proposal("crate", accepted=False), SCENE, at_rest=True):
+                return 0.1 * k
+        raise AssertionError("it was never given up")
+
+    assert gives_up_after(0.0, 1.0) > 1.9
+    assert gives_up_after(100.0, 6.0) < 0.8
+    assert replanner.count == 3
+
+
+@pytest.mark.parametrize(("back", "backs_out"), [(0.5, True), (1.2, False)])
+def test_who_sees_only_ahead_backs_out_where_there_is_no_other_way(silvermate, monkeypatch, back, backs_out):
+    """Only after a plan has come to nothing for that, and not far."""
+    found = plan_report(silvermate, Scene([]), silvermate.home(), silvermate.home(x=-back), backward=True)
+    monkeypatch.setattr("elastic_strips.control.replanning.plan_report", lambda *_, **__: found)
+    replanner = Replanner(silvermate, DriveParams(backward=False), seed=0, grid=True)
+    ends = silvermate.home(), silvermate.home(x=-back)
+    assert plan_anew(replanner, Scene([]), *ends)[0] is None
+    strip, text = plan_anew(replanner, Scene([]), *ends)
+    assert (strip is not None) is backs_out, text
