@@ -159,7 +159,7 @@ class ChargedExecutor(Executor):
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> ChargedFuture[_T]:
         """Compute ``fn`` of the arguments now; the result arrives later."""
-        future: ChargedFuture[_T] = ChargedFuture(self.clock)
+        future: ChargedFuture[_T] = ChargedFuture(lambda: self.clock())  # it may be set later
         began = self.computing.reading()
         try:
             with bounded_by_work() if self.computing.label == "work" else nullcontext():

@@ -108,6 +108,15 @@ def test_a_result_is_not_to_be_had_before_it_arrives(cpu):
     assert not future.cancel()
 
 
+def test_what_was_submitted_before_the_clock_was_set_arrives_by_that(cpu):
+    """A controller may plan on as it is made, before there is a simulation."""
+    workers = ChargedExecutor(Computing(1.0), lambda: 0.0)
+    future = workers.submit(cpu.compute, 0.5)
+    assert not future.done()
+    workers.clock = lambda: 1.0
+    assert future.done()
+
+
 def test_exceptions_arrive_too(cpu):
     def fails() -> None:
         cpu.compute(0.1)
