@@ -23,6 +23,7 @@ from .ompl_planner import PathResult, ompl_path
 from .problem import SEED_STRIDE, Deadline, PlanningProblem
 
 _LARGEST_TURN = 0.35  # largest turn in place between two nodes [rad]
+_SHORT_BACK = 0.3  # [m] that are no detour to be driven backwards
 
 
 def straight_line(
@@ -87,6 +88,27 @@ def _turn_drive_turn(a: Array, b: Array, offset: Array, spacing: float, most: in
         rows.append(row)
     rows += [_turned(b, a[2] + turn_in + turn_out * k / n_out) for k in range(1, n_out + 1)]
     return np.array(rows)
+
+
+def forward_rows(robot: RobotModel, rows: Array) -> Array:
+    """Rows (M, nv) of the same places as rows (N, nv) of a differential drive, all of them driven forwards.
+
+    Where the base went backwards, it turns in place first, and again after that. Short pieces stay, for turns need more
+    room than they do.
+    """
+    back = robot.space.difference(rows[:-1], rows[1:])[:, 0] < 0.0
+    ends = np.flatnonzero(np.diff(np.concatenate(([False], back, [False])).astype(int)))
+    found, done = [], 0
+    for first, last in ends.reshape(-1, 2).tolist():
+        if float(np.hypot(*np.diff(rows[first : last + 1, :2], axis=0).T).sum()) < _SHORT_BACK:
+            continue
+        turns = np.linspace(0.0, np.pi, int(np.ceil(np.pi / _LARGEST_TURN)) + 1)
+        turned = rows[first : last + 1].copy()
+        turned[:, 2] += np.pi
+        found += [rows[done : first + 1], *(_turned(rows[first], rows[first, 2] + turn)[None] for turn in turns[1:-1])]
+        found += [turned, *(_turned(rows[last], rows[last, 2] + turn)[None] for turn in turns[-2:0:-1])]
+        done = last
+    return np.concatenate((*found, rows[done:]))
 
 
 def _turned(row: Array, yaw: float) -> Array:

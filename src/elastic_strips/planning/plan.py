@@ -87,7 +87,8 @@ def plan_report(
         path: path to try first: waypoints (K, 2) of the base [m], or coordinate rows (K, nv), from start to goal.
         grid: whether to try a path of :func:`grid_path` before OMPL is asked; there is none for a fixed base.
         backward: whether a differential drive may go along the straight line backwards, where it turns less then. Paths
-            over the grid always go forwards; those of OMPL, the last resort, may back up.
+            over the grid always go forwards; those of OMPL, the last resort, may back up; without ``backward`` only
+            where there is no room to turn.
         constraint: constraint that every configuration on the way, between the nodes too, satisfies within its
             tolerance: a hand that stays level (:class:`OrientationConstraint`), or a camera that looks at something
             (:class:`LookAt`); not together with a deformer, which has its own.

@@ -144,7 +144,7 @@ class PlanningProblem:
         seed: seed of random numbers.
         timeout: longest time for everything [s].
         work: largest amount of work for everything, in modelled seconds; None where that has no bound.
-        backward: whether the straight line may be driven backwards.
+        backward: whether ways may lead backwards where there is room to turn.
         constraint: constraint that every configuration on the way satisfies, or None; not together with a deformer,
             which has its own.
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import plural
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.strip.report import SLIP_LIMIT
 
 from .grid_path import MOST_CELLS, grid_path
-from .initial_strip import STUCK_TICKS, PathSearch, line_strip, path_rows, path_strip, staged_rows
+from .initial_strip import STUCK_TICKS, PathSearch, forward_rows, line_strip, path_rows, path_strip, staged_rows
 from .joint_search import PLANNERS, divided, search_joints
 from .ompl_planner import certify_path
 from .problem import SEED_STRIDE, Deadline, PlanningProblem, Region
@@ -333,9 +333,14 @@ class PlanSearch(PathSearch):
                 futile += found.searched
                 last = found.reason
                 continue
-            report = self.relaxed(found.rows, "ompl", f"OMPL path {self.attempts}")
-            if report is not None:
-                return report
+            ways = [found.rows]
+            if self.problem.robot.base_kind is BaseKind.DIFF_DRIVE and not self.problem.backward:
+                ways.insert(0, forward_rows(self.problem.robot, found.rows))
+            for rows in ways:
+                if len(rows) <= self.params.max_nodes:
+                    report = self.relaxed(rows, "ompl", f"OMPL path {self.attempts}")
+                    if report is not None:
+                        return report
             if self.fineness < _MOST_FINENESS and not certify_path(self.deformer, self.scene, found.rows).certified:
                 self.fineness *= 2.0  # the planner's samples had missed something on an edge
         if futile:

@@ -17,6 +17,7 @@ from elastic_strips.planning import grid_path, ompl_path, plan_report, straight_
 from elastic_strips.planning import search as search_module
 from elastic_strips.planning.initial_strip import (
     STUCK_TICKS,
+    forward_rows,
     line_strip,
     path_rows,
     path_strip,
@@ -89,6 +90,29 @@ def test_who_does_not_look_back_turns_instead(silvermate):
         assert report.certified
         nodes = report.strip.coordinates
         assert (sign * silvermate.space.difference(nodes[:-1], nodes[1:])[:, 0] > -1e-9).all()
+
+
+def backed_up(robot, rows):
+    return float(-np.minimum(robot.space.difference(rows[:-1], rows[1:])[:, 0], 0.0).sum())
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_so_it_does_on_a_way_that_a_planner_found(silvermate, seed):
+    """Its curves lead backwards as readily as forwards."""
+    wall = Scene([Box((0.3, 2.0, 1.0), at=(2.0, 0.0, 0.5), name="wall")])
+    ends = silvermate.home(), silvermate.home(x=4.0, yaw=2.5)
+    to_and_fro, forwards = (
+        plan_report(silvermate, wall, *ends, seed=seed, line=False, grid=False, backward=backward, timeout=60.0)
+        for backward in (True, False)
+    )
+    assert forwards.certified, forwards.reason
+    assert forwards.method == "ompl"
+    rows = forward_rows(silvermate, to_and_fro.initial.coordinates)
+    assert backed_up(silvermate, to_and_fro.initial.coordinates) > 1.0, "else nothing is shown"
+    assert backed_up(silvermate, rows) < 0.6
+    assert backed_up(silvermate, forwards.strip.coordinates) < 0.6
+    np.testing.assert_allclose(rows[[0, -1]], to_and_fro.initial.coordinates[[0, -1]], atol=1e-12)
+    assert np.abs(np.diff(rows[:, 2])).max() < 0.6
 
 
 def test_turning_in_place_stays_in_place(silvermate):
