@@ -860,6 +860,11 @@ void bind_volume(nb::module_& m) {
     std::vector<std::int64_t> boxes = self.boxes(block.data(), doubtful);
     return given_away(boxes);
   });
+  map.def("finer_boxes", [](const VolumeMap& self, Numbers block, bool doubtful, const VolumeMap& fine) {
+    Sizes()("3", block);
+    std::vector<std::int64_t> boxes = self.boxes(block.data(), doubtful, fine);
+    return given_away(boxes);
+  });
   map.def("count", &VolumeMap::count);
 }
 

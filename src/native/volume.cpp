@@ -419,34 +419,94 @@ std::vector<std::int64_t> VolumeMap::changed(bool doubtful) {
   return all;
 }
 
-// Runs along z, equal runs beside each other along y, and equal rectangles along x.
-std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at, bool doubtful) const {
-  const Block block{at[0], at[1], at[2]};
-  if (!inside(block)) return {};
-  Bits left = filled_[slot(block)];
+VolumeMap::Bits VolumeMap::listed(const Block& block, bool doubtful) const {
+  if (!inside(block)) return Bits{};
+  Bits bits = doubtful ? sure_[slot(block)] : filled_[slot(block)];
   if (doubtful) {
-    left = sure_[slot(block)];
-    for (std::uint64_t& word : left) word = ~word;
+    for (std::uint64_t& word : bits) word = ~word;
   }
+  return bits;
+}
+
+namespace {
+
+// Voxels of a cube, `row` of x and y has those along z: runs along z, equal runs beside each other along y, and equal
+// rectangles along x.
+template <int edge, class Row>
+std::vector<std::int64_t> merged(std::array<std::array<Row, edge>, edge>& left, const std::int64_t* first) {
   std::vector<std::int64_t> found;
-  for (int x = 0; x < kEdge; ++x) {
-    while (left[static_cast<std::size_t>(x)] != 0) {
-      const std::uint64_t word = left[static_cast<std::size_t>(x)];
-      int first = 0;
-      while (!(word >> first & 1)) ++first;
-      const int y = first / kEdge, z = first % kEdge;
-      int top = z + 1, wide = y + 1, deep = x + 1;
-      while (top < kEdge && (word >> (kEdge * y + top) & 1)) ++top;
-      const std::uint64_t run = ((std::uint64_t{1} << (top - z)) - 1) << z;
-      std::uint64_t mask = run << (kEdge * y);
-      while (wide < kEdge && (word >> (kEdge * wide) & run) == run) mask |= run << (kEdge * wide++);
-      while (deep < kEdge && (left[static_cast<std::size_t>(deep)] & mask) == mask) ++deep;
-      for (int k = x; k < deep; ++k) left[static_cast<std::size_t>(k)] &= ~mask;
-      const int ends[6] = {x, y, z, deep, wide, top};
-      for (int k = 0; k < 6; ++k) found.push_back(block[static_cast<std::size_t>(k % 3)] * kEdge + ends[k]);
+  for (int x = 0; x < edge; ++x) {
+    for (int y = 0; y < edge; ++y) {
+      while (left[x][y] != 0) {
+        const unsigned word = left[x][y];
+        int z = 0;
+        while (!(word >> z & 1)) ++z;
+        int top = z + 1, wide = y + 1, deep = x + 1;
+        while (top < edge && (word >> top & 1)) ++top;
+        const auto run = static_cast<unsigned>(((std::uint64_t{1} << (top - z)) - 1) << z);
+        const auto whole = [&](int i) {
+          for (int k = y; k < wide; ++k) {
+            if ((left[i][k] & run) != run) return false;
+          }
+          return true;
+        };
+        while (wide < edge && (left[x][wide] & run) == run) ++wide;
+        while (deep < edge && whole(deep)) ++deep;
+        for (int i = x; i < deep; ++i) {
+          for (int k = y; k < wide; ++k) left[i][k] = static_cast<Row>(left[i][k] & ~run);
+        }
+        const int ends[6] = {x, y, z, deep, wide, top};
+        for (int k = 0; k < 6; ++k) found.push_back(first[k % 3] + ends[k]);
+      }
     }
   }
   return found;
+}
+
+}  // namespace
+
+std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at, bool doubtful) const {
+  const Bits bits = listed({at[0], at[1], at[2]}, doubtful);
+  std::array<std::array<std::uint8_t, kEdge>, kEdge> left;
+  for (std::size_t x = 0; x < kEdge; ++x) {
+    for (std::size_t y = 0; y < kEdge; ++y) left[x][y] = static_cast<std::uint8_t>(bits[x] >> (kEdge * y) & 0xff);
+  }
+  const std::int64_t first[3] = {kEdge * at[0], kEdge * at[1], kEdge * at[2]};
+  return merged<kEdge, std::uint8_t>(left, first);
+}
+
+std::vector<std::int64_t> VolumeMap::boxes(const std::int64_t* at, bool doubtful, const VolumeMap& fine) const {
+  const Bits bits = listed({at[0], at[1], at[2]}, doubtful);
+  std::array<std::array<std::uint16_t, 2 * kEdge>, 2 * kEdge> left{};
+  for (int x = 0; x < kEdge; ++x) {
+    for (int y = 0; y < kEdge; ++y) {
+      for (int z = 0; z < kEdge; ++z) {
+        if (!(bits[static_cast<std::size_t>(x)] >> (kEdge * y + z) & 1)) continue;
+        for (int k = 0; k < 4; ++k) left[2 * x + k / 2][2 * y + k % 2] |= static_cast<std::uint16_t>(3u << (2 * z));
+      }
+    }
+  }
+  for (int part = 0; part < 8; ++part) {
+    const int shift[3] = {part / 4, part / 2 % 2, part % 2};
+    Block block;
+    for (int k = 0; k < 3; ++k) block[static_cast<std::size_t>(k)] = 2 * at[k] + shift[k];
+    if (!fine.inside(block)) continue;
+    const std::int8_t* known = fine.known_.data() + fine.slot(block) * VOLUME;
+    for (int x = 0; x < kEdge; ++x) {
+      for (int y = 0; y < kEdge; ++y) {
+        std::uint16_t& row = left[kEdge * shift[0] + x][kEdge * shift[1] + y];
+        if (row == 0) continue;
+        for (int z = 0; z < kEdge; ++z) {
+          const int now = known[64 * x + 8 * y + z];
+          if (now > PASSED && now <= fine.evidence_.emptied) {
+            row = static_cast<std::uint16_t>(row & ~(1u << (kEdge * shift[2] + z)));
+          }
+        }
+      }
+    }
+  }
+  const std::int64_t first[3] = {2 * kEdge * at[0], 2 * kEdge * at[1], 2 * kEdge * at[2]};
+  return merged<2 * kEdge, std::uint16_t>(left, first);
 }
 
 std::size_t VolumeMap::count(bool unseen) const {

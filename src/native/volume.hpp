@@ -72,6 +72,9 @@ class VolumeMap {
   // of.
   std::vector<std::int64_t> boxes(const std::int64_t* block, bool doubtful) const;
 
+  // The same without what a map of voxels half as wide knows to be free; low and high in voxels of that.
+  std::vector<std::int64_t> boxes(const std::int64_t* block, bool doubtful, const VolumeMap& fine) const;
+
   // How many voxels are obstacles, or were never seen.
   std::size_t count(bool unseen) const;
 
@@ -86,6 +89,7 @@ class VolumeMap {
   void grant(std::size_t at, int voxel);
   void fade(std::size_t at, int voxel);
   bool settled(std::size_t at, const int* first, int edge, bool far) const;
+  Bits listed(const Block& block, bool doubtful) const;
   struct Noted {
     std::vector<Block> blocks;
     std::vector<std::uint8_t> among;  // which blocks are among them

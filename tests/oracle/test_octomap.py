@@ -18,7 +18,7 @@ from elastic_strips.perception import DepthImage, VolumeMap, VolumeMapParams, vo
 octomap = pytest.importorskip("octomap", reason="there is no wheel of octomap-python for this machine")
 
 CELL, NEAR = 0.05, 3.0  # [m]; pixels of these cameras lie 3 cm apart there
-PARAMS = VolumeMapParams(length=12.0, height=2.8, noise=0.0, noise_growth=0.0, bias=1e-3, hole=0.0)
+PARAMS = VolumeMapParams(length=12.0, height=2.8, noise=0.0, noise_growth=0.0, bias=1e-3, hole=0.0, fine_range=0.0)
 ROWS, COLUMNS, FOCAL = 90, 120, 104.0
 LOOKS = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # of a camera that looks along x
 FREE, FULL = 0, 1

@@ -34,14 +34,14 @@ PLACES = np.array([[0.0, 0.0, 0.1], [0.3, -0.6, 0.5]])
 
 @pytest.fixture(scope="module")
 def surface() -> np.ndarray:
-    return surface_voxels(PIECES, 0.05)
+    return surface_voxels(PIECES, 0.025)
 
 
 def test_the_voxels_of_a_surface_are_those_that_it_crosses(surface):
-    low, high = surface - 0.025, surface + 0.025
+    low, high = surface - 0.0125, surface + 0.0125
     table = PIECES[3]
     touch = ((high >= table.min(axis=0)) & (low <= table.max(axis=0))).all(axis=1)
-    assert touch.sum() >= 18 * 28  # its top
+    assert touch.sum() >= 36 * 56  # its top
     outside = np.ones(len(surface), dtype=bool)
     for piece in PIECES:
         outside &= ((low > piece.max(axis=0) + 1e-9) | (high < piece.min(axis=0) - 1e-9)).any(axis=1)

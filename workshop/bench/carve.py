@@ -33,7 +33,8 @@ from workshop.datasets import house_scene, load_house
 
 from .measure import Figures, Note, head, percentiles, resident, silent
 
-_DENSITY = 1e4  # points on a square metre of a surface: 25 for each voxel that it crosses
+_FINEST = 0.5 * VolumeMapParams().cell  # [m] edge of the smallest voxels that the map frees
+_DENSITY = 4e4  # points on a square metre of a surface: 25 for each of these that it crosses
 _PANS, _TILTS = (-1.1, -0.55, 0.0, 0.55, 1.1), (-0.3, -0.75)  # [rad] of the head; the first look is between them
 _REACHING = ("arm_4_link", "arm_5_link", "arm_tool_link", "hand_tool_link")  # TIAGo's frames that take up its reach
 _FRAME = "xtion_depth_optical_frame"
@@ -139,7 +140,7 @@ def bench_carve(
     pieces = [np.array(each["vertices"], dtype=float) for each in told]
     starts = [load_house(root, robot, seed + k).start for k in range(poses)]
     places = np.array([[at.x, at.y, at.yaw] for at in starts])
-    surface = surface_voxels(pieces, VolumeMapParams().cell)
+    surface = surface_voxels(pieces, _FINEST)
     settings = [Setting(*size, noise) for size in SIZES for noise in NOISES]
     return {
         **head("carve", robot=robot.name, poses=poses, images=poses * (1 + len(_PANS) * len(_TILTS))),

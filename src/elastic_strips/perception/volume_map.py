@@ -4,11 +4,15 @@ A voxel is free only where *every* pixel over the ball about it ends behind it, 
 pixels are no further apart than the thinnest thing that there may be. It is an obstacle where rays have ended: one hit
 where ranges are exact to less than a voxel, several where they are not, until it is looked at from where they are and
 rays end beside it again and again. What is neither was not seen.
+
+Near the sensors, voxels half as wide are freed by the same rule; they are taken out of obstacles and of what is in
+doubt.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -32,6 +36,9 @@ _MOST_BLOCKS = 1 << 20
 _WIDEST_HOLE = 24  # [pixels] of the holes that are looked into
 _CORNERS = (1, 2, 4, 8, 12)  # [pixels] up to half of that: runs across its corners are short
 _OBSTACLES_A_BLOCK = 60  # of work that is counted, for one that is made anew: 0.3 ms
+_FINE_ROOM = 0.6  # [m] from the base to sensors, about which finer voxels are
+_EIGHTHS = np.stack(np.meshgrid(*[(0.25, 0.75)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+"""Middles of the eight finer voxels of a voxel, by its edge."""
 _STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
 Known = npt.NDArray[np.int8]
@@ -54,6 +61,7 @@ class VolumeMapParams:
         hit_range: nothing further away becomes an obstacle: there it is not known to a voxel where it is.
         exact_range: up to here one hit is an obstacle, from here on two are; and what is looked at from here, and not
             hit, is less and less of one.
+        fine_range: up to here voxels half as wide are freed as well; 0: none are.
         thinnest: nothing is thinner than this, or it may be overlooked: what is so far away that pixels lie further
             apart is not called free.
         ground: what is no higher than this, and three standard deviations, is the floor and no obstacle.
@@ -80,6 +88,7 @@ class VolumeMapParams:
     range_max: Positive = 5.0
     hit_range: Positive = 4.0
     exact_range: Positive = 1.5
+    fine_range: NonNegative = 1.5
     thinnest: Positive = 0.03
     ground: NonNegative = 0.04
     hole: NonNegative = 0.1
@@ -168,8 +177,12 @@ class VolumeMap:
             [*(-(n // 2) for n in p.blocks[:2]), math.floor(p.bottom / p.block + 1e-9)], dtype=np.intp
         )
         self._map = make(np.array(p.blocks, dtype=np.intp), self._corner, p.cell, *units)
-        self._made: dict[_Block, Obstacle] = {}
+        self._fine: _FineVoxels | None = None
+        if p.fine_range:
+            self._fine = _FineVoxels(p, int(self._corner[2]), lambda *given: make(*given, *units))
+        self._made: dict[_Block, Obstacle | None] = {}  # None: of its voxels nothing is left
         self._doubtful: dict[_Block, Obstacle | None] = {}  # within the radius
+        self._finer: dict[_Block, None] = {}  # blocks in which finer voxels have changed
 
     def center(self, x: float, y: float) -> None:
         """Have the window about a point of the floor [m]; what leaves it is forgotten."""
@@ -178,6 +191,8 @@ class VolumeMap:
         if max(abs(middle[0] - self._corner[0]), abs(middle[1] - self._corner[1])) > 1:  # not to and fro at a border
             self._corner = np.array([*middle, self._corner[2]], dtype=np.intp)
             self._map.roll(self._corner)
+        if self._fine is not None:
+            self._fine.center(x, y)
 
     def seen_by(self, reading: DepthImage | RangeImage, T_world_base: Array) -> SeenPoints:
         """Where an image's pixels end over the floor, and what is known of it so far.
@@ -221,7 +236,8 @@ class VolumeMap:
         weight = np.where(at <= p.exact_range, p.hit, 0.5 * (p.occupied + 0.5 * p.hit)) / _UNIT
         if ignored is not None:
             weight[ignored] = 0.0
-        self._map.hit(seen.points, np.rint(weight).astype(np.int8), np.empty(len(at), dtype=np.int8))
+        hits, before = np.rint(weight).astype(np.int8), np.empty(len(at), dtype=np.int8)
+        self._map.hit(seen.points, hits, before)
         view = _optics(reading)
         sure = p.thinnest * float(np.abs(view[2]).min())
         # what is filled in only frees: where a lost pixel ends, nothing was seen
@@ -232,6 +248,11 @@ class VolumeMap:
         pose = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])
         near = reading.depth_min if isinstance(reading, DepthImage) else reading.range_min
         self._map.carve(np.ascontiguousarray(clear, dtype=np.float32), *view, *pose, near, sure, p.exact_range)
+        if self._fine is not None:
+            come = (before <= round(p.occupied / _UNIT)) | (at > p.fine_range)
+            self._fine.hit(seen.points, hits, come)
+            fine = np.ascontiguousarray(np.minimum(clear, p.fine_range), dtype=np.float32)
+            self._fine.map.carve(fine, *view, *pose, near, sure, p.exact_range)
 
     def known(self, points: Array) -> Known:
         """(n,) what is known of the voxels that points (n, 3) [m] lie in: 1 an obstacle, 0 free, −1 neither."""
@@ -239,13 +260,17 @@ class VolumeMap:
         self._map.look(np.ascontiguousarray(points, dtype=float), found)
         p = self.params
         free, full = found <= -round(0.5 * p.floor / _UNIT), found > round(p.occupied / _UNIT)
+        if self._fine is not None:
+            freed = self._fine.free(points)
+            found[freed], free = 0, free | freed
         return np.where(found <= PASSED, -1, np.where(free, 0, np.where(full, 1, -1))).astype(np.int8)
 
     def doubtful(self, points: Array) -> Mask:
         """(n,) whether voxels that points (n, 3) [m] lie in are in doubt: never seen, or hit and no obstacle yet."""
         found = np.empty(len(points), dtype=np.int8)
         self._map.look(np.ascontiguousarray(points, dtype=float), found)
-        return (found <= PASSED) | ((found > 0) & (found <= round(self.params.occupied / _UNIT)))
+        doubt = (found <= PASSED) | ((found > 0) & (found <= round(self.params.occupied / _UNIT)))
+        return doubt if self._fine is None else doubt & ~self._fine.free(points)
 
     def grant(self, points: Array) -> None:
         """Take it that the voxels of points (n, 3) [m] were seen, and are neither obstacles nor surely free, where they
@@ -256,6 +281,8 @@ class VolumeMap:
         """Forget what is known of the voxels of points (n, 3) [m]: a thing that was there has moved on. They were not
         seen then; they are not called free."""
         self._map.forget(np.ascontiguousarray(points, dtype=float))
+        if self._fine is not None:
+            self._fine.forget(points)
 
     def in_doubt(self, x: float, y: float) -> list[Obstacle]:
         """What is in doubt near a place (x, y) [m] of the base, one obstacle a block; blocks in which nothing changed
@@ -280,36 +307,119 @@ class VolumeMap:
     def obstacles(self) -> list[Obstacle]:
         """What stands, one obstacle a block; blocks in which nothing changed are the same objects as before."""
         self._forget_doubts()  # also where nobody asks for them: else their list would grow
-        for block in self._map.changed(False).reshape(-1, 3):
-            key = (int(block[0]), int(block[1]), int(block[2]))
-            made = self._obstacle(np.ascontiguousarray(block))
-            if made is None:
+        changed = _keys(self._map.changed(False)) | {key: None for key in self._finer if key in self._made}
+        self._finer.clear()
+        for key in changed:
+            block = np.array(key, dtype=np.intp)
+            made = self._obstacle(block)
+            if made is None and not len(self._map.boxes(block, False)):
                 self._made.pop(key, None)
             else:
                 self._made[key] = made
-        return list(self._made.values())
+        return [made for made in self._made.values() if made is not None]
 
     def _forget_doubts(self) -> None:
-        for block in self._map.changed(True).reshape(-1, 3).tolist():
-            self._doubtful.pop((block[0], block[1], block[2]), None)
+        finer = {} if self._fine is None else self._fine.changed()
+        self._finer |= finer
+        for key in _keys(self._map.changed(True)) | finer:
+            self._doubtful.pop(key, None)
 
     def _obstacle(self, block: Indices, *, doubtful: bool = False) -> Obstacle | None:
-        boxes = self._map.boxes(block, doubtful).reshape(-1, 6)
+        cell = self.params.cell
+        if self._fine is None:
+            boxes = self._map.boxes(block, doubtful).reshape(-1, 6)
+        else:
+            cell *= 0.5
+            boxes = self._map.finer_boxes(block, doubtful, self._fine.map).reshape(-1, 6)
         count_work(obstacles=_OBSTACLES_A_BLOCK)
         if doubtful:
-            lowest = math.ceil(self.params.low / self.params.cell - 1e-9)
+            lowest = math.ceil(self.params.low / cell - 1e-9)
             boxes = boxes[boxes[:, 5] > lowest]
             boxes[:, 2] = np.maximum(boxes[:, 2], lowest)
         if not len(boxes):
             return None
         i, j, k = block.tolist()
         name = f"{UNSEEN_LAYER if doubtful else self.name}-{i}-{j}-{k}"
-        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], self.params.cell, name)
+        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], cell, name)
 
     @property
     def counts(self) -> tuple[int, int]:
         """How many voxels are obstacles, and how many were never seen."""
         return self._map.count(False), self._map.count(True)
+
+
+def _keys(blocks: Indices) -> dict[_Block, None]:
+    """Blocks, three numbers each, in order."""
+    return {(i, j, k): None for i, j, k in blocks.reshape(-1, 3).tolist()}
+
+
+class _FineVoxels:
+    """Workspace: voxels half as wide as those of a map, about the robot; of these it only counts which are free.
+
+    Args:
+        params: of the map.
+        bottom: the block of it with which it begins in height.
+        make: makes the voxels from blocks (3,), corner (3,) and cell.
+    """
+
+    def __init__(
+        self, params: VolumeMapParams, bottom: int, make: Callable[[Indices, Indices, float], VolumeTwin]
+    ) -> None:
+        self._params = params
+        across = math.ceil(2.0 * (params.fine_range + _FINE_ROOM) / params.block) + 1
+        self._across = min(across, params.blocks[0])  # blocks of the map
+        self._corner = np.array([-(self._across // 2), -(self._across // 2), bottom], dtype=np.intp)
+        blocks = np.array([2 * self._across, 2 * self._across, 2 * params.blocks[2]], dtype=np.intp)
+        self.map: VolumeTwin = make(blocks, 2 * self._corner, 0.5 * params.cell)
+        self._free = -round(0.5 * params.floor / _UNIT)
+        self._refined: dict[_Block, None] = {}  # blocks in the window in which something was freed
+        self._changed: dict[_Block, None] = {}
+
+    def center(self, x: float, y: float) -> None:
+        """Have the window about a point of the floor [m]."""
+        middle = [math.floor(at / self._params.block) - self._across // 2 for at in (x, y)]
+        if max(abs(middle[0] - self._corner[0]), abs(middle[1] - self._corner[1])) <= 1:
+            return
+        self._note()
+        self._corner = np.array([*middle, self._corner[2]], dtype=np.intp)
+        self.map.roll(2 * self._corner)
+        low, high = self._corner, self._corner + self._across
+        for key in list(self._refined):
+            if not (low[0] <= key[0] < high[0] and low[1] <= key[1] < high[1]):
+                self._changed[key] = self._refined.pop(key)
+
+    def hit(self, points: Array, weight: npt.NDArray[np.int8], come: Mask) -> None:
+        """Rays ended at points (n, 3), each with a weight (n). Where one ends in what was free, and something may have
+        ``come`` (n), nothing of the map's voxel stays free."""
+        before = np.empty(len(points), dtype=np.int8)
+        self.map.hit(points, weight, before)
+        self.forget(points[come & (weight > 0) & (before > PASSED) & (before <= self._free)])
+
+    def forget(self, points: Array) -> None:
+        """Nothing is known any more of what lies in the map's voxels of points (n, 3) [m]."""
+        cell = self._params.cell
+        at = np.unique(np.floor(points / cell).astype(np.intp), axis=0)
+        if len(at):
+            middles = np.asarray((at[:, None] + _EIGHTHS) * cell, dtype=np.float64)
+            self.map.forget(middles.reshape(-1, 3))
+
+    def free(self, points: Array) -> Mask:
+        """(n,) whether points (n, 3) [m] lie in voxels that are free."""
+        found = np.empty(len(points), dtype=np.int8)
+        self.map.look(np.ascontiguousarray(points, dtype=float), found)
+        return (found > PASSED) & (found <= self._free)
+
+    def changed(self) -> dict[_Block, None]:
+        """Blocks of the map in which something was freed, or is free no more, since this was last asked."""
+        self._note()
+        changed, self._changed = self._changed, {}
+        return changed
+
+    def _note(self) -> None:
+        for doubtful in (False, True):
+            keys = _keys(self.map.changed(doubtful).reshape(-1, 3) // 2)
+            self._changed |= keys
+            self._refined |= keys
 
 
 def filled(ranges: Image, unit: float) -> Image:

@@ -31,8 +31,8 @@ def wall(t: float, depth: float = 3.0, q=None) -> DepthImage:
 def test_what_is_in_doubt_is_blocked_and_nothing_else():
     volume = VolumeMap(BLOCKED)
     volume.add(wall(0.0), np.eye(4))
-    scene, cell = Scene(volume.in_doubt(0.0, 0.0)), BLOCKED.cell
-    axes = np.arange(-28, 28), np.arange(-28, 28), np.arange(2, 32)
+    scene, cell = Scene(volume.in_doubt(0.0, 0.0)), 0.5 * BLOCKED.cell
+    axes = np.arange(-56, 56), np.arange(-56, 56), np.arange(4, 64)
     points = (np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5) * cell
     points = points[np.hypot(points[:, 0], points[:, 1]) < BLOCKED.unseen_radius]
     points = np.random.default_rng(1).permutation(points)[:20_000]

@@ -23,6 +23,7 @@ from elastic_strips.scene import Box, Capsule, Cylinder, Scene, Sphere
 SMALL = VolumeMapParams(
     length=8.0, height=2.0, range_max=5.0, thinnest=0.055, unseen_radius=0.7
 )  # the images are coarse
+EIGHTHS = np.stack(np.meshgrid(*[(0.25, 0.75)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)  # middles, of a voxel
 LOOKS = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # of a camera that looks along x
 ROOM = Scene(
     [
@@ -243,20 +244,67 @@ def test_the_window_forgets_what_leaves_it():
     assert (volume.known(PLACES * SMALL.cell) == -1).all()
 
 
-def test_boxes_fill_the_voxels_and_do_not_overlap():
-    volume = VolumeMap(SMALL)
+@each("fine_range", [0.0, 1.5])
+def test_boxes_fill_the_voxels_and_do_not_overlap(fine_range):
+    params = replace(SMALL, fine_range=fine_range)
+    volume = VolumeMap(params)
     for T in VIEWS:
         volume.add(depth_image(ROOM, T), np.eye(4))
     low, high = (
         np.concatenate([[at + s * b.halfSide for b, at in p.boxes] for o in volume.obstacles() for p in o.parts])
         for s in (-1.0, 1.0)
     )
-    volume_of_boxes = (high - low).prod(axis=1).sum() / SMALL.cell**3
-    assert volume_of_boxes == pytest.approx(volume.counts[0])
-    full = PLACES[volume.known(PLACES * SMALL.cell) == 1] * SMALL.cell
-    inside = ((full[:, None] > low) & (full[:, None] < high)).all(axis=2).sum(axis=1)
-    assert inside.max() <= 1
-    assert inside.sum() == len(full)
+    cell = 0.5 * params.cell
+    places = ((2 * (PLACES - 0.5)[:, None] + 2.0 * EIGHTHS) * cell).reshape(-1, 3)
+    full = places[volume.known(places) == 1]
+    inside = np.array([((place > low) & (place < high)).all(axis=1).sum() for place in full])
+    assert (inside == 1).all()
+    filled_up, whole = (high - low).prod(axis=1).sum() / cell**3, 8 * volume.counts[0]
+    if fine_range:
+        assert 0.3 * whole < filled_up < whole - 10
+        assert filled_up == pytest.approx(len(full), rel=0.02)  # some were full before, and nearly are
+    else:
+        assert filled_up == pytest.approx(whole)
+
+
+def facing(volume: VolumeMap, far: float, times: int) -> None:
+    """A wall across the view, so far away, is looked at so often."""
+    T = pose(x=0.0, z=1.0)
+    T[:3, :3] = T[:3, :3] @ LOOKS
+    depth = np.full((90, 120), far, dtype=np.float32)
+    for _ in range(times):
+        volume.add(DepthImage("eye", 0.0, T, depth, (104.0, 104.0), (59.5, 44.5), 0.1, 5.0), np.eye(4))
+
+
+EXACT = replace(SMALL, noise=0.0, noise_growth=0.0, bias=1e-3)
+BEHIND = np.array([[1.2375, 0.05 * k + 0.0125, 1.0125] for k in range(-3, 4)])  # in the voxels of a wall at 1.21 m
+
+
+@each("fine_range, found", [(0.0, 1), (1.5, 1)])
+def test_what_has_come_takes_all_of_its_voxels(fine_range, found):
+    """Not only the half of them in which rays ended, though the other half was free before."""
+    volume = VolumeMap(replace(EXACT, fine_range=fine_range))
+    facing(volume, 2.0, 3)
+    assert (volume.known(BEHIND) == 0).all()
+    facing(volume, 1.21, 1)
+    assert (volume.known(BEHIND) == found).all()
+
+
+def test_near_by_half_of_a_voxel_is_free_where_the_rest_is_not():
+    before = BEHIND - (0.025, 0.0, 0.0)
+    for fine_range, free in ((0.0, False), (1.5, True)):
+        volume = VolumeMap(replace(EXACT, fine_range=fine_range))
+        facing(volume, 1.24, 3)
+        assert (volume.known(BEHIND) == 1).all()
+        assert ((volume.known(before) == 0) == free).all()
+    occupied = boxes_volume(volume)
+    volume.center(4.4, 0.0)  # it is out of the window of finer voxels, and as it was without those
+    assert boxes_volume(volume) > 1.2 * occupied
+    assert (volume.known(before) == 1).all()
+
+
+def boxes_volume(volume: VolumeMap) -> float:
+    return sum(8.0 * float(b.halfSide.prod()) for o in volume.obstacles() for p in o.parts for b, _ in p.boxes)
 
 
 def holed(*lost: tuple[slice | int, ...], far: float = 2.0) -> np.ndarray:
