@@ -180,8 +180,9 @@ class VolumeMap:
         self._fine: _FineVoxels | None = None
         if p.fine_range:
             self._fine = _FineVoxels(p, int(self._corner[2]), lambda *given: make(*given, *units))
-        self._made: dict[_Block, Obstacle | None] = {}  # None: of its voxels nothing is left
-        self._doubtful: dict[_Block, Obstacle | None] = {}  # within the radius
+        self._made: dict[_Block, _Made] = {}
+        self._doubtful: dict[_Block, _Made] = {}  # within the radius
+        self._doubts: set[_Block] = set()  # of these those in which something has changed
         self._finer: dict[_Block, None] = {}  # blocks in which finer voxels have changed
 
     def center(self, x: float, y: float) -> None:
@@ -299,10 +300,12 @@ class VolumeMap:
                 if math.hypot(*off) > reach:
                     continue
                 for k in range(first, top):
-                    key = (i, j, k)
-                    made = before[key] if key in before else self._obstacle(np.array(key, dtype=np.intp), doubtful=True)
+                    key, made = (i, j, k), before.get((i, j, k))
+                    if made is None or key in self._doubts:
+                        made = self._obstacle(np.array(key, dtype=np.intp), made, doubtful=True)
                     self._doubtful[key] = made
-        return [made for made in self._doubtful.values() if made is not None]
+        self._doubts.clear()  # those that are not within the radius are made when they are
+        return [made.obstacle for made in self._doubtful.values() if made.obstacle is not None]
 
     def obstacles(self) -> list[Obstacle]:
         """What stands, one obstacle a block; blocks in which nothing changed are the same objects as before."""
@@ -311,41 +314,52 @@ class VolumeMap:
         self._finer.clear()
         for key in changed:
             block = np.array(key, dtype=np.intp)
-            made = self._obstacle(block)
-            if made is None and not len(self._map.boxes(block, False)):
+            made = self._obstacle(block, self._made.get(key))
+            if made.obstacle is None and not len(self._map.boxes(block, False)):
                 self._made.pop(key, None)
             else:
                 self._made[key] = made
-        return [made for made in self._made.values() if made is not None]
+        return [made.obstacle for made in self._made.values() if made.obstacle is not None]
 
     def _forget_doubts(self) -> None:
         finer = {} if self._fine is None else self._fine.changed()
         self._finer |= finer
-        for key in _keys(self._map.changed(True)) | finer:
-            self._doubtful.pop(key, None)
+        self._doubts.update(_keys(self._map.changed(True)), finer)
 
-    def _obstacle(self, block: Indices, *, doubtful: bool = False) -> Obstacle | None:
+    def _obstacle(self, block: Indices, before: _Made | None, *, doubtful: bool = False) -> _Made:
+        """What a block consists of now; the same object as before where that is the same."""
         cell = self.params.cell
         if self._fine is None:
             boxes = self._map.boxes(block, doubtful).reshape(-1, 6)
         else:
             cell *= 0.5
             boxes = self._map.finer_boxes(block, doubtful, self._fine.map).reshape(-1, 6)
+        given = boxes.tobytes()
+        if before is not None and before.boxes == given:
+            return before
         count_work(obstacles=_OBSTACLES_A_BLOCK)
         if doubtful:
             lowest = math.ceil(self.params.low / cell - 1e-9)
             boxes = boxes[boxes[:, 5] > lowest]
             boxes[:, 2] = np.maximum(boxes[:, 2], lowest)
         if not len(boxes):
-            return None
+            return _Made(given, None)
         i, j, k = block.tolist()
         name = f"{UNSEEN_LAYER if doubtful else self.name}-{i}-{j}-{k}"
-        return Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], cell, name)
+        return _Made(given, Voxels.of_boxes(boxes[:, :3], boxes[:, 3:], cell, name))
 
     @property
     def counts(self) -> tuple[int, int]:
         """How many voxels are obstacles, and how many were never seen."""
         return self._map.count(False), self._map.count(True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Made:
+    """The obstacle of a block, None where it has none, and the boxes that it was made of, as bytes."""
+
+    boxes: bytes
+    obstacle: Obstacle | None
 
 
 def _keys(blocks: Indices) -> dict[_Block, None]:
