@@ -423,10 +423,12 @@ class LocalPlanner:
         """
         if not self._surprised(active, scene):
             return ""
-        outlook = self._as_proven(active, self._outlook(scene))
-        certificate = self.timer.certify(active.tail(begin), outlook)
+        left = scene
+        if self._proof is not None and self._proof[0] is active:  # what stands as it stood is proven already
+            left = self._proof[1].uncovered(scene)
+        certificate = self.timer.certify(active.tail(begin), self._as_proven(active, self._outlook(left)))
         if certificate.certified:
-            self._proof = active, outlook
+            self._proof = active, self._as_proven(active, self._outlook(scene))
             return ""
         self._proof = None
         return f"the held motion is no longer certified: {certificate.broken}"

@@ -75,6 +75,13 @@ class Outlook:
         """Whether a later scene is one of those that this outlook allowed for, so that its certificates still hold."""
         return as_expected(scene, self.scene, self.possible, self.assumptions)
 
+    def uncovered(self, scene: Scene) -> Scene:
+        """What of a later scene a certificate that was made with this outlook says nothing of: all that moves, and what
+        stands and is another object than any that stood in this outlook's scene."""
+        known = set(map(id, self.scene.obstacles))
+        left = [o for o in scene.obstacles if o.motion is not None or id(o) not in known]
+        return scene if len(left) == len(scene) else Scene(left, time=scene.stamp)
+
 
 def as_expected(scene: Scene, before: Scene, forecast: Forecast, assumptions: ObstacleAssumptions) -> bool:
     """Whether a scene is within the forecast of an earlier one, so that certificates made then still hold.

@@ -146,10 +146,10 @@ class Vantage:
         executor, stands = self._executor, self._executor.at_rest(t)
         if self._motion is not None and not stands:
             if executor.active is self._motion:
-                certificate = self._planner.certify(executor.active.tail(begin), scene)
-                if not certificate.certified:
+                refuted = self._planner.refuted(executor.active, scene, begin)
+                if refuted:
                     self._braked = True
-                    executor.brake(f"the way to the place from which it was to look is not free: {certificate.broken}")
+                    executor.brake(f"on the way to the place from which it was to look {refuted}")
             return True
         if self._motion is not None:
             self._came = t if self._came == -np.inf else self._came

@@ -321,6 +321,41 @@ def test_a_motion_that_was_proved_is_not_given_up_while_all_is_as_expected(silve
     assert refuted.outcome is PlanOutcome.BRAKE
 
 
+def test_a_held_motion_is_proven_again_among_what_is_new_or_moves(silvermate, monkeypatch, rng):
+    """What stands as it stood is left out, and the verdict is that of a certificate among everything."""
+    posts = [Box((0.1, 0.1, 1.0), at=(x, y, 0.5), name=f"{x}{y}") for x in range(6) for y in (-3.0, 3.0)]
+    ride = Ride(silvermate, Scene([*posts, PILLAR, WALKER]))
+    for _ in range(9):
+        ride.tick()
+    planner, known, ahead = ride.planner, [*posts, PILLAR], float(ride.active.coordinates[-1, 0])
+    certify, asked, verdicts, begin = planner.timer.certifier.certify, [], [], ride.time + 0.02
+
+    def counted(motion, scene, *args, **kwargs):
+        asked.append(len(scene))
+        return certify(motion, scene, *args, **kwargs)
+
+    def refuted(scene: Scene) -> bool:
+        asked.clear()
+        monkeypatch.setattr(planner.timer.certifier, "certify", counted)
+        reason = planner.refuted(ride.active, scene, begin)
+        monkeypatch.setattr(planner.timer.certifier, "certify", certify)
+        assert bool(reason) is not planner.certify(ride.active.tail(begin), scene).certified
+        return bool(reason)
+
+    walker = ride.scene.at(ride.time).obstacle("walker")
+    for k in range(30):
+        place = rng.uniform((ahead, -1.2), (ahead + 1.5, 1.2))
+        new = Box((0.1, 0.1, 1.0), at=(*place, 0.5), name=f"new-{k % 3}")
+        before, known = known, [*(o for o in known if o.name != new.name), new]
+        verdicts.append(refuted(Scene([*known, walker], time=ride.time)))
+        assert asked == [2], "the new one, and who walks"
+        if verdicts[-1]:
+            known = [o for o in before if o.name != new.name]
+            assert not refuted(Scene([*known, walker], time=ride.time))
+            assert asked == [len(known) + 1], "there was no proof any more: everything"
+    assert {True, False} == set(verdicts)
+
+
 def test_what_cannot_stop_in_time_is_not_tried_at_lower_speeds(silvermate, monkeypatch):
     """The same velocity at the start has to be braked on the same path."""
     ride = Ride(silvermate, Scene([PILLAR]))
