@@ -127,6 +127,12 @@ def path_rows(robot: RobotModel, path: PathLike) -> PathRows:
             raise ConfigurationError(f"path{bad[0].tolist()} = {array[tuple(bad[0])]} is not finite")
         rows = array
     else:
+        if array.shape[1] != robot.nq:
+            also = f"; or (N, {robot.nq}), as Pinocchio has them, with cosine and sine of what turns"
+            raise ConfigurationError(
+                f"path has shape {array.shape}; {robot.name!r} wants (N, {robot.nv}): "
+                f"{', '.join(column_names(robot))}{also if robot.nq != robot.nv else ''}"
+            )
         robot.check_q(array, what="path", limits=False)
         rows = space.to_coordinates(array)
         rows[:, turning] = np.unwrap(rows[:, turning], axis=0)

@@ -90,6 +90,9 @@ class RunState(IntEnum):
         """Name in documents and records."""
         return "slowing" if self is RunState.BRAKING else self.name.lower()
 
+    def __str__(self) -> str:
+        return self.label
+
 
 @dataclass(frozen=True, slots=True)
 class Event:

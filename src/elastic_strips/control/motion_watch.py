@@ -184,7 +184,7 @@ class MotionWatch:
                 found.append(
                     f"obstacle {name!r} is {1e3 * far:.0f} mm from where it {_said(scene.obstacles[k])}, after "
                     f"{span[k]:.2f} s, for which {1e3 * allowed[k]:.0f} mm are assumed; its motion now counts as "
-                    f"unknown, with up to {bound:.1f} m/s"
+                    f"unknown, with up to {bound:.1f} m/s{_perhaps(scene.obstacles[k], off[k, 0], float(span[k]))}"
                 )
         self._suspects = suspects
         return tuple(found)
@@ -251,3 +251,13 @@ def _said(obstacle: Obstacle) -> str:
     if isinstance(obstacle.motion, UnknownMotion):
         return f"was, although it is said to have at most {obstacle.motion.max_speed:.1f} m/s"
     return f"would be at its stated {float(np.linalg.norm(obstacle.velocity()[0])):.2f} m/s"
+
+
+def _perhaps(obstacle: Obstacle, off: Array, span: float) -> str:
+    """What the caller may have got wrong, where an obstacle moves twice as fast as it is said to: off (3,) [m] within a
+    time [s]; empty where it does not."""
+    expected = span * obstacle.velocity()[0]
+    far = float(np.linalg.norm(expected))
+    if isinstance(obstacle.motion, UnknownMotion) or float(np.linalg.norm(off - expected)) > 0.25 * far or far == 0.0:
+        return ""
+    return ". It moves twice as fast as it is said to: at= is where it is at time=, which is 0 where it is not given"

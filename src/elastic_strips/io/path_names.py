@@ -5,6 +5,7 @@ Names are taken apart into words; which words are those of bases, of others, of 
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Collection
 
@@ -19,6 +20,8 @@ TIMES = (
 _CLOCKS = ("nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds")
 _OF_CLOCKS = {"header", "ros", "sim", "wall", "stamp", "time", "log", "recording", "rec", "elapsed", "unix", "field"}
 MAX_NAME = 300  # characters
+_MISSPELT = 0.85  # share of letters that a name and what it may mean have in common, as difflib counts
+_NUMBERS = re.compile(r"\d+")
 _COORDINATES = {
     **dict.fromkeys(("x", "px", "tx"), 0), **dict.fromkeys(("y", "py", "ty"), 1),
     **dict.fromkeys(("yaw", "theta", "heading", "th", "t", "phi", "psi", "rz", "orientation"), 2),
@@ -105,11 +108,12 @@ def quaternion_part(name: str) -> tuple[str, str] | None:
 
 
 def namesake(name: str, joints: Collection[str]) -> str:
-    """The joint that a name may mean which is not quite its own: in another namespace, other letters, with a word more.
+    """The joint that a name may mean which is not quite its own: in another namespace, other letters, with a word more,
+    or misspelt.
 
     Empty where there is none.
     """
-    words = words_of(name)
+    words, numbers = words_of(name), _NUMBERS.findall(name)
     best = ""
     for joint in joints:
         own = words_of(joint)
@@ -117,7 +121,11 @@ def namesake(name: str, joints: Collection[str]) -> str:
         ending = len(words) < len(own) and own[-len(words) :] == words
         if words and own and (within or ending) and len(joint) > len(best):
             best = joint
-    return best
+    if best:
+        return best
+    alike = {joint.lower(): joint for joint in joints if _NUMBERS.findall(joint) == numbers}  # joint_1 is not joint_2
+    found = difflib.get_close_matches(name.lower(), alike, n=1, cutoff=_MISSPELT)
+    return alike[found[0]] if found else ""
 
 
 def of_robot(name: str, robot: RobotModel) -> bool:

@@ -44,6 +44,8 @@ class Obstacle:
         quat: Its unit quaternion (x, y, z, w), world frame.
         name: Unique in a scene, which names obstacles that have no name.
         motion: How it moves; None where it does not.
+        time: Time [s] at which it is at ``at``, where it moves: for what is measured, that at which it was seen. A
+            scene takes it on from there to its own time.
 
     Attributes:
         name: Name, or None as long as no scene has named it.
@@ -52,7 +54,7 @@ class Obstacle:
         motion: How the obstacle moves; None if it does not.
         time: Time [s] that `pose` belongs to.
         anchor: Pose (4, 4) at `anchor_time`, from which `motion` starts.
-        anchor_time: Time [s]; 0 unless the obstacle was `moved` at another time.
+        anchor_time: Time [s]; 0 unless another ``time`` was given, or the obstacle was `moved` at one.
         solid: Parts and bounds in the obstacle's frame, shared by all copies.
         spec: Parameters of the shape, such as {"radius": 0.2}; not to be changed.
     """
@@ -79,13 +81,18 @@ class Obstacle:
         quat: ArrayLike,
         name: str | None,
         motion: Motion | None,
+        time: float,
     ) -> None:
-        anchor = pose_of(at, quat)
+        anchor, time = pose_of(at, quat), check_time("time", time)
         _put(self, shape=shape, spec=spec, solid=solid, name=check_name(name), motion=check_motion(motion))
+        if motion is None:
+            time = 0.0  # of no time in particular
+        elif time != 0.0 and not motion.relative:
+            raise SceneError(f"time is {time:g} s, but a motion by {type(motion).__name__} has times of its own")
         pose = _pose_at(motion, anchor, 0.0)
         if motion is not None and not motion.relative:
             _check_agreement(anchor, pose)
-        _put(self, pose=pose, time=0.0, anchor=anchor, anchor_time=0.0, _named=None)
+        _put(self, pose=pose, time=time, anchor=anchor, anchor_time=time, _named=None)
 
     def _copy(self: _Self, **changes: object) -> _Self:
         new = object.__new__(type(self))
@@ -188,7 +195,7 @@ class Box(Obstacle):
 
     Args:
         size: Full lengths (3,) along its x, y, z axes [m].
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
 
     Examples:
         >>> shelf = es.Box((0.6, 0.3, 1.4), at=(1.5, 0.1, 0.7), name="shelf")
@@ -206,11 +213,12 @@ class Box(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> None:
         lengths = check_sizes("Box size", size, 3)
         half = 0.5 * lengths
         solid = primitive(coal.Box(*lengths.tolist()), half, float(np.linalg.norm(half)))
-        self._fill("box", {"size": lengths}, solid, at, quat, name, motion)
+        self._fill("box", {"size": lengths}, solid, at, quat, name, motion, time)
 
 
 class Sphere(Obstacle):
@@ -218,7 +226,7 @@ class Sphere(Obstacle):
 
     Args:
         radius: Radius [m].
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
 
     Examples:
         >>> lamp = es.Sphere(0.25, at=(2.4, 0.8, 1.0), name="lamp")
@@ -235,9 +243,10 @@ class Sphere(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> None:
         r = check_length("Sphere radius", radius)
-        self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion)
+        self._fill("sphere", {"radius": r}, primitive(coal.Sphere(r), (r, r, r), r), at, quat, name, motion, time)
 
 
 class _Round(Obstacle):
@@ -257,12 +266,13 @@ class _Round(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> None:
         kind = self._form.__name__
         r, z = check_length(f"{kind} radius", radius), check_length(f"{kind} length", length)
         half = 0.5 * z + r if self._caps else 0.5 * z
         solid = primitive(self._form(r, z), (r, r, half), half if self._caps else math.hypot(r, half))
-        self._fill(kind.lower(), {"radius": r, "length": z}, solid, at, quat, name, motion)
+        self._fill(kind.lower(), {"radius": r, "length": z}, solid, at, quat, name, motion, time)
 
 
 class Cylinder(_Round):
@@ -271,7 +281,7 @@ class Cylinder(_Round):
     Args:
         radius: Radius [m].
         length: Full length along z [m].
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
 
     Examples:
         >>> pillar = es.Cylinder(0.15, 2.0, at=(1.0, 0.5, 1.0), name="pillar")  # it stands on the floor
@@ -287,7 +297,7 @@ class Capsule(_Round):
     Args:
         radius: Radius [m].
         length: Length [m] of the cylindrical part along z, without the two half spheres.
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
 
     Examples:
         >>> person = es.Capsule(0.25, 1.2, at=(2.0, -2.0, 0.85), name="person")  # 1.7 m high in all
@@ -304,7 +314,7 @@ class Cone(_Round):
     Args:
         radius: Radius of the base [m].
         length: Height [m].
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
     """
 
     __slots__ = ()
@@ -316,7 +326,7 @@ class ConvexHull(Obstacle):
 
     Args:
         vertices: Points (V, 3) [m] in the obstacle's frame, at least four, not in one plane.
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
     """
 
     __slots__ = ()
@@ -330,10 +340,11 @@ class ConvexHull(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> None:
         points = check_points("ConvexHull vertices", vertices, (None, 3))
         solid = Solid([hull_part(points, "ConvexHull vertices")])
-        self._fill("convex", {"vertices": points}, solid, at, quat, name, motion)
+        self._fill("convex", {"vertices": points}, solid, at, quat, name, motion, time)
 
 
 class Mesh(Obstacle):
@@ -342,7 +353,7 @@ class Mesh(Obstacle):
     Args:
         vertices: Vertices (V, 3) [m] in the obstacle's frame.
         faces: Triangles (F, 3), indices of vertices.
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
 
     Examples:
         >>> corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
@@ -361,6 +372,7 @@ class Mesh(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> None:
         points = check_points("Mesh vertices", vertices, (None, 3))
         raw = check_points("Mesh faces", faces, (None, 3), limit=float(2**31))
@@ -373,7 +385,7 @@ class Mesh(Obstacle):
         triangles.flags.writeable = False
         solid = Solid([hull_part(piece, "Mesh piece") for piece in convex_pieces(points, triangles)])
         spec = {"vertices": points, "faces": triangles}
-        self._fill("mesh", spec, solid, at, quat, name, motion)
+        self._fill("mesh", spec, solid, at, quat, name, motion, time)
 
     @classmethod
     def from_file(
@@ -385,13 +397,14 @@ class Mesh(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> Mesh:
         """Read an STL, OBJ, PLY or DAE file.
 
         Args:
             path: The file.
             scale: Its numbers times this are metres.
-            at, quat, name, motion: See `Obstacle`.
+            at, quat, name, motion, time: See `Obstacle`.
 
         Raises:
             SceneError: The file is missing, unreadable, empty, corrupt or of another kind.
@@ -399,7 +412,7 @@ class Mesh(Obstacle):
         factor = check_number("Mesh scale", scale, low=1e-9, high=1e9, error=SceneError)
         vertices, faces = load_mesh(Path(path))
         try:
-            mesh = cls(vertices * factor, faces, at=at, quat=quat, name=name, motion=motion)
+            mesh = cls(vertices * factor, faces, at=at, quat=quat, name=name, motion=motion, time=time)
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from None
         mesh.spec.update(path=str(path), scale=factor)
@@ -412,7 +425,7 @@ class Voxels(Obstacle):
     Args:
         centers: Centres of the voxels (V, 3) [m] in the obstacle's frame.
         size: Edge of a voxel [m], or its lengths (3,) along x, y, z.
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
     """
 
     __slots__ = ()
@@ -427,12 +440,13 @@ class Voxels(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> None:
         points = check_points("Voxels centers", centers, (None, 3))
         edges = check_sizes("Voxels size", size, 3) if np.ndim(size) else np.full(3, check_length("Voxels size", size))
         edges.flags.writeable = False
         spec = {"centers": points, "size": edges}
-        self._fill("voxels", spec, cluster_solid(points, edges), at, quat, name, motion)
+        self._fill("voxels", spec, cluster_solid(points, edges), at, quat, name, motion, time)
 
     @classmethod
     def of_boxes(cls, low: Indices, high: Indices, cell: float, name: str) -> Voxels:
@@ -453,7 +467,7 @@ class Voxels(Obstacle):
         made = cls.__new__(cls)
         solid = boxes_solid(cell * low.astype(float), cell * high.astype(float))
         made._fill(
-            "voxels", {"centers": centers, "size": edges}, solid, np.zeros(3), np.array([0.0, 0, 0, 1]), name, None
+            "voxels", {"centers": centers, "size": edges}, solid, np.zeros(3), np.array([0.0, 0, 0, 1]), name, None, 0.0
         )
         return made
 
@@ -464,7 +478,7 @@ class Points(Obstacle):
     Args:
         points: Points (V, 3) [m] in the obstacle's frame.
         radius: Half the edge of a point's box [m].
-        at, quat, name, motion: See `Obstacle`.
+        at, quat, name, motion, time: See `Obstacle`.
     """
 
     __slots__ = ()
@@ -479,11 +493,12 @@ class Points(Obstacle):
         quat: ArrayLike = (0.0, 0.0, 0.0, 1.0),
         name: str | None = None,
         motion: Motion | None = None,
+        time: float = 0.0,
     ) -> None:
         cloud = check_points("Points points", points, (None, 3))
         r = check_length("Points radius", radius)
         solid = cluster_solid(cloud, np.full(3, 2.0 * r))
-        self._fill("points", {"points": cloud, "radius": r}, solid, at, quat, name, motion)
+        self._fill("points", {"points": cloud, "radius": r}, solid, at, quat, name, motion, time)
 
 
 def check_name(value: object) -> str | None:

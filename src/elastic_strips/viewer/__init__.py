@@ -9,16 +9,18 @@ if TYPE_CHECKING:
     from .drag import Drag
     from .dragged_goal import DraggedGoal
     from .live import LiveStrip
+    from .path_report import PathReport
     from .sensed import Seen
     from .viewer import Viewer
 
-__all__ = ["Browser", "BrowserError", "Drag", "DraggedGoal", "LiveStrip", "Seen", "Viewer"]
+__all__ = ["Browser", "BrowserError", "Drag", "DraggedGoal", "LiveStrip", "PathReport", "Seen", "Viewer"]
 
 _MODULES = {  # pictures of what stands need no planner
     "browser": ("Browser", "BrowserError"),
     "drag": ("Drag",),
     "dragged_goal": ("DraggedGoal",),
     "live": ("LiveStrip",),
+    "path_report": ("PathReport",),
     "sensed": ("Seen",),
     "viewer": ("Viewer",),
 }

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_strips.arrays import Array, ArrayLike, Document, Indices
+from elastic_strips.collision import PathCertificate
 from elastic_strips.control.record import Record
 from elastic_strips.errors import InputError, RobotError, SceneError
 from elastic_strips.robot import RobotModel
@@ -106,6 +107,8 @@ def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: 
     check_type("robot", robot, RobotModel, RobotError)
     check_type("scene", scene, Scene, SceneError)
     check_number("duration", duration, above=0.0, high=3600.0, unit="s")
+    if isinstance(subject, PathCertificate):
+        raise InputError("a certificate of a path has no path: show viewer.PathReport.of(robot, path, certificate)")
     if isinstance(subject, np.ndarray) or hasattr(subject, "q") or hasattr(subject, "strip"):
         subject = [subject]
     if not isinstance(subject, Iterable) or isinstance(subject, (str, bytes)):

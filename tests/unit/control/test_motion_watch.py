@@ -36,6 +36,24 @@ def mover(velocity, told: Motion | None, *, stops: float = np.inf) -> Seen:
     return lambda t: [Cylinder(0.3, 1.6, at=np.array([0.0, 0.0, 0.8]) + way * min(t, stops), name="mover", motion=told)]
 
 
+@each("told, hinted", [(True, False), (False, True)])
+def test_a_place_that_is_taken_on_twice_is_hinted_at(told, hinted):
+    """A scene takes obstacles on from the time at which they are said to have been where they are."""
+
+    def walker(t: float) -> list[Obstacle]:
+        pose = {"at": (0.8 * t - 2.0, 0.0, 0.8), "motion": Twist((0.8, 0.0, 0.0)), "name": "walker"}
+        return [Cylinder(0.3, 1.6, **pose, **({"time": t} if told else {}))]
+
+    watcher, said = MotionWatch(MonitorParams(), ASSUMED), []
+    for k in range(40):
+        scene = Scene([*ROOM, *walker(k * DT)], time=k * DT)
+        said += watcher.checked(k * DT, scene)[1]
+    assert bool(said) is hinted
+    assert all("time=" in reason for reason in said)
+    wrong, _, _ = watch(mover((0.8, 0.0), Twist((0.3, 0.0, 0.0))))
+    assert not any("time=" in reason for _, reason in wrong)
+
+
 @each(
     "velocity, told",
     [

@@ -284,6 +284,22 @@ def test_a_column_that_nobody_knows(cart, tmp_path, names):
     assert load_path(table(tmp_path, names, "0,0,0,1", "1,0,0,2"), cart, ignore=[names.split(",")[3]]).doubts == ()
 
 
+@each("name", ["sholder", "shouldr", "Tursntable", "turntabel"])
+def test_a_misspelt_joint_is_told_which_it_may_be(cart, tmp_path, name):
+    """It stands at home instead, so what is certified would be another path."""
+    path = load_path(table(tmp_path, f"x,y,yaw,{name}", "0,0,0,0.5", "1,0,0,0.5"), cart)
+    assert len(path.doubts) == 1
+    assert any(joint in path.doubts[0] for joint in ("shoulder", "turntable"))
+    assert verdict(cart, path) is Verdict.UNKNOWN
+
+
+def test_other_numbers_are_other_joints(panda, tmp_path):
+    """A column of an eighth joint is no misspelt seventh."""
+    names = ",".join([*ARM[:6], "panda_joint8"])
+    path = load_path(table(tmp_path, names, ",".join(map(str, HOME)), ",".join(map(str, HOME))), panda)
+    assert path.doubts == ()
+
+
 def test_what_is_ignored_has_to_be_there(cart, tmp_path):
     with refused(ConfigurationError, "mats"):
         load_path(table(tmp_path, "x,y,yaw,mast", "0,0,0,1", "1,0,0,2"), cart, ignore=["mats"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cases import each, refused
 
-from elastic_strips.errors import SceneError
+from elastic_strips.errors import InputError, SceneError
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cone, ConvexHull, Keyframes, Points, Scene, Sphere, Twist, Voxels
 
 
@@ -287,3 +287,19 @@ def test_what_was_seen_has_the_same_parts_as_if_it_were_alone(unseen):
     for name in ("obstacle_index", "offsets", "rotation", "translation", "center", "half_extents", "radius"):
         np.testing.assert_array_equal(getattr(seen.table, name), getattr(alone.table, name))
     assert seen.table.parts == alone.table.parts
+
+
+def test_an_obstacle_is_where_it_was_seen_at_the_time_at_which_it_was():
+    walk = Twist((0.5, 0.0, 0.0), (0.0, 0.0, 0.2))
+    seen = Box((0.4, 0.4, 1.0), at=(2.0, 1.0, 0.5), name="cart", motion=walk, time=10.0)
+    np.testing.assert_array_equal(Scene([seen], time=10.0).obstacle("cart").pose, seen.pose)
+    later = Scene([seen], time=12.0).obstacle("cart")
+    np.testing.assert_allclose(later.pose[:3, 3], (3.0, 1.0, 0.5))
+    of_old = Box((0.4, 0.4, 1.0), at=(2.0, 1.0, 0.5), name="cart", motion=walk)
+    np.testing.assert_allclose(Scene([seen], time=12.0).obstacle("cart").pose, of_old.at(2.0).pose, atol=1e-12)
+    copy = pickle.loads(pickle.dumps(seen))
+    np.testing.assert_allclose(copy.at(11.0).pose, seen.at(11.0).pose)
+    with pytest.raises(SceneError):
+        Box((0.4, 0.4, 1.0), name="cart", motion=Keyframes((0.0, 1.0), ((0.0, 0.0, 0.5), (1.0, 0.0, 0.5))), time=3.0)
+    with pytest.raises(InputError):
+        Box((0.4, 0.4, 1.0), name="cart", motion=walk, time=float("nan"))
