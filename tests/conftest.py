@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import gc
 import os
+import pickle
 import random
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,6 +91,12 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 def pytest_sessionfinish(session: pytest.Session) -> None:
     if session.config.getoption("write_slow") and not hasattr(session.config, "workerinput"):
         marks.measured(_took)
+
+
+@pytest.fixture(scope="session")
+def brief(request: pytest.FixtureRequest) -> bool:
+    """Whether a test takes fewer samples, as many as show the same: ``scripts/test`` without ``--all``."""
+    return bool(request.config.getoption("brief"))
 
 
 @pytest.fixture(autouse=True)
@@ -174,25 +182,42 @@ COLUMN = """<robot name="column">
 
 
 @pytest.fixture(scope="session")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., RobotModel]:
+    """Robots that take seconds to load: the first worker of several that needs one leaves it to the others, pickled."""
+    several = "PYTEST_XDIST_WORKER" in os.environ
+    folder = tmp_path_factory.getbasetemp().parent if several else tmp_path_factory.mktemp("robots")
+
+    def load(label: str, name: str, **options: Any) -> RobotModel:
+        file = folder / f"{label}.robot"
+        if not file.exists():
+            mine = file.with_suffix(f".{os.getpid()}")
+            mine.write_bytes(pickle.dumps(load_robot(name, **options)))
+            mine.replace(file)
+        return pickle.loads(file.read_bytes())
+
+    return load
+
+
+@pytest.fixture(scope="session")
 def silvermate() -> RobotModel:
     return load_robot("silvermate")
 
 
 @pytest.fixture(scope="session")
-def tiago() -> RobotModel:
-    return load_robot("tiago")
+def tiago(shared: Callable[..., RobotModel]) -> RobotModel:
+    return shared("tiago", "tiago")
 
 
 @pytest.fixture(scope="session")
-def tiago_omni() -> RobotModel:
+def tiago_omni(shared: Callable[..., RobotModel]) -> RobotModel:
     """Its arm lies tucked at its body."""
-    return load_robot("tiago", base="omni")
+    return shared("tiago_omni", "tiago", base="omni")
 
 
 @pytest.fixture(scope="session")
-def looking_tiago() -> RobotModel:
+def looking_tiago(shared: Callable[..., RobotModel]) -> RobotModel:
     """Its head looks."""
-    return load_robot("tiago", looking=["head_1_joint", "head_2_joint"])
+    return shared("looking_tiago", "tiago", looking=["head_1_joint", "head_2_joint"])
 
 
 @pytest.fixture(scope="session")

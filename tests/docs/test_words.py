@@ -54,10 +54,12 @@ def odd_forms(text: str) -> list[str]:
 
 def texts_of(path: Path) -> list[tuple[int, str]]:
     """Line and text of every string of a Python file, formatted ones with their braces; docstrings, too."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    inner = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    nodes = [
+        n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if type(n) in (ast.Constant, ast.JoinedStr)
+    ]
+    inner = {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
     found = []
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inner:
             found.append((node.lineno, node.value))
         elif isinstance(node, ast.JoinedStr):

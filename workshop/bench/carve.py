@@ -65,8 +65,13 @@ def surface_voxels(pieces: Iterable[Array], cell: float) -> Array:
         of = np.repeat(np.arange(len(a)), np.ceil(area * _DENSITY).astype(int))
         u, v = rng.random((2, len(of), 1))
         u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
-        found.append(np.unique(np.floor((a[of] + u * (b - a)[of] + v * (c - a)[of]) / cell), axis=0))
-    return (np.unique(np.concatenate(found), axis=0) + 0.5) * cell
+        found.append(_each_once(np.floor((a[of] + u * (b - a)[of] + v * (c - a)[of]) / cell)))
+    return (_each_once(np.concatenate(found)) + 0.5) * cell
+
+
+def _each_once(cells: Array) -> Array:
+    """Voxels (n, 3) without repetitions."""
+    return cells[np.unique(cells @ _KEYS, return_index=True)[1]]
 
 
 @dataclass(frozen=True, slots=True)

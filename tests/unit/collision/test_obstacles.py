@@ -145,16 +145,16 @@ def test_far_parts_of_long_segments_are_not_forgotten(silvermate, monkeypatch):
     assert 2 < certified < 15
 
 
-@each("seed", range(3))
 @each_robot
-def test_equals_brute_force_on_every_shape(robot, seed):
-    rng = np.random.default_rng(seed)
-    bench = start(robot, rng, nodes=6)
-    assert {o.shape for o in bench.scene} == set(SHAPES)
-    assert bench.check() > 25
-    contacts = bench.proximity.contacts()
-    assert (contacts.distance < 0).any()
-    assert (contacts.distance > 0).any()
+def test_equals_brute_force_on_every_shape(robot, brief):
+    for seed in range(1 if brief else 3):
+        rng = np.random.default_rng(seed)
+        bench = start(robot, rng, nodes=6)
+        assert {o.shape for o in bench.scene} == set(SHAPES)
+        assert bench.check() > 25
+        contacts = bench.proximity.contacts()
+        assert (contacts.distance < 0).any()
+        assert (contacts.distance > 0).any()
 
 
 def test_every_shape_is_met_separated_and_penetrating(silvermate):

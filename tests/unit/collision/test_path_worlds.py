@@ -112,8 +112,10 @@ def test_what_moves_and_appears_does_both(robot):
     assert certify(robot, gone, q, times=times).certified
 
 
-@each(("speed", "y", "free"), [(0.1, 1.2, True), (0.4, 1.2, False), (0.02, 0.0, False)])
-@each("kind", [World, Scene])
+@each(
+    ("speed", "y", "free", "kind"),
+    [(*row, kind) for row in [(0.1, 1.2, True), (0.4, 1.2, False), (0.02, 0.0, False)] for kind in (World, Scene)],
+)
 def test_unknown_motion_may_have_gone_anywhere(robot, speed, y, free, kind):
     scene = Scene([_crate(2.0, y, UnknownMotion(speed))])
     world = World(scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 import json
 import subprocess
 import sys
@@ -39,8 +40,7 @@ def _scene(rng: np.random.Generator) -> Scene:
     return Scene([kind(rng.uniform((-1.5, -1.5, 0.0), (1.5, 1.5, 1.2))) for kind in kinds])
 
 
-@each("name", ["gantry", "rover", "silvermate"])
-@each("seed", range(5))
+@each("name, seed", list(itertools.product(["gantry", "rover", "silvermate"], range(5))))
 def test_a_certified_path_has_a_proof_and_no_other_one_has(name, seed, request):
     robot, rng = request.getfixturevalue(name), np.random.default_rng(seed)
     proven = 0

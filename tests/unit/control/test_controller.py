@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 from concurrent.futures import Future
 from dataclasses import replace
 
@@ -353,8 +354,7 @@ def test_a_stop_can_be_taken_back(silvermate):
     assert controller.state is RunState.REACHED
 
 
-@each("unstamped", [True, False])
-@each("rate", [20.0, 50.0, 100.0, 200.0])
+@each("rate, unstamped", list(itertools.product([20.0, 50.0, 100.0, 200.0], [True, False])))
 def test_a_loop_at_any_rate_with_a_map_that_never_changes(silvermate, rate, unstamped):
     """The period is measured; a map needs no time, whether it is handed over at every step or only once."""
     controller = Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]))

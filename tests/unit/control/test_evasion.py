@@ -328,7 +328,7 @@ def test_it_evades_unless_told_otherwise():
 def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
     """It waits before a closed gate, and a cylinder comes along the gate."""
     gate = Box((0.2, 30.0, 1.0), at=(3.0, 0.0, 0.5), name="gate")
-    comer = Cylinder(0.4, 1.0, at=(2.2, -9.0, 0.5), name="comer", motion=Twist((0.0, 1.0, 0.0)))
+    comer = Cylinder(0.4, 1.0, at=(2.2, -6.0, 0.5), name="comer", motion=Twist((0.0, 1.0, 0.0)))
     start = jackal_box.home(x=1.0)
     strip = Strip.from_coordinates(jackal_box, straight_line(jackal_box, start, jackal_box.home(x=6.0), spacing=0.13))
     hit = {}
@@ -339,7 +339,7 @@ def test_gets_out_of_the_way_where_it_would_be_run_into(jackal_box):
             limits=limits_for(jackal_box), params=replace(DriveParams(), evasion=evasion, replan_time=50.0),
             watch=lambda r, seen=proposals: seen.append(r.controller.result),
         )  # fmt: skip
-        result = runner.run(time_limit=13.0)
+        result = runner.run(time_limit=10.0)
         evaluation = evaluate(result.record, jackal_box, runner.world, runner.limits)
         hit[evasion is not None] = len(evaluation.contacts)
         accepted = [p for p in proposals if p is not None and p.accepted]

@@ -55,7 +55,7 @@ def test_it_keeps_to_the_path_past_what_stands_beside_it(request, name):
 
 
 def test_it_waits_for_what_is_in_the_way_and_says_for_what(silvermate):
-    opens = 14.0
+    opens = 10.0
     controller, places = followed(silvermate, 0.3, lambda t: Scene([GATE] if t < opens else [], time=t))
     assert controller.state is RunState.REACHED, controller.reason
     assert off_path(places).max() <= 0.3

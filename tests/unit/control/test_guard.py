@@ -196,7 +196,7 @@ def test_a_drive_that_is_not_steered_stops_at_the_wall(silvermate):
 
 
 @each("name, seed", [("silvermate", 0), ("silvermate", 1), ("slider", 2), ("arm", 3)])
-def test_hostile_pilots_touch_nothing_and_every_motion_is_certified(name, seed, request):
+def test_hostile_pilots_touch_nothing_and_every_motion_is_certified(name, seed, request, brief):
     robot, rng = request.getfixturevalue(name), np.random.default_rng(seed)
     things = [Box((0.3, 0.3, h), at=(x, y, 0.5 * h), name=f"thing {k}") for k, (x, y, h) in enumerate(
         [(1.0, 0.3, 0.9), (-1.0, 0.2, 1.4), (0.2, 1.1, 0.6), (0.1, -1.0, 1.5)]
@@ -205,7 +205,7 @@ def test_hostile_pilots_touch_nothing_and_every_motion_is_certified(name, seed, 
     drive = GuardedDrive(robot, World(Scene(things)))
     certifier = TrajectoryCertifier(robot, clearance=0.0249, self_clearance=0.00499)
     pilot, checked = hostile(robot, drive.guard.limits, rng), 0
-    for _ in range(500):
+    for _ in range(350 if brief else 500):
         before = drive.guard.executor.active
         answer = drive.step(pilot(drive.k * DT))
         motion = drive.guard.executor.active

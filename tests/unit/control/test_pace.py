@@ -98,8 +98,8 @@ def drive(robot, compute, goal=4.0, time_limit=60.0):
     return driven, driven.run(time_limit=time_limit)
 
 
-def test_counted_work_is_charged_alike_every_time(silvermate):
-    times = [drive(silvermate, "work") for _ in range(2)]
+def test_counted_work_is_charged_alike_every_time(silvermate, brief):
+    times = [drive(silvermate, "work", time_limit=4.0 if brief else 60.0) for _ in range(2)]
     (_, one), (_, two) = times
     assert one.compute == two.compute == "work"
     np.testing.assert_array_equal(one.record.control.coordinates, two.record.control.coordinates)

@@ -260,7 +260,7 @@ def test_beside_somebody_it_goes_there_little_by_little(silvermate):
 
 
 def test_what_was_seen_is_not_looked_at_from_elsewhere(silvermate):
-    controller, places = before_unseen(silvermate, lambda at: False, 12.0, name="wall")
+    controller, places = before_unseen(silvermate, lambda at: False, 9.0, name="wall")
     assert not [event for event in controller.events if event.kind == "looking"]
     assert np.ptp(places[-300:, 0]) < 0.01
 

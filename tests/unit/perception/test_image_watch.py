@@ -103,7 +103,7 @@ def test_a_camera_that_is_well_never_holds_a_scene_up(silvermate, scene):
 BOARD = Box((0.7, 1.6, 0.06), at=(1.3, 0.2, 0.03), name="board")
 
 
-@each("board", [BOARD, Box((0.7, 1.6, 0.1), at=(1.6, 0.2, 0.05), name="step")])
+@each("board", [BOARD, Box((0.7, 1.6, 0.1), at=(1.6, 0.2, 0.05), name="step")], ids=["board", "step"])
 def test_a_low_board_is_no_tilted_floor(silvermate, board):
     estimator, found = watched(silvermate, scene=ROOM.with_obstacle(board), still=True, until=1.0)
     assert not named(found, low=0.0, high=9.0)

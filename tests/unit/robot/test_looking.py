@@ -50,8 +50,8 @@ def test_the_head_stays_within_what_is_planned_with(tiago):
     assert max(out) > -0.05  # and it is no larger than that takes
 
 
-def test_only_the_head_is_another_one(tiago):
-    plain = es.load_robot("tiago")
+def test_only_the_head_is_another_one(tiago, shared):
+    plain = shared("tiago", "tiago")
     assert tiago.joint_names == plain.joint_names
     assert plain.seeing is plain
     assert not plain.looking

@@ -292,7 +292,7 @@ WHEELS = {
 }  # fmt: skip
 
 
-@each("more, wheels", WHEELS.values(), ids=WHEELS)
+@each("more, wheels", WHEELS.values(), ids=list(WHEELS))
 def test_wheels_are_known_by_how_they_hang(tmp_path, more, wheels):
     path = write(tmp_path, robot(BASE, link(), joint(), more))
     loaded = load_robot(path, base="omni")

@@ -94,9 +94,9 @@ def test_interval_of_the_speed_bound_counts_only_its_pieces():
 
 def fastest(motion, radius, start, end, rng):
     """Largest speed [m/s] of sampled points of a ball along a sampled trajectory, from finite differences."""
-    points = rng.normal(size=(200, 3))
+    points = rng.normal(size=(100, 3))
     points *= radius / np.linalg.norm(points, axis=1)[:, None]
-    times = np.linspace(start, end, 1500)
+    times = np.linspace(start, end, 800)
     poses = np.array([motion.pose(EYE, t) for t in times])
     paths = np.einsum("tij,pj->tpi", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     return (np.linalg.norm(np.diff(paths, axis=0), axis=2) / np.diff(times)[:, None]).max()

@@ -6,7 +6,8 @@ import importlib
 import re
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from cases import each
@@ -75,10 +76,11 @@ def test_the_report_says_what_was_found(study: tuple[PaperStudy, list[str]]) -> 
     assert len(notes) == 5
 
 
-def test_another_end_than_the_papers_is_told(study: tuple[PaperStudy, list[str]]) -> None:
+def test_another_end_than_the_papers_is_told() -> None:
     """Case 3 must not be reached."""
-    found, _ = study
-    assert not PaperStudy({"case-3": found.runs["case-4"]}, (), (), found.files).as_the_paper_says
+    reached = cast("Any", SimpleNamespace(outcome=Outcome.REACHED))
+    assert PaperStudy({"case-4": reached}, (), (), ()).as_the_paper_says
+    assert not PaperStudy({"case-3": reached}, (), (), ()).as_the_paper_says
     assert set(MODULE.EXPECTED) == set(MODULE.SAYS) == set(TABLE_2)
 
 
