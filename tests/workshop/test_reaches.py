@@ -9,7 +9,9 @@ import pytest
 from free_way import outside_scene
 from shared_data import shared_data
 
+from elastic_strips.errors import ScenarioError
 from elastic_strips.sim.sensors.params import named_sensors
+from workshop.bench import reaches
 from workshop.bench.picks import house_pick
 from workshop.bench.reaches import bench_reaches, people
 from workshop.cli.group import run_cli
@@ -37,6 +39,24 @@ def test_a_drive_that_is_too_short_is_a_failure_with_its_kind():
     assert sum(figures["failures"].values()) == 1
     assert figures["contacts_seen"] == figures["contacts_unseen"] == 0
     assert (figures["sensors"], figures["walkers"]) == (["laser"], 1)
+
+
+def test_a_start_from_which_there_is_nothing_to_pick_is_drawn_anew(silvermate, monkeypatch):
+    root, tried = str(shared_data("house")), []
+
+    def picked(root, robot, seed):
+        tried.append(seed)
+        if len(tried) == 1 or nothing:
+            raise ScenarioError("nothing to pick")
+        return house_pick(root, robot, seed)
+
+    monkeypatch.setattr(reaches, "house_pick", picked)
+    nothing = False
+    assert reaches.reach(root, silvermate, 0)[0].on
+    assert len(set(tried)) == len(tried) > 1
+    nothing = True
+    with pytest.raises(ScenarioError):
+        reaches.reach(root, silvermate, 0)
 
 
 def test_walkers_are_for_reaches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

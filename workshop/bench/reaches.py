@@ -136,8 +136,13 @@ def reach(root: str, robot: RobotModel, seed: int) -> tuple[Pick, list[HandPose]
     Raises:
         ScenarioError: there is none among so many.
     """
+    nowhere: ScenarioError | None = None
     for k in range(_TRIES):
-        pick = house_pick(root, robot, seed + k * _NEXT)
+        try:
+            pick = house_pick(root, robot, seed + k * _NEXT)
+        except ScenarioError as error:  # a start from which it found nothing to pick
+            nowhere = error
+            continue
         start = robot.space.to_coordinates(pick.start)
         if _room(pick.scene, start[:2]) < VolumeMapParams().start_radius:
             continue
@@ -147,7 +152,7 @@ def reach(root: str, robot: RobotModel, seed: int) -> tuple[Pick, list[HandPose]
         about = Scene([o for o in pick.scene if _room(Scene([o]), at[:2]) < _ARM])
         if len(find_goals(robot, about, pick.start, poses, count=1, params=_TO_SPARE).configurations):
             return pick, poses
-    raise ScenarioError(f"{root}: no start with room and no reach among {_TRIES}")
+    raise ScenarioError(f"{root}: no start with room and no reach among {_TRIES}") from nowhere
 
 
 def _room(scene: Scene, place: Array) -> float:
