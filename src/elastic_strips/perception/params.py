@@ -20,7 +20,9 @@ class SceneEstimatorParams:
 
     Attributes:
         height: height of all sensed obstacles, from the floor (z = 0) up; at least that of the robot with its arm
-            stretched.
+            stretched. Where images say what is higher, and what they did not see is blocked, that of a scan's plane
+            will do.
+        mover_height: height of what moves, where ``height`` is less: images leave it out of the map.
         range_noise: standard deviation of a range.
         pose_noise: standard deviation of the base's position estimate from scan to scan.
         padding: length by which everything sensed is grown to each side, for the noise; at most a cell of the map.
@@ -65,6 +67,7 @@ class SceneEstimatorParams:
     """
 
     height: Positive = 1.5
+    mover_height: Positive = 2.0
     range_noise: Positive = 0.01
     pose_noise: NonNegative = 0.01
     padding: NonNegative = 0.02
@@ -116,6 +119,11 @@ class SceneEstimatorParams:
                 f"SceneEstimatorParams.occupied={self.occupied!r} must be below hit={self.hit!r} and top={self.top!r}: "
                 "what is hit once is an obstacle"
             )
+
+    @property
+    def tallest(self) -> float:
+        """Height [m] of what moves."""
+        return max(self.height, self.mover_height)
 
     @property
     def tile_cells(self) -> int:

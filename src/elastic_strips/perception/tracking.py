@@ -183,9 +183,9 @@ class Track:
             or not self.solid_radius - params.shape_change - _SOLID_SLACK <= wanted <= self.solid_radius
         ):
             self.solid_radius = wanted + _SOLID_SLACK
-            self.solid = Cylinder(self.solid_radius, params.height, name=self.name, motion=Twist())
+            self.solid = Cylinder(self.solid_radius, params.tallest, name=self.name, motion=Twist())
         pose = np.eye(4)
-        pose[:2, 3], pose[2, 3] = self.p, 0.5 * params.height
+        pose[:2, 3], pose[2, 3] = self.p, 0.5 * params.tallest
         pose.flags.writeable = False
         position, velocity = self.p.copy(), self.v.copy()
         position.flags.writeable = velocity.flags.writeable = False

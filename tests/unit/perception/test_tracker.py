@@ -198,6 +198,20 @@ def test_what_is_seen_through_is_lost_and_what_is_hidden_is_foreseen():
     assert 1.45 < last < 1.5 + 0.1 * params.lost_misses + 0.01
 
 
+@each("height, top", [(0.4, 2.0), (1.5, 2.0), (2.3, 2.3)])
+def test_who_moves_is_as_tall_as_people_whatever_a_scan_says_of_what_stands(height, top):
+    """An arm above the plane of the scan runs into people, too; images leave them out of their map."""
+    estimator = SceneEstimator(SceneEstimatorParams(height=height))
+    seen = 0
+    for t, movers in drive(estimator, 1.5, lambda t: [(3.0, -0.6 + 0.8 * t, 0.25)]):
+        for mover in movers:
+            person = estimator.scene(t).obstacle(mover.name)
+            low, high = (person.pose[2, 3] + sign * 0.5 * person.spec["length"] for sign in (-1.0, 1.0))
+            assert (low, high) == pytest.approx((0.0, top))
+            seen += 1
+    assert seen > 5
+
+
 def test_a_mover_keeps_solid_and_name_and_moves_on_in_the_scene():
     estimator = SceneEstimator()
     solids = []
