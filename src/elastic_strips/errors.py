@@ -27,7 +27,12 @@ or, where there is nothing to report on, an error that is not an `InputError`.
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 
 class ElasticStripsError(Exception):
@@ -106,8 +111,28 @@ class MissingExtraError(ElasticStripsError, ImportError):
 
 def missing_extra(user: str, package: str, extra: str | None = None) -> MissingExtraError:
     """The error that ``user`` needs a ``package`` of an ``extra`` of this library, or of no extra."""
-    wanted = package if extra is None else f"'elastic-strips[{extra}]'"
-    return MissingExtraError(f"{user} needs {package}, which is not installed: pip install {wanted}")
+    command = f"pip install {package}" if extra is None else install_command(extra)
+    return MissingExtraError(f"{user} needs {package}, which is not installed: {command}")
+
+
+def install_command(extra: str) -> str:
+    """The command that installs an ``extra`` of this library from where it was installed itself (PEP 610).
+
+    That is a folder, a repository or a file; without a record of it, an index of packages.
+    """
+    try:
+        origin = json.loads(metadata.distribution("elastic-strips").read_text("direct_url.json") or "{}")
+    except (metadata.PackageNotFoundError, OSError, ValueError):
+        origin = {}
+    url = str(origin.get("url", ""))
+    if "dir_info" in origin:
+        folder = url2pathname(urlsplit(url).path)
+        if Path(folder).is_dir():
+            return f"pip install {'-e ' if origin['dir_info'].get('editable') else ''}'{folder}[{extra}]'"
+    elif url:
+        source = f"{origin['vcs_info']['vcs']}+{url}" if "vcs_info" in origin else url
+        return f"pip install 'elastic-strips[{extra}] @ {source}'"
+    return f"pip install 'elastic-strips[{extra}]'"
 
 
 def nearest_name(name: object, valid: Iterable[str]) -> str:

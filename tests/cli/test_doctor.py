@@ -18,6 +18,7 @@ from command_line import CALL
 from elastic_strips import native
 from elastic_strips.cli import doctor_command
 from elastic_strips.cli.doctor_command import NOTE, OK, PROBLEM, Check, compare_kernel
+from elastic_strips.errors import install_command
 
 URDF = """<robot name="r"><link name="base"><collision><geometry><box size="0.5 0.4 0.2"/></geometry></collision></link>
 <link name="arm"><visual><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
@@ -107,7 +108,7 @@ def test_what_is_missing_or_of_another_version_has_its_command(monkeypatch: pyte
     versions: dict[str, str | None] = {"one": "1.0", "other": None, "pin": "3.9"}
     monkeypatch.setattr(doctor_command, "_version", versions.get)
     assert doctor_command._extra("most", ["one", "other"], {}) == Check(
-        "extra most", NOTE, "other missing: pip install 'elastic-strips[most]'"
+        "extra most", NOTE, f"other missing: {install_command('most')}"
     )
     assert doctor_command._extra("most", ["one"], {"one": None}).status == OK
     assert doctor_command._package("other", "", "ModuleNotFoundError: other").status == PROBLEM

@@ -3,6 +3,7 @@ input."""
 
 from __future__ import annotations
 
+import json
 import sys
 import tempfile
 from pathlib import Path
@@ -12,7 +13,7 @@ from cases import each
 
 import elastic_strips as es
 from elastic_strips.cli import main
-from elastic_strips.errors import InputError, MissingExtraError
+from elastic_strips.errors import InputError, MissingExtraError, install_command
 from elastic_strips.sim import PerceptionError
 from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.trajectory import RetimingError
@@ -122,8 +123,36 @@ def test_a_missing_extra_is_said_with_the_command_that_installs_it(monkeypatch, 
     _hide(monkeypatch, {"pillow": "PIL"}.get(package, package))
     with pytest.raises(MissingExtraError) as caught:
         use(silvermate)
-    assert f"{package}, which is not installed: pip install 'elastic-strips[{extra}]'" in str(caught.value)
+    assert f"{package}, which is not installed: {install_command(extra)}" in str(caught.value)
     assert isinstance(caught.value, ImportError)
+
+
+def test_an_extra_is_installed_from_where_the_library_came(monkeypatch, tmp_path):
+    class Installed:
+        record: str | None = None
+
+        def read_text(self, _name):
+            return self.record
+
+    monkeypatch.setattr("importlib.metadata.distribution", lambda _name: Installed())
+    there, gone = tmp_path.as_uri(), (tmp_path / "gone").as_uri()
+    for record, command in [
+        (None, "pip install 'elastic-strips[ros]'"),
+        ("{not JSON", "pip install 'elastic-strips[ros]'"),
+        (json.dumps({"url": gone, "dir_info": {}}), "pip install 'elastic-strips[ros]'"),
+        (json.dumps({"url": there, "dir_info": {}}), f"pip install '{tmp_path}[ros]'"),
+        (json.dumps({"url": there, "dir_info": {"editable": True}}), f"pip install -e '{tmp_path}[ros]'"),
+        (
+            json.dumps({"url": "https://a.b/c.git", "vcs_info": {"vcs": "git", "commit_id": "0"}}),
+            "pip install 'elastic-strips[ros] @ git+https://a.b/c.git'",
+        ),
+        (
+            json.dumps({"url": "file:///tmp/a.whl", "archive_info": {}}),
+            "pip install 'elastic-strips[ros] @ file:///tmp/a.whl'",
+        ),
+    ]:
+        Installed.record = record
+        assert install_command("ros") == command
 
 
 def test_a_drive_without_mujoco_ends_with_the_command_and_no_traceback(monkeypatch, capsys):
@@ -133,7 +162,7 @@ def test_a_drive_without_mujoco_ends_with_the_command_and_no_traceback(monkeypat
     told = capsys.readouterr().err.strip()
     assert ended.value.code == 2
     assert told.startswith("error: ")
-    assert told.endswith("pip install 'elastic-strips[sim]'")
+    assert told.endswith(install_command("sim"))
     assert "\n" not in told
 
 

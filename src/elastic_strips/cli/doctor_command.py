@@ -25,7 +25,7 @@ import click
 
 from elastic_strips._version import __version__
 from elastic_strips.catalogue import own_robots, robot_names
-from elastic_strips.errors import RobotError, plural
+from elastic_strips.errors import RobotError, install_command, plural
 
 from . import options, output
 
@@ -303,10 +303,9 @@ def _one_robot(name: str) -> list[Check]:
 
 
 def _extra(extra: str, names: Sequence[str], said: dict[str, str | None]) -> Check:
-    install = f"pip install '{_DISTRIBUTION}[{extra}]'"
     missing = [name for name in names if _version(name) is None]
     if missing:
-        return Check(f"extra {extra}", NOTE, f"{', '.join(missing)} missing: {install}")
+        return Check(f"extra {extra}", NOTE, f"{', '.join(missing)} missing: {install_command(extra)}")
     for name in names:
         if text := said.get(_module(name)):
             return Check(f"extra {extra}", NOTE, f"{name} is broken: {text}: pip install --force-reinstall {name}")

@@ -61,7 +61,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     type=options.PLANT,
     default="kinematic",
     show_default=True,
-    help="The machine: wheels with slip and lag, or MuJoCo physics (pip install 'elastic-strips[sim]').",
+    help="The machine: wheels with slip and lag, or MuJoCo physics (the extra sim).",
 )
 @options.sensors_option
 @options.goals_option

@@ -33,7 +33,7 @@ _FAILURES_TOLD = 5  # runs
 @click.option(
     "--scheduler",
     metavar="tcp://HOST:PORT",
-    help="Run on the workers of this Dask cluster instead (pip install 'elastic-strips[sweep]').",
+    help="Run on the workers of this Dask cluster instead (the extra sweep).",
 )
 @click.option("--retry-failed", is_flag=True, help="Repeat the runs that ended in an error.")
 @click.option("--dry-run", is_flag=True, help="List the runs without running them.")
@@ -42,7 +42,7 @@ _FAILURES_TOLD = 5  # runs
     "plot_file",
     metavar="FILE.png",
     type=options.OutputFile(),
-    help="Draw a plot of the table (pip install 'elastic-strips[study]').",
+    help="Draw a plot of the table (the extra study).",
 )
 @click.option("--x", metavar="COLUMN", help="Column on the plot's x axis; by default the first that varies.")
 @click.option(
