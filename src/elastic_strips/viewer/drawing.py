@@ -38,8 +38,15 @@ _CHIP = {
 _MAX_HULLS = 600
 _NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
-_PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = 1.9, 0.09, 0.02  # [m] of the pin where a strip is broken
-_SPOT_RADIUS, _BALL_RADIUS = 0.16, 0.07  # [m] of the ball there, and of that by which the hand is dragged
+_PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = (
+    1.9,
+    0.09,
+    0.02,
+)  # [m] of the pin where the strip of a tall robot is broken
+_SPOT_RADIUS, _PIN_ABOVE_SPOT = 0.16, 0.4  # [m] of the ball there, and from it to the pin's head at least
+_LABEL_SHARE = 1.15  # of a pin's height, up to where its label may reach
+_TALL, _LEAST_PIN_SCALE = 1.2, 0.3  # [m] up to where a tall robot's strip reaches; pins of lower ones are smaller
+_BALL_RADIUS = 0.07  # [m] of the ball by which the hand is dragged
 _MOST_LINKS = 3  # that are named together
 _LONGEST_CARD_REASON, _LONGEST_PLACE_REASON = 400, 90  # characters of a reason, in the card and at the place
 
@@ -93,7 +100,7 @@ class Drawing:
         self.playing: bool = False
         self.hidden: tuple[str, ...] = ()  # what is hidden by what plays
         self._made: set[str] = set()
-        self._pinned = False
+        self._pin: Array | None = None  # where (3,) [m] its head is
 
     def draw(self, snapshot: Snapshot) -> list[Command]:
         """Return the commands that turn the picture into this snapshot."""
@@ -114,7 +121,7 @@ class Drawing:
         out += self._ends(snapshot, coordinates, points)
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
-        out += self._trouble(snapshot.report, coordinates)
+        out += self._trouble(snapshot.report, coordinates, float(points[..., 2].max(initial=0.0)))
         q = snapshot.nodes[0] if snapshot.q is None else np.asarray(snapshot.q)
         poses.update(snapshot.robot.space.to_coordinates(q)[None])
         out.append(commands.transforms("/robot", self.body_paths, poses.matrices(self.joints, [0])[0]))
@@ -209,6 +216,8 @@ class Drawing:
                 r = min(obstacle.reach, 0.6)
                 points = np.vstack((points, np.maximum(at - r, [-np.inf, -np.inf, 0.0]), at + r))
         along = coordinates[-1, :2] - coordinates[0, :2] if self.poses.space.planar else np.zeros(2)
+        if self._pin is not None:  # and its label above it
+            points = np.vstack((points, self._pin, self._pin * [1.0, 1.0, _LABEL_SHARE]))
         length = float(np.linalg.norm(along))
         along = along / length if length > 0.3 else np.array([1.0, 0.0])
         view = np.array([along[1], -along[0]]) - 0.42 * along
@@ -236,10 +245,9 @@ class Drawing:
     def _colours(self, report: Report) -> list[list[str]]:
         """The legend of what is in a picture because of a report."""
         legend = [["certified", CERTIFIED], ["not certified", REFUSED]]
-        if self._pinned:
-            legend.append(
-                [f"where the strip is {report.status.value}" if _bad(report) else "not certified here", _TROUBLE]
-            )
+        if self._pin is not None:
+            there = f"where the {_kind(report)} is {report.status.value}" if _bad(report) else "not certified here"
+            legend.append([there, _TROUBLE])
         if report.forces is not None and len(report.forces.points):
             legend.append(["forces", _FORCE])
         if report.hulls is not None:
@@ -248,7 +256,7 @@ class Drawing:
 
     def _things(self, snapshot: Snapshot) -> list[list[str]]:
         """The legend of what is in a picture besides the strip."""
-        things = [["robot along the strip", _GHOST]] if len(snapshot.nodes) > 1 else []
+        things = [[f"robot along the {_kind(snapshot.report)}", _GHOST]] if len(snapshot.nodes) > 1 else []
         things += bare_legend(snapshot.robot)
         if snapshot.robot.space.planar and len(snapshot.nodes) > 1:
             things += [["start", BASE_THREAD], ["goal", HAND_THREAD]]
@@ -310,26 +318,27 @@ class Drawing:
         look = commands.material(linear(_HULL), opacity=0.07, hides=False)
         return self._many("/hulls", geometry.sphere(16), look, matrices)
 
-    def _trouble(self, report: Report | None, coordinates: Array) -> list[Command]:
-        """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar."""
+    def _trouble(self, report: Report | None, coordinates: Array, tall: float) -> list[Command]:
+        """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar.
+
+        ``tall`` is how high [m] the strip's points reach.
+        """
         assert self.robot is not None
         assert self.poses is not None
         spot = None if report is None else _trouble_spot(self.robot, report, coordinates, self.poses)
-        self._pinned = spot is not None
-        ball = head = pole = None
+        self._pin = ball = head = pole = None
+        label = np.zeros((0, 3))
         if spot is not None:
-            foot, top = spot * [1.0, 1.0, 0.0], spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN_HEIGHT]
-            ball, head = geometry.spheres(spot, _SPOT_RADIUS), geometry.spheres(top, _PIN_HEAD_RADIUS)
-            pole = geometry.between(foot[None], top[None], _POLE_RADIUS)
+            scale = float(np.clip(tall / _TALL, _LEAST_PIN_SCALE, 1.0))
+            foot = spot * [1.0, 1.0, 0.0]
+            self._pin = top = np.array([*spot[:2], max(scale * _PIN_HEIGHT, spot[2] + scale * _PIN_ABOVE_SPOT)])
+            ball, head = geometry.spheres(spot, scale * _SPOT_RADIUS), geometry.spheres(top, scale * _PIN_HEAD_RADIUS)
+            pole = geometry.between(foot[None], top[None], scale * _POLE_RADIUS)
+            label = np.array([[*top[:2], top[2] + scale * _PIN_HEAD_RADIUS]])
         clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
         reason = "" if report is None else report.reason or "not certified here"
-        top = (
-            np.zeros((0, 3))
-            if spot is None
-            else (spot * [1.0, 1.0, 0.0] + [0.0, 0.0, _PIN_HEIGHT + _PIN_HEAD_RADIUS])[None]
-        )
         return [
-            commands.labels("/trouble", [reason[:_LONGEST_PLACE_REASON]] * len(top), top),
+            commands.labels("/trouble", [reason[:_LONGEST_PLACE_REASON]] * len(label), label),
             *self._many("/trouble/spot", geometry.sphere(), clear, ball, room=1),
             *self._many("/trouble/head", geometry.sphere(), solid, head, room=1),
             *self._many("/trouble/pole", geometry.rod(), solid, pole, room=1),
@@ -412,6 +421,11 @@ def segment_colors(report: Report | None, count: int) -> Array:
     if report is None or len(report.certificate.segments) != count:
         return np.tile(linear(UNCHECKED), (count, 1))
     return np.where(report.certificate.segments[:, None], linear(CERTIFIED), linear(REFUSED))
+
+
+def _kind(report: Report | None) -> str:
+    """What a report is about."""
+    return "path" if isinstance(report, PathReport) else "strip"
 
 
 def _trouble_spot(robot: RobotModel, report: Report, coordinates: Array, poses: RobotPoses) -> Array | None:

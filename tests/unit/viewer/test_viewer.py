@@ -217,11 +217,30 @@ def test_a_path_that_is_refuted_is_shown_where_it_is(silvermate):
     places = np.frombuffer(at["matrices"].data, "<f4").reshape(-1, 16)
     assert places[at["paths"].index("/robot/1"), 12] == pytest.approx(found.q[0], abs=1e-4)
     assert len(page["/trouble/spot", "instances"]["matrices"].data) == 64, "a pin"
+    assert "where the path is refuted" in [name for name, _ in page["", "hud"]["legend"]]
     free = es.Scene([es.Box((0.3, 0.3, 1.0), at=(2.0, 2.0, 0.5))])
     report = PathReport.of(silvermate, path, es.certify(silvermate, free, path))
     with Viewer(server=False) as viewer:
         assert pictured(viewer.animate(silvermate, free, report))["", "hud"]["chip"][0] == "certified"
     assert report.certificate.segments.all()
+
+
+def test_a_pin_is_as_large_as_its_robot_and_in_the_picture(silvermate):
+    panda = es.load_robot("panda")
+    heights = []
+    for robot, size in ((silvermate, 2.0), (panda, 0.7)):
+        low, high = robot.home(), robot.home()
+        low[0], high[0] = (0.0, 3.0) if robot.space.planar else (-1.0, 1.0)
+        scene = es.Scene([es.Box((size, 0.02, 1.2), at=(1.5 if robot is silvermate else 0.55, 0.0, 0.6), name="wall")])
+        path = np.stack([low, high])
+        with Viewer(server=False) as viewer:
+            page = pictured(viewer.show(robot, scene, PathReport.of(robot, path, es.certify(robot, scene, path))))
+        head = np.frombuffer(page["/trouble/head", "instances"]["matrices"].data, "<f4").reshape(4, 4)[3, :3]
+        spot = np.frombuffer(page["/trouble/spot", "instances"]["matrices"].data, "<f4").reshape(4, 4)[3, :3]
+        framed = np.frombuffer(page["", "camera"]["points"].data, "<f4").reshape(-1, 3)
+        assert spot[2] < head[2] < framed[:, 2].max()
+        heights.append(head[2])
+    assert heights[1] < 0.8 * heights[0]
 
 
 def test_a_report_that_proves_nothing_is_shown_as_its_strip(robot, scene, make_report):
