@@ -143,12 +143,12 @@ def test_an_extra_is_installed_from_where_the_library_came(monkeypatch, tmp_path
         (json.dumps({"url": there, "dir_info": {}}), f"pip install '{tmp_path}[ros]'"),
         (json.dumps({"url": there, "dir_info": {"editable": True}}), f"pip install -e '{tmp_path}[ros]'"),
         (
-            json.dumps({"url": "https://a.b/c.git", "vcs_info": {"vcs": "git", "commit_id": "0"}}),
-            "pip install 'elastic-strips[ros] @ git+https://a.b/c.git'",
+            json.dumps({"url": there, "vcs_info": {"vcs": "git", "commit_id": "0"}}),
+            f"pip install 'elastic-strips[ros] @ git+{there}'",
         ),
         (
-            json.dumps({"url": "file:///tmp/a.whl", "archive_info": {}}),
-            "pip install 'elastic-strips[ros] @ file:///tmp/a.whl'",
+            json.dumps({"url": gone, "archive_info": {}}),
+            f"pip install 'elastic-strips[ros] @ {gone}'",
         ),
     ]:
         Installed.record = record

@@ -38,11 +38,7 @@ _CHIP = {
 _MAX_HULLS = 600
 _NOTEBOOK_FACES, _REPEATED_FACES = 14_000, 20_000  # faces of a robot in a notebook, and of one that is drawn many times
 _MAX_NODES, _LIGHT_NODES = 100, 24  # of a strip between which threads are drawn; one that is stuck can have 500
-_PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = (
-    1.9,
-    0.09,
-    0.02,
-)  # [m] of the pin where the strip of a tall robot is broken
+_PIN_HEIGHT, _PIN_HEAD_RADIUS, _POLE_RADIUS = 1.9, 0.09, 0.02  # [m] of a tall robot's pin where its strip is broken
 _SPOT_RADIUS, _PIN_ABOVE_SPOT = 0.16, 0.4  # [m] of the ball there, and from it to the pin's head at least
 _LABEL_SHARE = 1.15  # of a pin's height, up to where its label may reach
 _TALL, _LEAST_PIN_SCALE = 1.2, 0.3  # [m] up to where a tall robot's strip reaches; pins of lower ones are smaller
