@@ -199,8 +199,8 @@ class Controller:
                 self.first_plan = plan()
                 self.replanner.begin(self.first_plan)
                 strip = self.first_plan.strip
-            except GoalError:
-                looks = may_look(robot, self.scene, first)
+            except (ConfigurationError, GoalError):
+                looks = may_look(robot, self.scene, first, self.replanner.deform)
                 if not looks:
                     raise
                 strip = Strip.from_coordinates(robot, np.array([self.start, self.start]))

@@ -74,6 +74,10 @@ _MISSED_COST = 2.0
 """Cost of an angle by which the strip's constraint is missed with the joints as they are [1/rad]."""
 _HEADING_COST = 0.3
 """Cost of a heading error [s/rad]."""
+_BEHIND_COST = 3.0
+"""Cost of something that is about to come up from behind a robot that sees only ahead, per second."""
+_BEHIND_WITHIN = 4.0
+"""Distance [m] from which on it counts."""
 _LONGER_BY = np.array([0.0, 0.2, 0.5, 0.9])
 """Times [s] for which a manoeuvre may be followed beyond the least time, to end at a free place."""
 _ROOM_STEP = 0.1
@@ -123,6 +127,7 @@ class EvasivePlanner(OneThread):
         self._clearance = 0.0  # distance [m] that certificates require
         self._footprint = PlanarFootprint(robot)
         self.hold: float = hold
+        self._backward = backward
         self.time: Array = params.step * np.arange(1, round(params.horizon / params.step) + 1, dtype=float)
         self._weight = params.step * np.exp(-self.time / params.discount_time)
         self._braking = params.acceleration * float(limits.drive_acceleration[:2].min(initial=np.inf))
@@ -252,11 +257,12 @@ class EvasivePlanner(OneThread):
     def cost(self, rows: Array) -> tuple[float, float]:
         """Risk and cost [s] of coordinate rows (T, nv) at :attr:`time` after the start.
 
-        The risk is the cost of contact and nearness, 0 where nothing is near; the cost adds the time left to the goal.
+        The risk is the cost of contact and nearness, 0 where nothing is near; the cost adds the time left to the goal,
+        and what comes up from behind.
         """
         pose = rows[None, :, :3]
         risk = self._risk(pose)
-        return float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0])
+        return float(risk[0]), float(risk[0] + self._to_go(pose[:, -1])[0] + self._lost_sight(pose)[0])
 
     def options(self, start: ReferenceState, better: float) -> Iterator[Trajectory]:
         """Motions that begin manoeuvres of a cost [s] below ``better``, the best first.
@@ -277,7 +283,7 @@ class EvasivePlanner(OneThread):
             cost[(np.abs(targets.first - last) < 1e-9).all(axis=1)] -= _STEADINESS_BONUS
         able = cost < better  # risk only adds to it
         targets, pose, cost = targets.take(able), pose[able], cost[able]
-        cost += self._risk(pose)
+        cost += self._risk(pose) + self._lost_sight(pose)
         best = np.argsort(cost, kind="stable")[: params.shortlist]
         tried: set[int] = set()
         for i in self._in_order(pose, cost, best[cost[best] < better], better):
@@ -340,6 +346,14 @@ class EvasivePlanner(OneThread):
         cost = params.proximity_weight * near * near + _CONTACT_COST * (apart < 0.0)
         cost[:, 1:] += _STOP_COST * self._blocked(pose)
         return cost @ self._weight
+
+    def _lost_sight(self, pose: Array) -> Array:
+        """(N,) cost [s] of turning the back on what comes up to a robot that sees only ahead: once it is out of sight,
+        nothing is known of where it goes."""
+        if self._backward:
+            return np.zeros(len(pose))
+        behind = self._lookahead.from_behind(pose, self._delay + self.time, _BEHIND_WITHIN)
+        return _BEHIND_COST * (behind @ self._weight)
 
     def _blocked(self, pose: Array) -> Mask:
         """(N, T−1) where a robot that follows poses (N, T, 3) could not be certified to stop, from the second pose on:

@@ -15,13 +15,13 @@ from elastic_strips.errors import ConfigurationError, ElasticStripsError
 from elastic_strips.planning import BasePose, Goal, PlanReport, check_endpoints
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
-from elastic_strips.strip import Strip
+from elastic_strips.strip import DeformParams, Strip
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.validation import check_array, check_number
 
 from .executor import ExecutorLink
 from .interfaces import GoalReached, RunState
-from .itinerary import Goals, configuration_of, goals_in_order, hand_of, off_goal
+from .itinerary import Goals, configuration_of, goals_in_order, off_goal, place_of
 from .local_planner import LocalPlanner
 from .params import DriveParams, Tolerance
 from .path_drive import PathDrive
@@ -35,7 +35,7 @@ elsewhere."""
 _PLANNING_TIME = 0.1
 """Time [s] that a plan to another goal is given while the robot drives: the strip begins where it will be then."""
 _NEARER = (1.1, 1.5)
-"""Distances [m] from a hand's goal, from which a robot looks at it where all ways to be there seem taken from afar …"""
+"""Distances [m] from a goal, from which a robot looks at it where all ways to be there seem taken from afar …"""
 _SIDES = 12  # … from so many sides
 _ELSEWHERE = 0.5  # [m] from one such place to the next
 _MOST_LOOKS = 3  # such places, after which there is no way to the goal for now
@@ -44,10 +44,22 @@ _DRIVES_ON = 0.5
 """Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
 
 
-def may_look(robot: RobotModel, scene: Scene, goal: Goal | Sequence[Goal]) -> bool:
-    """Whether a robot may look at a goal from nearer, where nothing is free at it: a hand's goal, in a scene by sensors
-    that see what is free."""
-    return robot.space.planar and hand_of(goal) is not None and len(scene.seen) < len(scene)
+def may_look(robot: RobotModel, scene: Scene, goal: Goal | Sequence[Goal], deform: DeformParams) -> bool:
+    """Whether something stands at a goal that a robot may look at from nearer: in a scene by sensors, which see better
+    from there, or see from there alone that it is gone."""
+    if not (scene.held_up or len(scene.seen) < len(scene)) or place_of(robot, goal) is None:
+        return False
+    q = configuration_of(robot, goal)
+    return q is None or _taken(robot, scene, q, deform)
+
+
+def _taken(robot: RobotModel, scene: Scene, q: Array, deform: DeformParams) -> bool:
+    """Whether something stands where the robot would be in a configuration."""
+    try:
+        check_endpoints(robot, standing(scene.seen), q, q, deform)
+    except ConfigurationError:
+        return True
+    return False
 
 
 class GoalKeeper:
@@ -407,15 +419,12 @@ class GoalKeeper:
         self._next = self.plans.submit(self._replanner.first(scene, self._configuration(at), goal))
 
     def _goal_is_taken(self, scene: Scene) -> bool:
-        """Whether something stands where the robot would stand at the goal, and there are other ways to be at it."""
-        goal = self._asked_goal
-        if configuration_of(self._robot, goal) is not None:
-            return False
-        try:
-            check_endpoints(self._robot, standing(scene.seen), self.goal_q, self.goal_q, self._replanner.deform)
-        except ConfigurationError:
-            return True
-        return False
+        """Whether something stands where the robot would be at the goal, and there are other ways to be at it, or it
+        may look at it from nearer."""
+        goal, robot, deform = self._asked_goal, self._robot, self._replanner.deform
+        if configuration_of(robot, goal) is not None:
+            return len(self._looked_from) <= _MOST_LOOKS and may_look(robot, scene, goal, deform)
+        return _taken(robot, scene, self.goal_q, deform)
 
     def _configuration(self, row: Array) -> Array:
         """(nq,) configuration at which a plan begins; a joint that is estimated a little beyond its range is at its
@@ -458,7 +467,7 @@ class GoalKeeper:
         goal, executor = self._next_goal, self._executor
         nearer = goal is self._nearer
         new = not (self.looks or nearer or goal is self._asked_goal)  # no strip leads to it
-        if new and not may_look(self._robot, scene, goal):
+        if new and not may_look(self._robot, scene, goal, self._replanner.deform):
             return False
         if new and (not executor.at_rest(t) or self._apart(self._plan_from, executor.active.coordinates[-1])):
             self._plan_to(goal, executor.active.coordinates[-1], scene)  # once more, from where it comes to rest
@@ -477,12 +486,13 @@ class GoalKeeper:
         return True
 
     def _look_nearer(self, t: float, goal: Goal | Sequence[Goal], scene: Scene) -> bool:
-        """Plan to a place near a hand's goal from which it is seen, where sensors that see what is free have shown
-        something at it from afar: there they are not as exact."""
-        executor, hand = self._executor, hand_of(goal)
-        if hand is None or not (may_look(self._robot, scene, goal) and executor.at_rest(t)):
+        """Plan to a place near a goal from which it is seen, where sensors have shown something at it from afar: there
+        they are not as exact, and may not see that it is gone."""
+        executor, at = self._executor, place_of(self._robot, goal)
+        may = may_look(self._robot, scene, goal, self._replanner.deform)
+        if at is None or not (may and executor.at_rest(t)):
             return False
-        here, at = executor.active.coordinates[-1], np.array(hand.position[:2])
+        here = executor.active.coordinates[-1]
         self._looked_from.append(here[:2].copy())
         if len(self._looked_from) > _MOST_LOOKS:
             return False

@@ -52,13 +52,22 @@ def configuration_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | 
     return None if is_goal_region(goal) else robot.check_q(cast("npt.ArrayLike", goal), what="goal")
 
 
-def hand_of(goal: Goal | Sequence[Goal]) -> HandPose | None:
-    """The pose of a hand that a goal asks for, or the first of several; None where there is none, or a mapping asks."""
+def place_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | None:
+    """Place (2,) [m] of the floor that a goal is at, or the first of several is: of the hand, or of the base; None
+    where a mapping of several coordinates or poses asks, or the base is fixed."""
+    if not robot.space.planar:
+        return None
     if isinstance(goal, AllOf):
-        return next(iter(goal.hands), None)
-    if isinstance(goal, Sequence):
-        return next((hand for hand in map(hand_of, cast("Sequence[Goal]", goal)) if hand is not None), None)
-    return goal if isinstance(goal, HandPose) else None
+        goal = goal.goals  # those of hands and of the base
+    if isinstance(goal, HandPose):
+        return np.array(goal.position[:2])
+    if isinstance(goal, BasePose):
+        return np.array([goal.x, goal.y])
+    if is_goal_region(goal):
+        several = () if isinstance(goal, Mapping) else cast("Sequence[Goal]", goal)
+        return next((place for place in (place_of(robot, each) for each in several) if place is not None), None)
+    q = configuration_of(robot, goal)
+    return None if q is None else robot.space.to_coordinates(q)[:2]
 
 
 def faced(robot: RobotModel, here: Array, goal: Goal | Sequence[Goal]) -> Goal | Sequence[Goal]:

@@ -184,13 +184,14 @@ class LocalPlanner:
     def certify_leaving(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify a motion that leads away from what is nearer to the robot than the clearance where it begins.
 
-        To that it keeps its distance, to within 2 mm, where it does not touch it; to all else the clearance.
+        To that it keeps its distance, to within 2 mm, where it does not touch it; to all else the clearance, and to
+        what moves in any case: that may come after it.
         """
         start = motion.at(motion.start_time)
         while True:
             outlook = self._outlook(scene)
             near = self.timer.certify(self._still(start), outlook).broken
-            if near is None or near.obstacle not in scene:
+            if near is None or near.obstacle not in scene or scene.obstacle(near.obstacle).motion is not None:
                 return self.timer.certify(motion, outlook)
             alone = self._outlook(Scene([scene.obstacle(near.obstacle)], time=scene.time))
             if near.clearance > _NEARER:

@@ -164,6 +164,27 @@ class ObstacleLookahead:
                 np.minimum(result, (d - size[:, at]).min(axis=-1), out=result)
         return result
 
+    def from_behind(self, pose: Array, time: Array, within: float) -> Array:
+        """How much comes up to the base from behind, where a robot that sees only ahead loses sight of it.
+
+        Args:
+            pose: (N, T, 3) poses of the base [m, rad].
+            time: (T,) times [s] after the scene.
+            within: distance [m] from which on it counts.
+
+        Returns:
+            (N, T) from 0, where nothing does, to 1, where something is about to touch the base from behind.
+        """
+        count_work(outlooks=_pairs(pose, self._discs))
+        x, y, vx, vy, radius = self._discs[:, :5].T
+        t = time[:, None]
+        dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
+        ahead = np.cos(pose[..., 2:]) * dx + np.sin(pose[..., 2:]) * dy
+        apart = np.sqrt(dx * dx + dy * dy)
+        towards = -(dx * vx + dy * vy) / np.maximum(apart * np.hypot(vx, vy), 1e-6)  # the cosine of its course
+        near = np.clip(1.0 - (apart - radius) / within, 0.0, 1.0) * np.maximum(towards, 0.0)
+        return np.where(ahead < 0.0, near, 0.0).max(axis=-1, initial=0.0)
+
     def from_standing(self, pose: Array, far: float = FARTHEST_SEPARATION) -> Array:
         """Lower bounds (N, T) [m] of the separations from static obstacles, at poses (N, T, 3) [m, rad], up to ``far``.
 

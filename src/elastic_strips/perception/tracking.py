@@ -73,7 +73,7 @@ class Track:
         sensor: str = "laser",
     ) -> None:
         self.number: int = number
-        self.sensors: set[str] = {sensor}  # that have seen it
+        self.seen_by: dict[str, float] = {sensor: time}  # when each sensor that has seen it last did [s]
         self.time: float = time
         self.seen: float = time
         self.p: Array = np.array(shape.center)
@@ -239,6 +239,8 @@ _LOOK_BACK_DISTANCE = 0.3
 """A thing is looked for where it was this far [m] ago, or as long ago as ``history``."""
 _LEAST_EVIDENCE = 0.2
 _LEAST_VOTES = 2
+_SEES_FOR = 0.3
+"""A sensor sees a thing if it has last seen it no more than this long [s] before any sensor has."""
 
 
 class Tracker:
@@ -293,7 +295,7 @@ class Tracker:
         for k, j in pairs:
             track = self._tracks[k]
             track.correct(small[j], shapes[j], params)
-            track.sensors.add(sensor)
+            track.seen_by[sensor] = track.time
             seen.add(k)
             used.add(j)
             self._judge(track, small[j], now, sensor, moved)
@@ -385,7 +387,8 @@ class Tracker:
     def _missed(self, tracks: list[Track], now: View, sensor: str) -> None:
         """Tracks without a cluster: seen through, it is not there; hidden or next to something else, it may be.
 
-        Only a sensor that has seen a thing can miss it: what hangs above a laser's plane is never in its scans.
+        Only a sensor that sees a thing can miss it: what hangs above a laser's plane is not in its scans, even if
+        something in one of them was once taken for it.
         """
         if not tracks:
             return
@@ -395,7 +398,7 @@ class Tracker:
         for track, count in zip(tracks, through.tolist(), strict=True):
             if now.time - track.seen > params.coast_time:
                 track.lost = True
-            if sensor not in track.sensors:
+            if track.seen_by.get(sensor, -math.inf) < track.seen - _SEES_FOR:
                 continue
             track.votes = 0
             if count > 0.5 * len(_STAR):

@@ -287,6 +287,45 @@ def test_who_could_not_stop_before_a_mover_pays_for_it(jackal_box):
     assert not evasion.look(outlook(Scene([far])), start, strip) or not evasion._blocked(pose).any()
 
 
+def test_what_comes_from_behind_counts_and_what_goes_away_does_not(jackal_box):
+    """Of a robot that looks along x: somebody behind it, who walks up to it, by how near; nobody else."""
+    pose = np.zeros((1, 1, 3))
+    footprint = PlanarFootprint(jackal_box)
+    footprint.update(jackal_box.space.to_coordinates(jackal_box.home()))
+
+    def behind(x, y, vx, vy, yaw=0.0):
+        comer = Cylinder(0.3, 1.0, at=(x, y, 0.5), name="comer", motion=Twist((vx, vy, 0.0)))
+        scene = Scene([comer])
+        seen = ObstacleLookahead(footprint, scene, outlook(scene).possible, np.zeros(2), reach=9.0, horizon=3.0)
+        pose[..., 2] = yaw
+        return float(seen.from_behind(pose, np.zeros(1), 4.0)[0, 0])
+
+    near, far = behind(-1.0, 0.1, 0.5, 0.0), behind(-2.5, 0.1, 0.5, 0.0)
+    assert 0.0 < far < near <= 1.0
+    assert behind(-1.0, 0.1, -0.5, 0.0) == 0.0, "it goes away"
+    assert behind(1.0, 0.1, -0.5, 0.0) == 0.0, "it is in sight"
+    assert behind(1.0, 0.1, -0.5, 0.0, yaw=np.pi) > 0.5, "the robot has turned its back on it"
+    assert behind(-1.0, 0.1, 0.5, 0.0) > behind(-1.0, 0.1, 0.4, 0.4) > 0.0, "it passes at a distance"
+
+
+def test_who_sees_only_ahead_pays_for_turning_its_back_on_who_comes(jackal_box):
+    start = ReferenceState(0.0, jackal_box.space.to_coordinates(jackal_box.home()), np.zeros(3), np.zeros(3))
+    comer = Cylinder(0.3, 1.0, at=(2.5, 0.0, 0.5), name="comer", motion=Twist((-0.8, 0.0, 0.0)))
+    strip = np.column_stack([np.zeros(31), np.linspace(0.0, 6.0, 31), np.full(31, 0.5 * np.pi)])
+    more = {}
+    for backward in (True, False):
+        evasion = EvasivePlanner(
+            jackal_box, limits_for(jackal_box), EvasionParams(), dt=0.02, hold=0.1, backward=backward
+        )
+        assert evasion.look(outlook(Scene([comer])), start, strip)
+        rows = np.zeros((2, len(evasion.time), 3))
+        rows[1, :, 2] = np.pi
+        (risk, cost), (turned_risk, turned_cost) = evasion.cost(rows[0]), evasion.cost(rows[1])
+        assert turned_risk == pytest.approx(risk, abs=0.5), "it is no reason to leave the strip"
+        more[backward] = turned_cost - cost
+    assert more[False] > more[True] + 0.5
+
+
 def test_nothing_that_moves_nothing_to_evade(jackal_box):
     limits = limits_for(jackal_box)
     evasion = EvasivePlanner(jackal_box, limits, EvasionParams(), dt=0.02, hold=0.1)

@@ -17,7 +17,7 @@ from elastic_strips.control.joining import curves_onto, steered
 from elastic_strips.control.params import Tolerance
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, straight_line
-from elastic_strips.scene import UNSEEN_LAYER, Box, Scene, Twist
+from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant, simulation
 from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip.deformer import Deformer
@@ -226,6 +226,25 @@ def test_whoever_comes_too_near_is_not_backed_away_from(silvermate):
     for motion in (None, Twist((0.0, 0.1, 0.0))):
         scene = Scene([Box((0.4, 0.4, 1.0), at=(0.45, 0.0, 0.5), name="somebody", motion=motion)], time=0.0)
         assert bool(planner.cramped(state, scene)) == (motion is None)
+
+
+def test_it_does_not_back_off_to_where_somebody_comes(silvermate):
+    """Whoever may come as near as its clearance meanwhile is not what it leaves, however near that is."""
+    driven = ride(silvermate, silvermate.home(x=6.0))
+    driven.wait(2.0)
+    planner, begin = driven.controller.planner, driven.controller.reference
+    motion = driven.controller.executor.active.tail(begin.time)
+    ahead = begin.coordinates[0]
+    wall = Box((0.1, 0.1, 1.0), at=(ahead - 0.4, 0.0, 0.5), name="wall")
+    refuted = []
+    for far in np.linspace(0.4, 3.0, 27):
+        somebody = Cylinder(0.25, 1.7, at=(ahead + far, 0.0, 0.85), name="somebody", motion=Twist((-0.3, 0.0, 0.0)))
+        among = Scene([wall, somebody], time=begin.time)
+        refuted.append(not planner.certify_leaving(motion, among).certified)
+        alone = planner.certify(motion, among.without("wall")).certified
+        assert refuted[-1] or alone, f"{far:.1f} m ahead"
+    assert refuted[0]
+    assert not refuted[-1]
 
 
 @each("stop", ["stop", "cancel", "speed"])

@@ -11,8 +11,8 @@ import pytest
 
 from elastic_strips.control import Controller, RunState
 from elastic_strips.control.vantage import Vantage
-from elastic_strips.errors import GoalError
-from elastic_strips.planning import HandPose
+from elastic_strips.errors import ConfigurationError, GoalError
+from elastic_strips.planning import BasePose, HandPose
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant
 
@@ -180,15 +180,17 @@ def test_who_gets_nowhere_before_what_was_not_seen_comes_to_rest_to_look_from_el
     assert not kept_by("wall", 0.01, every=100), "its motions are not refused"
 
 
-def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None):
-    """A controller that drives to a hand's goal 4 m ahead, about which something is shown from the time ``since`` [s]
-    on until the base is as near as ``seen_from`` [m]; somewhere there is something that was not seen. The goal is asked
-    for at the time ``asked`` [s], on the way to another one; None: from the beginning."""
+def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None, goal=None):
+    """A controller that drives to a goal 4 m ahead, of the hand by default, about which something is shown from the
+    time ``since`` [s] on until the base is as near as ``seen_from`` [m]; for the hand somewhere there is something that
+    was not seen, for other goals only readings are waited for. The goal is asked for at the time ``asked`` [s], on the
+    way to another one; None: from the beginning."""
     hand = (4.0, 0.0, 0.8)
-    elsewhere = Box((0.4, 0.4, 0.4), at=(0.0, 5.0, 0.2), name=f"{UNSEEN_LAYER}-1-0-0")
-    shown = Box((0.3, 0.3, 0.3), at=hand, name="volume-1-0-0")
-    goal = HandPose("hand_frame", hand)
-    first = Scene([shown, elsewhere] if since <= 0.0 else [elsewhere], time=0.0)
+    elsewhere = Box((0.4, 0.4, 0.4), at=(0.0, 5.0, 0.2), name="map-1-0" if goal else f"{UNSEEN_LAYER}-1-0-0")
+    held_up = "nothing has arrived since" if goal else ""
+    shown = Box((0.3, 0.3, 0.3), at=(4.0, 0.0, 0.3) if goal else hand, name="volume-1-0-0")
+    goal = HandPose("hand_frame", hand) if goal is None else goal(robot)
+    first = Scene([shown, elsewhere] if since <= 0.0 else [elsewhere], time=0.0, held_up=held_up)
     controller = Controller(robot, robot.home(), goal if asked is None else robot.home(x=-1.5), first)
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
@@ -196,7 +198,7 @@ def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None):
     for k in range(round(seconds / DT)):
         far = float(np.hypot(*(plant.coordinates[:2] - hand[:2])))
         nearest, there = min(nearest, far), there and far > seen_from
-        scene = Scene([shown, elsewhere] if there and k * DT > since else [elsewhere], time=k * DT)
+        scene = Scene([shown, elsewhere] if there and k * DT > since else [elsewhere], time=k * DT, held_up=held_up)
         if asked is not None and k == round(asked / DT):
             controller.retarget(goal)
         measured = plant.step(controller.step(k * DT, measured, scene), DT)
@@ -223,6 +225,32 @@ def test_so_is_what_is_shown_there_before_it_sets_out(silvermate, asked):
     assert controller.state is RunState.REACHED, controller.reason
     assert controller.reached == 1, "where it stood at first, and looked from, are no goals"
     assert states.index(RunState.REACHED) == len(states) - 1
+
+
+@pytest.mark.parametrize("goal", [lambda robot: robot.home(x=4.0), lambda robot: BasePose(4.0, 0.0)])
+@pytest.mark.parametrize("when", [{"since": 0.5}, {"since": -1.0}, {"since": -1.0, "asked": 1.5}])
+def test_so_is_what_is_shown_where_the_base_is_to_stand(silvermate, goal, when):
+    """From afar nothing may see that it is gone."""
+    controller, _, _ = at_a_table(silvermate, 1.7, 60.0, goal=goal, **when)
+    assert [event for event in controller.events if event.kind == "looking"]
+    assert controller.state is RunState.REACHED, controller.reason
+    assert controller.reached == 1
+
+
+def test_what_stands_there_for_good_is_waited_for(silvermate):
+    controller, nearest, states = at_a_table(silvermate, 0.0, 60.0, goal=lambda robot: robot.home(x=4.0))
+    assert 1 <= len([event for event in controller.events if event.kind == "looking"]) <= 3
+    assert nearest > 0.8
+    assert RunState.REACHED not in states
+    assert not controller.goals_reached
+
+
+def test_a_robot_that_starts_in_something_does_not_look(silvermate):
+    here = Box((0.3, 0.3, 0.3), at=(0.0, 0.0, 0.3), name="map-0-0")
+    with pytest.raises(ConfigurationError):
+        Controller(
+            silvermate, silvermate.home(), silvermate.home(x=4.0), Scene([here], held_up="nothing has arrived since")
+        )
 
 
 def test_a_goal_that_is_taken_in_a_known_scene_is_refused_at_once(silvermate):

@@ -10,6 +10,8 @@ from cases import each
 from ray_caster import box_segments, scan
 
 from elastic_strips.perception import SceneEstimator, SceneEstimatorParams
+from elastic_strips.perception.clusters import Cluster
+from elastic_strips.perception.tracking import Tracker
 from elastic_strips.scene import Twist
 
 ROOM = box_segments(4, 0, 12, 8) + box_segments(5, 2, 1.0, 0.6, 0.3) + box_segments(2, -2.5, 0.5, 0.5)
@@ -196,6 +198,37 @@ def test_what_is_seen_through_is_lost_and_what_is_hidden_is_foreseen():
             last = t
     assert last is not None
     assert 1.45 < last < 1.5 + 0.1 * params.lost_misses + 0.01
+
+
+class SeenThrough:
+    """A reading that sees through everything, or through nothing."""
+
+    def __init__(self, time, *, all_of_it):
+        self.time, self._all = time, all_of_it
+
+    def beyond(self, points, margin):
+        return np.full(len(points), self._all), np.full(len(points), not self._all)
+
+
+@pytest.mark.parametrize("laser_sees_it", [False, True])
+def test_a_laser_that_was_once_taken_to_see_a_thing_does_not_miss_it_for_ever(laser_sees_it):
+    """A load that hangs comes up to a camera, until it is too near to be seen: a laser below it sees through its place
+    all the time. Of what the laser has seen until then, that says that it is gone."""
+    params = SceneEstimatorParams()
+    tracker = Tracker(params)
+    for k in range(34):
+        t, x = 0.05 * k, 3.0 - 0.04 * k
+        front = np.column_stack([np.full(9, x), np.linspace(-0.2, 0.2, 9)])
+        cluster = Cluster(front, np.zeros(2), hidden=False, displaced=True)
+        gone = k >= 30
+        tracker.update(SeenThrough(t, all_of_it=False), [] if gone else [cluster], "camera")
+        once = k == 10 or (laser_sees_it and not gone)
+        tracker.update(SeenThrough(t + 0.01, all_of_it=True), [cluster] if once else [], "laser")
+        assert len(tracker.movers) == 1 or k < 15 or (laser_sees_it and gone), k
+    assert len(tracker.movers) == (0 if laser_sees_it else 1)
+    for k in range(34, 34 + round(params.coast_time / 0.05) + 2):
+        tracker.update(SeenThrough(0.05 * k, all_of_it=False), [], "camera")
+    assert not tracker.movers, "what nobody sees any more is not expected for ever"
 
 
 @each("height, top", [(0.4, 2.0), (1.5, 2.0), (2.3, 2.3)])
