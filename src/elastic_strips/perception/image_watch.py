@@ -250,10 +250,10 @@ class ImageWatch:
         found: _Displacement,
     ) -> str:
         name = repr(image.sensor)
-        if repeated > _SAME and (self._noisy or self._moved()):
-            return f"{name} is frozen: the same image comes again and again, from {image.time:.2f} s on"
         if unanswered > _BLIND or (unanswered > _MOST_UNANSWERED and image.time - self._sees > _UNANSWERED_FOR):
             return f"{name} hardly sees anything: {100 * unanswered:.0f} % of its pixels say nothing"
+        if repeated > _SAME and (self._noisy or self._moved()):
+            return f"{name} is frozen: the same image comes again and again, from {image.time:.2f} s on"
         if alone > _MOST_ALONE:
             return (
                 f"{name} sees what is not there: {100 * alone:.0f} % of its pixels end before all about them, "

@@ -145,6 +145,21 @@ def test_what_says_little_is_doubted_once_it_goes_on(lost, seconds, doubted):
     assert bool(report.reason) is doubted, report.reason
 
 
+def test_a_covered_camera_is_blind_and_not_frozen():
+    """Images that say nothing at all are equal, too, however noisy the camera is."""
+    rng, watch, places = np.random.default_rng(0), ImageWatch(VolumeMapParams()), np.zeros((48, 64), dtype=bool)
+    far, reasons = np.full(places.shape, np.inf), []
+    for k in range(14):
+        depth = 2.0 + 0.005 * rng.standard_normal(places.shape) if k < 7 else np.full(places.shape, NO_ANSWER)
+        image = DepthImage("camera", k / 15, np.eye(4), depth, (50.0, 50.0), (31.5, 23.5), 0.28, 6.0)
+        report = watch.look(image, image, np.eye(4), far, places, lambda at, _: np.zeros(len(at), dtype=bool), {})
+        reasons.append(report.reason)
+    assert not any(reasons[:7])
+    assert reasons[7]
+    assert report.repeated > 3
+    assert set(reasons[7:]) == {reasons[7]}, "it is not said to be frozen once it has come a third time"
+
+
 def test_an_arm_that_is_not_where_it_should_be_in_the_picture_is_named(tiago):
     camera = DepthParams(frame="xtion_depth_optical_frame", tilt=0.5, columns=96, rows=72, range_min=0.1)
     suite = SensorSuite(tiago, World(ROOM), SensorConfig(sensors=(camera,)), seed=1)
