@@ -45,6 +45,15 @@ install() {
     "${pip[@]}" install --quiet --no-compile "$@" # Python compiles what is imported, a tenth of it
 }
 
+# Whether .venv has this checkout, editable: somebody may have installed a copy over it since, which no edit reaches.
+installed_here() {
+    "$VENV/bin/python" -I -c '
+import importlib.util, pathlib, sys
+spec = importlib.util.find_spec("elastic_strips")
+sys.exit(not (spec and spec.origin and pathlib.Path(sys.argv[1], "src").resolve() in pathlib.Path(spec.origin).resolve().parents))
+' "$ROOT"
+}
+
 # setup_venv EXTRAS: afterwards .venv holds the checkout, editable, with these extras ("" for none).
 # A stamp remembers what was installed from which pyproject.toml and C++ code: the second run installs nothing.
 setup_venv() {
@@ -66,7 +75,7 @@ print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and ru
     stamp="$VENV/.installed-${extras:-core}"
     # Everything that the demo needs is in the test environment, too.
     for candidate in "$stamp" "$VENV/.installed-dev,notebooks"; do
-        if [ -f "$candidate" ] && [ "$(cat "$candidate")" = "$digest" ]; then
+        if [ -f "$candidate" ] && [ "$(cat "$candidate")" = "$digest" ] && installed_here; then
             return
         fi
     done

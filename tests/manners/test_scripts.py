@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import venv
 from pathlib import Path
 
 import pytest
@@ -63,3 +64,24 @@ def test_the_quick_checks_are_ruff_and_the_quick_units(checkout: Path) -> None:
     assert spoken["pytest"].endswith("-k viewer tests/unit tests/property")
     end(checkout, "pytest", 1)
     assert run(checkout, "--quick").returncode == 1
+
+
+def test_a_copy_that_was_installed_over_the_checkout_is_noticed(tmp_path):
+    """No edit would reach it."""
+    checkout, source = tmp_path / "checkout", tmp_path / "checkout" / "src" / "elastic_strips"
+    shutil.copytree(SCRIPTS, checkout / "scripts")
+    source.mkdir(parents=True)
+    (source / "__init__.py").touch()
+    venv.create(checkout / ".venv", symlinks=True)
+    packages = next((checkout / ".venv").glob("lib*/python*/site-packages"))
+
+    def here() -> bool:
+        call = 'source "$1" && installed_here'
+        command = [shutil.which("bash") or "bash", "-c", call, "bash", str(checkout / "scripts" / "_setup.sh")]
+        return subprocess.run(command, check=False).returncode == 0
+
+    assert not here(), "nothing is installed"
+    (packages / "editable.pth").write_text(f"{source.parent}\n")
+    assert here()
+    shutil.copytree(source, packages / "elastic_strips")
+    assert not here()
