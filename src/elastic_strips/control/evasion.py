@@ -352,8 +352,8 @@ class EvasivePlanner(OneThread):
         nothing is known of where it goes."""
         if self._backward:
             return np.zeros(len(pose))
-        behind = self._lookahead.from_behind(pose, self._delay + self.time, _BEHIND_WITHIN)
-        return _BEHIND_COST * (behind @ self._weight)
+        behind = self._lookahead.from_behind(pose[:, 1::4], self._delay + self.time[1::4], _BEHIND_WITHIN)
+        return _BEHIND_COST * (behind @ (4.0 * self._weight[1::4]))
 
     def _blocked(self, pose: Array) -> Mask:
         """(N, T−1) where a robot that follows poses (N, T, 3) could not be certified to stop, from the second pose on:

@@ -181,7 +181,8 @@ class ObstacleLookahead:
         dx, dy = x + vx * t - pose[..., 0:1], y + vy * t - pose[..., 1:2]
         ahead = np.cos(pose[..., 2:]) * dx + np.sin(pose[..., 2:]) * dy
         apart = np.sqrt(dx * dx + dy * dy)
-        towards = -(dx * vx + dy * vy) / np.maximum(apart * np.hypot(vx, vy), 1e-6)  # the cosine of its course
+        speed = np.maximum(np.hypot(vx, vy), 1e-6)
+        towards = -(dx * (vx / speed) + dy * (vy / speed)) / np.maximum(apart, 1e-6)  # the cosine of its course
         near = np.clip(1.0 - (apart - radius) / within, 0.0, 1.0) * np.maximum(towards, 0.0)
         return np.where(ahead < 0.0, near, 0.0).max(axis=-1, initial=0.0)
 
