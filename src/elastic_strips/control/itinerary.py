@@ -53,12 +53,12 @@ def configuration_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | 
 
 
 def place_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | None:
-    """Place (2,) [m] of the floor that a goal is at, or the first of several is: of the hand, or of the base; None
-    where a mapping of several coordinates or poses asks, or the base is fixed."""
+    """Place (2,) [m] of the floor at which a goal is, or the first of several: that of a hand, else of the base; None
+    where coordinates or poses are asked for by name, or the base is fixed."""
     if not robot.space.planar:
         return None
     if isinstance(goal, AllOf):
-        goal = goal.goals  # those of hands and of the base
+        goal = [*goal.hands, *([] if goal.base is None else [goal.base])]
     if isinstance(goal, HandPose):
         return np.array(goal.position[:2])
     if isinstance(goal, BasePose):
