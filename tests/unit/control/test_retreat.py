@@ -227,8 +227,10 @@ def test_so_is_what_is_shown_there_before_it_sets_out(silvermate, asked):
     assert states.index(RunState.REACHED) == len(states) - 1
 
 
-@pytest.mark.parametrize("goal", [lambda robot: robot.home(x=4.0), lambda robot: BasePose(4.0, 0.0)])
-@pytest.mark.parametrize("when", [{"since": 0.5}, {"since": -1.0}, {"since": -1.0, "asked": 1.5}])
+@pytest.mark.parametrize("goal", [lambda robot: robot.home(x=4.0), lambda robot: BasePose(4.0, 0.0)], ids=["q", "pose"])
+@pytest.mark.parametrize(
+    "when", [{"since": 0.5}, {"since": -1.0}, {"since": -1.0, "asked": 1.5}], ids=["on the way", "first", "retargeted"]
+)
 def test_so_is_what_is_shown_where_the_base_is_to_stand(silvermate, goal, when):
     """From afar nothing may see that it is gone."""
     controller, _, _ = at_a_table(silvermate, 1.7, 60.0, goal=goal, **when)
