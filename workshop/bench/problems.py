@@ -18,7 +18,7 @@ from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.scenarios.drive import STRIP
-from elastic_strips.sim.sensed_perception import SensorPerception
+from elastic_strips.sim.sensed_perception import SensorPerception, sees_behind
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import DeformParams
 from elastic_strips.trajectory import MotionLimits
@@ -87,7 +87,8 @@ def _problem_params(
             params,
             assumptions=LASER_ASSUMPTIONS,
             speed_scale=LASER_EASE,
-            backward=sensors.all_round or not moving,  # where nothing moves, what is behind is as it was seen before
+            backward=not moving
+            or sees_behind(robot, sensors),  # where nothing moves, what is behind is as it was seen before
         )
     return params, limits
 

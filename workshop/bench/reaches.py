@@ -24,6 +24,7 @@ from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.jobs import cached, parallel_map
+from elastic_strips.sim.sensed_perception import sees_behind
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import DeformParams
 from workshop.datasets import house_scene, load_house
@@ -176,7 +177,7 @@ def _driven(robot: RobotModel, task: _Reach) -> Figures:
             max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
         )
         perception = SensorPerception(robot, world, pick.start, sensors=sensors, seed=task.seed)
-        if not sensors.all_round:
+        if not sees_behind(robot, sensors):
             params = replace(params, backward=False)
     driven = simulation(
         robot,

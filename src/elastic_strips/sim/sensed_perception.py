@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control.estimation import PoseBuffer
-from elastic_strips.perception import Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
+from elastic_strips.perception import RangeImage, Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
+from elastic_strips.perception.body_mask import BodyMask
 from elastic_strips.perception.gaze import Gaze
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene, World
@@ -19,7 +20,7 @@ from elastic_strips.scene import Scene, World
 from .computing import Computing
 from .perception import PerceptionError, PerceptionParams
 from .sensors import SensorConfig, SensorSuite
-from .sensors.params import DepthParams
+from .sensors.params import DepthParams, LaserParams, LidarParams, RingParams
 
 _CONTACT_REACH = 0.02  # [m] larger distances are not measured
 
@@ -44,6 +45,35 @@ class ContactSensor:
             return ""
         part = int(np.unravel_index(int(exact.argmin()), exact.shape)[2])
         return self._obstacles.obstacle_name(part)
+
+
+_ALL_ROUND, _REAR = math.radians(300.0), math.radians(120.0)
+"""Field of view [rad] of a laser that looks behind the robot; azimuth [rad] beyond which is behind it."""
+_REAR_SEEN = 0.8  # of the columns of a lidar that look there
+
+
+def sees_behind(robot: RobotModel, sensors: SensorConfig) -> bool:
+    """Whether any sensor looks behind a robot: a ring, a laser that sees nearly all around, or a 3-D lidar of which the
+    robot's own bodies, as they are at home, hide little there."""
+    lidars = tuple(s for s in sensors.sensors if isinstance(s, LidarParams))
+    for sensor in sensors.sensors:
+        if isinstance(sensor, RingParams) or (isinstance(sensor, LaserParams) and sensor.field_of_view > _ALL_ROUND):
+            return True
+    if not lidars:
+        return False
+    suite, mask = SensorSuite(robot.seeing, World(Scene([])), SensorConfig(sensors=lidars)), BodyMask(robot.seeing)
+    row = robot.seeing.space.to_coordinates(robot.seeing.home())
+    first: dict[str, Reading] = {}
+    for k in range(round(max(s.latency + 1.0 / s.rate for s in lidars) / _STANDING_UPDATE_PERIOD) + 2):
+        first |= {reading.sensor: reading for reading in suite.observe(k * _STANDING_UPDATE_PERIOD, row)}
+    for image in first.values():
+        if isinstance(image, RangeImage):
+            turned = math.atan2(image.T_base_sensor[1, 0], image.T_base_sensor[0, 0])
+            azimuth = turned + np.linspace(*image.azimuth, image.ranges.shape[1])
+            seen: Mask = np.asarray(np.isinf(mask.apart(image)[1]).any(axis=0))
+            if seen[np.cos(azimuth) < math.cos(_REAR)].mean() >= _REAR_SEEN:
+                return True
+    return False
 
 
 _LASER_PLANE_HEIGHT = 0.3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from cases import refused
@@ -9,8 +11,9 @@ from cases import refused
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World
 from elastic_strips.sim.perception import PerceptionError
-from elastic_strips.sim.sensed_perception import SensorPerception, body_radius
-from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.sim.sensed_perception import SensorPerception, body_radius, sees_behind
+from elastic_strips.sim.sensors import LaserParams, SensorConfig
+from elastic_strips.sim.sensors.params import LidarParams
 
 LASER = SensorConfig().only("laser")
 PILLAR = Box((0.4, 0.4, 1.5), at=(1.5, 0.3, 0.75), name="pillar")
@@ -66,3 +69,18 @@ def test_the_body_is_free_of_what_was_seen_there(silvermate):
 @pytest.mark.parametrize("name, least, most", [("silvermate", 0.269, 0.271), ("jackal-box", 0.214, 0.216)])
 def test_the_body_radius_is_the_largest_disc_within(name, least, most):
     assert least < body_radius(load_robot(name)) < most
+
+
+def test_who_sees_behind(silvermate):
+    """A lidar turns all the way round, but on the front of the head it looks into that."""
+
+    def behind(*sensors):
+        return sees_behind(silvermate, SensorConfig(sensors=sensors))
+
+    assert sees_behind(silvermate, SensorConfig())
+    assert sees_behind(silvermate, SensorConfig().only("sonar"))
+    assert not sees_behind(silvermate, SensorConfig().only("laser"))
+    assert behind(LaserParams(field_of_view=2.0 * math.pi))
+    level = {"elevation_min": -0.908, "elevation_max": 0.122, "columns": 64, "rows": 16}
+    assert not behind(LidarParams(frame="head_frame", **level))
+    assert behind(LidarParams(frame="hand_frame", **level)), "held out in front, it sees most"

@@ -33,6 +33,7 @@ from elastic_strips.sim.machine_process import faulty_plant
 from elastic_strips.sim.perception import NoisyGroundTruth
 from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.realtime import RealtimeSimulation
+from elastic_strips.sim.sensed_perception import sees_behind
 from elastic_strips.sim.sensors import SensorConfig, SensorSuite
 from elastic_strips.strip import LookAt, OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce
@@ -283,13 +284,16 @@ def make_realtime(
     )
 
 
-def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfig | None = None) -> DriveParams:
+def drive_params(
+    scenario: Scenario, *, evade: bool = True, sensors: SensorConfig | None = None, robot: RobotModel | None = None
+) -> DriveParams:
     """The parameters that a scenario is driven with, unless others are given.
 
     Args:
         scenario: the problem, with its own parameters of the strip.
         evade: whether to leave the strip to avoid moving obstacles.
         sensors: the robot's sensors; a known scene where None.
+        robot: the robot that has them; the scenario's where None.
     """
     deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
     params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
@@ -298,7 +302,7 @@ def drive_params(scenario: Scenario, *, evade: bool = True, sensors: SensorConfi
             params,
             assumptions=LASER_ASSUMPTIONS,
             speed_scale=LASER_EASE,
-            backward=sensors.all_round,
+            backward=sees_behind(robot or scenario.load_robot(preset="default"), sensors),
             max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
         )
     return params
@@ -334,7 +338,7 @@ class DrivenProblem:
             machine = KinematicPlant(robot, limits, MACHINE, seed=seed)
         start = scenario.start_of(robot)
         goals = list(setup.goals) or scenario.goals(robot)
-        params = setup.params or drive_params(scenario, evade=setup.evade, sensors=setup.sensors)
+        params = setup.params or drive_params(scenario, evade=setup.evade, sensors=setup.sensors, robot=robot)
         if setup.level:
             params = replace(params, constraint=OrientationConstraint.from_configuration(robot, start, setup.level))
         metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": setup.plant}

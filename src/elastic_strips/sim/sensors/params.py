@@ -23,7 +23,6 @@ _Range = Annotated[float, Bound(low=0.0, high=1e3, unit="m")]
 _Rate = Annotated[float, Bound(low=1e-3, high=1.0 / _SHORTEST_PERIOD, unit="Hz")]
 _Latency = Annotated[float, Bound(low=0.0, high=10.0, unit="s")]
 _Noise = Annotated[float, Bound(low=0.0, high=10.0, unit="m")]
-_ALL_ROUND = math.radians(300.0)
 _Turn = Annotated[float, Bound(low=0.0, high=2.0 * math.pi + 1e-9, unit="rad")]
 _MOST_PIXELS = 2_000_000
 _Columns = Annotated[int, Bound(low=2, high=_MOST_PIXELS)]
@@ -328,14 +327,6 @@ class SensorConfig:
     def oldest(self) -> float:
         """Largest age [s] of a reading of these that has come in time, or has been missed once."""
         return max((s.latency + 2.0 / s.rate for s in self.sensors if s.name in self.required), default=0.0)
-
-    @property
-    def all_round(self) -> bool:
-        """Whether any sensor looks behind the robot: a ring, or a laser that sees nearly all around."""
-        return any(
-            isinstance(s, (RingParams, LidarParams)) or (isinstance(s, LaserParams) and s.field_of_view > _ALL_ROUND)
-            for s in self.sensors
-        )
 
     def only(self, *names: str) -> SensorConfig:
         """These sensors alone.

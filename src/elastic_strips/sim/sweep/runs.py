@@ -177,7 +177,8 @@ def _drive(run: Run) -> Row:
     options["compute"] = Computing.parse(cast("str | float", options.get("compute", "1"))).label
     if values:
         evade = options.pop("evade", True)
-        made = drive_params(scenario, evade=cast("bool", evade), sensors=cast("Any", options.get("sensors")))
+        config = cast("Any", options.get("sensors"))
+        made = drive_params(scenario, evade=cast("bool", evade), sensors=config, robot=robot)
         options["params"] = changed(made, values)
     outcome = drive_scenario(scenario, robot=robot, seed=run.seed, **_any(options))
     found = cast("dict[str, Any]", drive_document(outcome))

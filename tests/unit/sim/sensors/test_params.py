@@ -74,13 +74,6 @@ def test_names_are_unique():
         SensorConfig(self_padding=-0.01)
 
 
-def test_who_looks_behind():
-    assert SensorConfig().all_round
-    assert not SensorConfig().only("laser").all_round
-    assert SensorConfig().only("sonar").all_round
-    assert SensorConfig(sensors=(LaserParams(field_of_view=2.0 * math.pi),)).all_round
-
-
 def test_values_of_parameters():
     config = SensorConfig(sensors=[SonarParams(frames=["a", "b"], groups=1)])  # type: ignore[arg-type]
     assert config.names == ("sonar",)
