@@ -87,8 +87,8 @@ def _problem_params(
             params,
             assumptions=LASER_ASSUMPTIONS,
             speed_scale=LASER_EASE,
-            backward=not moving
-            or sees_behind(robot, sensors),  # where nothing moves, what is behind is as it was seen before
+            # Where nothing moves, what is behind is as it was seen before.
+            backward=not moving or sees_behind(robot, sensors),
         )
     return params, limits
 

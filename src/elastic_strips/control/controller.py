@@ -199,8 +199,9 @@ class Controller:
                 self.first_plan = plan()
                 self.replanner.begin(self.first_plan)
                 strip = self.first_plan.strip
-            except (ConfigurationError, GoalError):
-                looks = may_look(robot, self.scene, first, self.replanner.deform)
+            except (ConfigurationError, GoalError) as error:
+                at_goal = isinstance(error, GoalError) or configuration_of(robot, first) is not None  # not at the start
+                looks = at_goal and may_look(robot, self.scene, first, self.replanner.deform)
                 if not looks:
                     raise
                 strip = Strip.from_coordinates(robot, np.array([self.start, self.start]))

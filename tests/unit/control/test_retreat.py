@@ -247,12 +247,11 @@ def test_what_stands_there_for_good_is_waited_for(silvermate):
     assert not controller.goals_reached
 
 
-def test_a_robot_that_starts_in_something_does_not_look(silvermate):
+@pytest.mark.parametrize("goal", [lambda robot: robot.home(x=4.0), lambda robot: HandPose("hand_frame", (4, 0, 0.8))])
+def test_a_robot_that_starts_in_something_does_not_look(silvermate, goal):
     here = Box((0.3, 0.3, 0.3), at=(0.0, 0.0, 0.3), name="map-0-0")
     with pytest.raises(ConfigurationError):
-        Controller(
-            silvermate, silvermate.home(), silvermate.home(x=4.0), Scene([here], held_up="nothing has arrived since")
-        )
+        Controller(silvermate, silvermate.home(), goal(silvermate), Scene([here], held_up="nothing has arrived since"))
 
 
 def test_a_goal_that_is_taken_in_a_known_scene_is_refused_at_once(silvermate):
