@@ -43,6 +43,8 @@ class Pyramid {
     }
   }
 
+  float of(std::size_t row, std::size_t column) const { return levels_[0].least[row * levels_[0].columns + column]; }
+
   // Of rows r0 to r1 and columns c0 to c1, both of them included.
   template <bool least>
   float of(std::size_t r0, std::size_t r1, std::size_t c0, std::size_t c1) const {
@@ -64,55 +66,89 @@ class Pyramid {
   std::vector<Level> levels_;
 };
 
-// Pixels that a ball covers, first and last, not yet cut to the image, and how far the ball is by the image's measure.
-struct Cover {
-  double rows[2], columns[2], near, far;
-  bool known;  // else the ball is too near, or about the axis, to say
+// As std::floor does, which is a call where the processor's own instruction may not be there.
+inline double floored(double x) {
+  if (!(std::abs(x) < 1e15)) return std::floor(x);
+  const double whole = static_cast<double>(static_cast<std::int64_t>(x));
+  return whole > x ? whole - 1.0 : whole;
+}
+
+// How far a ball is by an image's measure; its middle is so far from a range finder, and so far from its axis.
+struct Ball {
+  double near, far, distance, flat;
+  bool known;  // else it is too near, or about the axis, to say which pixels it covers
 };
 
-Cover cover(const Optics& optics, const double* c, double radius) {
-  Cover result{{0.0, 0.0}, {0.0, 0.0}, 0.0, 0.0, false};
+inline Ball ball_at(const Optics& optics, const double* c, double radius) {
+  Ball ball;
+  ball.flat = optics.camera ? c[2] : std::hypot(c[0], c[1]);
+  ball.distance = optics.camera ? c[2] : std::hypot(ball.flat, c[2]);
+  ball.near = ball.distance - radius;
+  ball.far = ball.distance + radius;
+  ball.known = ball.flat > radius;
+  return ball;
+}
+
+// The column and the row of its middle.
+inline void project(const Optics& optics, const double* c, const Ball& ball, double* at) {
+  const double x = optics.camera ? c[0] / c[2] : std::atan2(c[1], c[0]);
+  const double y = optics.camera ? c[1] / c[2] : std::atan2(c[2], ball.flat);
+  at[0] = optics.middle[0] + optics.scale[0] * x;
+  at[1] = optics.middle[1] + optics.scale[1] * y;
+}
+
+// The first and the last pixels that a ball covers, not yet cut to the image.
+struct Cover {
+  double rows[2], columns[2];
+};
+
+inline Cover cover(const Optics& optics, const double* c, double radius, const Ball& ball) {
+  Cover result;
   if (optics.camera) {
-    result.near = c[2] - radius;
-    result.far = c[2] + radius;
     const double below = c[2] * c[2] - radius * radius;
-    if (!(c[2] > radius)) return result;
     for (int k = 0; k < 2; ++k) {  // tangents to the ball in the plane of z and x, or of z and y
       const double root = radius * std::sqrt(c[k] * c[k] + below);
       double* pixels = k == 0 ? result.columns : result.rows;
       pixels[0] = optics.middle[k] + optics.scale[k] * ((c[k] * c[2] - root) / below);
       pixels[1] = optics.middle[k] + optics.scale[k] * ((c[k] * c[2] + root) / below);
     }
-    result.known = true;
     return result;
   }
-  const double flat = std::hypot(c[0], c[1]), distance = std::hypot(flat, c[2]);
-  result.near = distance - radius;
-  result.far = distance + radius;
-  if (!(flat > radius)) return result;
-  const double wide = std::asin(radius / flat), high = std::asin(radius / distance);
-  const double middle[2] = {std::atan2(c[1], c[0]), std::atan2(c[2], flat)};
+  const double wide = std::asin(radius / ball.flat), high = std::asin(radius / ball.distance);
+  double middle[2];
+  project(optics, c, ball, middle);
   for (int k = 0; k < 2; ++k) {
-    const double at = optics.middle[k] + optics.scale[k] * middle[k];
     const double half = std::abs(optics.scale[k]) * (k == 0 ? wide : high);
     double* pixels = k == 0 ? result.columns : result.rows;
-    pixels[0] = at - half;
-    pixels[1] = at + half;
+    pixels[0] = middle[k] - half;
+    pixels[1] = middle[k] + half;
   }
-  result.known = true;
   return result;
 }
 
-// What the pixels over a ball say: the least that they surely see, and the most; nothing of pixels beside the image.
+// To where the pixel over a ball's middle surely sees; 0 beside the image.
+inline float middle_sees(const Pyramid& pyramid, const Optics& optics, const double* c, const Ball& ball) {
+  double at[2];
+  project(optics, c, ball, at);
+  double column = floored(at[0] + 0.5);
+  const double row = floored(at[1] + 0.5), columns = static_cast<double>(optics.columns);
+  if (optics.round) column -= columns * floored(column / columns);
+  if (!(row >= 0.0 && row < static_cast<double>(optics.rows) && column >= 0.0 && column < columns)) return 0.0f;
+  return pyramid.of(static_cast<std::size_t>(row), static_cast<std::size_t>(column));
+}
+
+// What the pixels over a ball say: the least that they surely see, and, where both are asked for, the most; nothing of
+// pixels beside the image.
 struct Seen {
   float least, most;
 };
 
-Seen seen(const Pyramid& pyramid, const Optics& optics, const Cover& ball) {
+template <bool both>
+inline Seen seen(const Pyramid& pyramid, const Optics& optics, const Cover& ball) {
   constexpr float kNone = 0.0f;
   const auto last = [](std::size_t n) { return static_cast<double>(n - 1); };
-  double r0 = std::floor(ball.rows[0] + 0.5), r1 = std::floor(ball.rows[1] + 0.5);
-  double c0 = std::floor(ball.columns[0] + 0.5), c1 = std::floor(ball.columns[1] + 0.5);
+  double r0 = floored(ball.rows[0] + 0.5), r1 = floored(ball.rows[1] + 0.5);
+  double c0 = floored(ball.columns[0] + 0.5), c1 = floored(ball.columns[1] + 0.5);
   bool whole = r0 >= 0.0 && r1 <= last(optics.rows);
   r0 = std::max(r0, 0.0);
   r1 = std::min(r1, last(optics.rows));
@@ -121,7 +157,7 @@ Seen seen(const Pyramid& pyramid, const Optics& optics, const Cover& ball) {
     const auto a = static_cast<std::size_t>(r0), b = static_cast<std::size_t>(r1);
     const auto c = static_cast<std::size_t>(from), d = static_cast<std::size_t>(to);
     all.least = std::min(all.least, pyramid.of<true>(a, b, c, d));
-    all.most = std::max(all.most, pyramid.of<false>(a, b, c, d));
+    if (both) all.most = std::max(all.most, pyramid.of<false>(a, b, c, d));
   };
   Seen all{std::numeric_limits<float>::infinity(), kNone};
   if (optics.round) {
@@ -129,7 +165,7 @@ Seen seen(const Pyramid& pyramid, const Optics& optics, const Cover& ball) {
     if (c1 - c0 >= n - 1.0) {
       of(0.0, n - 1.0, all);
     } else {
-      const double shift = n * std::floor(c0 / n);
+      const double shift = n * floored(c0 / n);
       c0 -= shift;
       c1 -= shift;
       of(c0, std::min(c1, n - 1.0), all);
@@ -157,6 +193,8 @@ VolumeMap::VolumeMap(const std::int64_t* blocks, const std::int64_t* corner, dou
   std::copy(corner, corner + 3, corner_.begin());
   const std::size_t count = static_cast<std::size_t>(blocks_[0] * blocks_[1] * blocks_[2]);
   known_.assign(count * VOLUME, UNSEEN);
+  floors_.assign(count, 0);
+  passed_.assign(count, 0);
   filled_.assign(count, Bits{});
   sure_.assign(count, Bits{});
   hit_.assign(count, Bits{});
@@ -212,6 +250,8 @@ void VolumeMap::note(Noted& noted, std::size_t at) {
 
 void VolumeMap::put(std::size_t at, int voxel, int known, bool neither) {
   std::int8_t& now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
+  floors_[at] += (known == evidence_.floor) - (now == evidence_.floor);
+  passed_[at] += (known == PASSED) - (now == PASSED);
   now = static_cast<std::int8_t>(known);
   std::uint64_t& word = filled_[at][static_cast<std::size_t>(voxel / 64)];
   std::uint64_t& sure = sure_[at][static_cast<std::size_t>(voxel / 64)];
@@ -249,6 +289,7 @@ void VolumeMap::roll(const std::int64_t* corner) {
     if (full) note(changed_, at);
     std::fill_n(known_.begin() + static_cast<std::ptrdiff_t>(at * VOLUME), VOLUME, UNSEEN);
     filled_[at] = sure_[at] = hit_[at] = Bits{};
+    floors_[at] = passed_[at] = 0;
     changed_.among[at] = cleared_.among[at] = 0;  // what comes into this place is another block
   }
   corner_ = next;
@@ -312,9 +353,10 @@ void VolumeMap::carve(const Sight& sight) {
     seen_from(middle, c);
     if (wide == 1) {
       const int voxel = 64 * first[0] + 8 * first[1] + first[2];
-      const Cover one = cover(optics, c, small);
+      const Ball one = ball_at(optics, c, small);
       if (!one.known || one.near < sight.nearest || one.far >= farthest) return;
-      const float least = seen(pyramid, optics, one).least;
+      if (middle_sees(pyramid, optics, c, one) <= one.near) return;  // what most are that nothing comes of
+      const float least = seen<false>(pyramid, optics, cover(optics, c, small, one)).least;
       if (least > one.far) {
         pass(at, voxel, one.far <= sight.sure);
         return;
@@ -323,12 +365,12 @@ void VolumeMap::carve(const Sight& sight) {
       if (least > one.near && one.far <= sight.exact) fade(at, voxel);
       return;
     }
-    const Cover all = cover(optics, c, wide * small);
+    const Ball all = ball_at(optics, c, wide * small);
     if (all.near > farthest || all.far < sight.nearest) return;
     if (settled(at, first, wide, all.near > sight.sure)) return;
     bool every = false;
     if (all.known) {
-      const Seen pixels = seen(pyramid, optics, all);
+      const Seen pixels = seen<true>(pyramid, optics, cover(optics, c, wide * small, all));
       if (pixels.most < all.near) return;
       every = all.near >= sight.nearest && pixels.least > all.far && all.far <= sight.sure;
     }
@@ -360,6 +402,7 @@ void VolumeMap::carve(const Sight& sight) {
 // Whether a look through a cube of voxels of a block says nothing new: they are as free as voxels can be, or have been
 // passed, where it is too far away to be sure of anything.
 bool VolumeMap::settled(std::size_t at, const int* first, int edge, bool far) const {
+  if (edge == EDGE) return floors_[at] + (far ? passed_[at] : 0) == VOLUME;
   const std::int8_t* known = known_.data() + at * VOLUME;
   for (int x = first[0]; x < first[0] + edge; ++x) {
     for (int y = first[1]; y < first[1] + edge; ++y) {

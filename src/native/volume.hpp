@@ -100,6 +100,7 @@ class VolumeMap {
   double cell_;
   Evidence evidence_;
   std::vector<std::int8_t> known_;         // of each block's voxels: 64 x + 8 y + z
+  std::vector<int> floors_, passed_;       // how many of each block's voxels are as free as can be, or were passed
   std::vector<Bits> filled_, sure_, hit_;  // sure: not in doubt
   std::vector<std::size_t> touched_;       // blocks with bits in hit_
   Noted changed_, cleared_;

@@ -264,8 +264,7 @@ def _part(module: ModuleType, part: Part) -> _native.Solid:
     if part.geometry is not None:
         solid = native_solid(module, part.geometry)
     else:
-        sides = np.array([2.0 * np.asarray(box.halfSide) for box, _ in part.boxes])
-        solid = module.block(sides, np.array([at for _, at in part.boxes]))
+        solid = module.block(part.sizes, part.middles)
     part.kept.append((module, solid))
     return solid
 

@@ -464,10 +464,19 @@ class Voxels(Obstacle):
         cells = low[box] + np.stack((number // (wide * tall), number // tall % wide, number % tall), axis=1)
         edges, centers = np.full(3, cell), (cells + 0.5) * cell
         centers.flags.writeable = edges.flags.writeable = False
-        made = cls.__new__(cls)
-        solid = boxes_solid(cell * low.astype(float), cell * high.astype(float))
-        made._fill(
-            "voxels", {"centers": centers, "size": edges}, solid, np.zeros(3), np.array([0.0, 0, 0, 1]), name, None, 0.0
+        made = object.__new__(cls)
+        _put(
+            made,
+            shape="voxels",
+            spec={"centers": centers, "size": edges},
+            solid=boxes_solid(cell * low.astype(float), cell * high.astype(float)),
+            name=check_name(name),
+            motion=None,
+            pose=_AT_ORIGIN,
+            time=0.0,
+            anchor=_AT_ORIGIN,
+            anchor_time=0.0,
+            _named=None,
         )
         return made
 
@@ -499,6 +508,10 @@ class Points(Obstacle):
         r = check_length("Points radius", radius)
         solid = cluster_solid(cloud, np.full(3, 2.0 * r))
         self._fill("points", {"points": cloud, "radius": r}, solid, at, quat, name, motion, time)
+
+
+_AT_ORIGIN = np.eye(4)
+_AT_ORIGIN.flags.writeable = False
 
 
 def check_name(value: object) -> str | None:

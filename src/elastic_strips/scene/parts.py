@@ -7,10 +7,11 @@ The union of the boxes does not change: only boxes of one grid that fill a large
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
-from itertools import permutations
+from itertools import pairwise, permutations
 
 import coal
 import numpy as np
@@ -19,6 +20,11 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.errors import SceneError
 from elastic_strips.hulls import MIN_THICKNESS, convex_shape, flatness
+
+
+_IDENTITY = np.eye(4)
+_IDENTITY.flags.writeable = False
+_NO_BOXES = np.zeros((0, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +37,7 @@ class Part:
         center: Centre (3,) of the part's axis-aligned bounding box [m].
         half_extents: Half sizes (3,) of that box [m].
         radius: Radius of a sphere about ``center`` that holds the part [m].
-        boxes: For a block: the (coal.Box, translation (3,)) of its members; empty otherwise.
+        sizes, middles: For a block: edges and middles (n, 3) of its boxes [m]; of none otherwise.
         kept: What who computes with it has made of it and keeps, as long as there is the part.
     """
 
@@ -40,12 +46,21 @@ class Part:
     center: Array
     half_extents: Array
     radius: float
-    boxes: tuple[tuple[coal.Box, Array], ...] = ()
+    sizes: Array = field(default_factory=lambda: _NO_BOXES)
+    middles: Array = field(default_factory=lambda: _NO_BOXES)
     kept: list[object] = field(default_factory=list, init=False, repr=False)
+    _boxes: list[tuple[coal.Box, Array]] = field(default_factory=list, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for array in (self.T_obstacle_part, self.center, self.half_extents):
+        for array in (self.T_obstacle_part, self.center, self.half_extents, self.sizes, self.middles):
             array.flags.writeable = False
+
+    @property
+    def boxes(self) -> Sequence[tuple[coal.Box, Array]]:
+        """For a block: the (coal.Box, middle (3,)) of its boxes, made when they are first asked for; else none."""
+        if len(self._boxes) < len(self.sizes):
+            self._boxes[:] = zip(_boxes(self.sizes), self.middles, strict=True)
+        return self._boxes
 
     @property
     def members(self) -> tuple[coal.CollisionGeometry, ...]:
@@ -141,9 +156,6 @@ MAX_CENTERS = 2_000_000
 _MAX_BOXES = 400_000  # a kilobyte each
 """Most boxes of one obstacle, as they are given and after merging."""
 
-_IDENTITY = np.eye(4)
-_IDENTITY.flags.writeable = False
-
 _Index = NDArray[np.int64]
 
 
@@ -168,7 +180,7 @@ def cluster_solid(centers: Array, size: Array) -> Solid:
 
 def boxes_solid(lows: Array, highs: Array) -> Solid:
     """Solid of axis-aligned boxes (B, 3) [m] that are one part."""
-    return Solid(_blocks(lows, highs, np.zeros(lows.shape, dtype=np.int64)))
+    return Solid([_block(lows, highs)])
 
 
 def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, _Index]:
@@ -239,28 +251,25 @@ def _unique(keys: _Index) -> _Index:
 
 
 def _blocks(lows: Array, highs: Array, block: _Index) -> list[Part]:
-    """One part per block; equal boxes share one Coal geometry."""
+    """One part per block."""
     order = np.lexsort([block[:, 2], block[:, 1], block[:, 0]])
     lows, highs, block = lows[order], highs[order], block[order]
-    starts = np.flatnonzero(np.concatenate([[True], (block[1:] != block[:-1]).any(axis=1)]))
-    counts = np.diff(np.append(starts, len(lows)))
-    low, high = np.minimum.reduceat(lows, starts), np.maximum.reduceat(highs, starts)
-    center, half = 0.5 * (low + high), 0.5 * (high - low)
-    middles, sizes = 0.5 * (lows + highs), highs - lows
-    far = np.linalg.norm(np.abs(middles - np.repeat(center, counts, axis=0)) + 0.5 * sizes, axis=1)
-    radius = np.maximum.reduceat(far, starts).tolist()
-    middles.flags.writeable = False
-    members = list(zip(_boxes(sizes), middles, strict=True))
-    bounds = [*starts.tolist(), len(lows)]
-    return [
-        Part(None, _IDENTITY, center[i], half[i], radius[i], tuple(members[bounds[i] : bounds[i + 1]]))
-        for i in range(len(starts))
-    ]
+    starts = np.flatnonzero(np.concatenate([[True], (block[1:] != block[:-1]).any(axis=1)])).tolist()
+    return [_block(lows[i:j], highs[i:j]) for i, j in pairwise([*starts, len(lows)])]
+
+
+def _block(lows: Array, highs: Array) -> Part:
+    """A part of boxes (B, 3) [m]."""
+    low, high = lows.min(axis=0), highs.max(axis=0)
+    center, sizes, middles = 0.5 * (low + high), np.round(highs - lows, 12), 0.5 * (lows + highs)
+    far = np.abs(middles - center) + 0.5 * sizes
+    radius = math.sqrt(float(np.einsum("ij,ij->i", far, far).max()))
+    return Part(None, _IDENTITY, center, 0.5 * (high - low), radius, sizes, middles)
 
 
 def _boxes(sizes: Array) -> list[coal.Box]:
-    """Coal boxes of ``sizes`` (m, 3) [m]; equal ones (to 1e-12 m) are one object."""
-    return [_box(*size) for size in np.round(sizes, 12).tolist()]
+    """Coal boxes of ``sizes`` (m, 3) [m]; equal ones are one object."""
+    return [_box(*size) for size in sizes.tolist()]
 
 
 @lru_cache(maxsize=4096)
