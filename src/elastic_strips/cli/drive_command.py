@@ -347,8 +347,8 @@ def _seen(perception: object) -> Seen | None:
     newest = getattr(perception, "newest", None)  # of what faults are wrapped about, too
     if newest is None:
         return None
-    target = getattr(getattr(perception, "gaze", None), "target", None)
-    return Seen(readings=tuple(newest.values()), scene=getattr(perception, "sensed", None), target=target)
+    target, sensed = getattr(perception, "target", None), getattr(perception, "sensed", None)
+    return Seen(readings=tuple(newest.values()), scene=sensed, target=target)
 
 
 def _notes(controller: Controller, dragged: DraggedGoal) -> list[tuple[str, str]]:

@@ -1,17 +1,20 @@
-"""Realtime: a drive against the wall clock; machine, executor and planning each in a process of its own.
+"""Realtime: a drive against the wall clock; machine, executor, sensors and planning each in a process of its own.
 
-This process plans, perceives and simulates the world around the robot. The executor needs only the next
-motion from it, and the machine only the next command from the executor.
+This process plans. The executor needs only the next motion from it, and the machine only the next command from the
+executor. Where the robot has sensors, they and what is made of their readings are in a process that needs only the
+machine's states, and where the robot is thought to be.
 """
 
 from __future__ import annotations
 
 import logging
 import os
+import threading
 import time
 import weakref
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -31,6 +34,7 @@ from .closed_loop import LONGEST_OVERTIME, Simulation, sensed_by
 from .machine_process import MachineProcess, TrueState
 from .perception import Perception
 from .plant import Plant
+from .sensing_process import SensingProcess
 
 _log = logging.getLogger(__name__)
 _LEAD_TIME = 0.1  # [s] from now to time 0
@@ -122,6 +126,7 @@ class RealtimeSimulation(Simulation[Controller]):
         self._cleaned = weakref.finalize(self, Path.unlink, self.log, missing_ok=True) if temporary else None
         self._make_plant = make_plant
         self._truth: list[TrueState] = []
+        self._come: deque[TrueState] = deque()  # states that this process has not looked at yet
         self._moved = -np.inf  # time [s] of the last step of the world
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
@@ -141,14 +146,40 @@ class RealtimeSimulation(Simulation[Controller]):
                 epoch = time.monotonic() + _LEAD_TIME
                 machine.begin(epoch)
                 executor.begin(epoch)
-                time.sleep(_LEAD_TIME)
-                self._drive(machine, limit)
+                with self._fed(machine):
+                    time.sleep(_LEAD_TIME)
+                    self._drive(machine, limit)
             self._observe(machine)
             return self._result(time.perf_counter() - began)
         finally:
             self.machine = None
+            if isinstance(self.perception, SensingProcess):
+                self.perception.close()
             if self._cleaned is not None:
                 self._cleaned()
+
+    @contextmanager
+    def _fed(self, machine: MachineProcess) -> Iterator[None]:
+        """Hand the machine's states on to the sensors' process meanwhile, where there is one, in a thread."""
+        sensing, over = self.perception, threading.Event()
+        if not isinstance(sensing, SensingProcess):
+            yield
+            return
+
+        def feed() -> None:
+            while not over.wait(_WORLD_PERIOD):
+                states = machine.truth()
+                self._come.extend(states)
+                sensing.feed(states, self.executor.estimated)
+                machine.touch(sensing.contact)
+
+        feeding = threading.Thread(target=feed, name="sensors", daemon=True)
+        feeding.start()
+        try:
+            yield
+        finally:
+            over.set()
+            feeding.join()
 
     def _drive(self, machine: MachineProcess, limit: float) -> None:
         """Plan until the drive is over, the time ``limit`` [s] at the latest, and the robot stands."""
@@ -178,16 +209,20 @@ class RealtimeSimulation(Simulation[Controller]):
 
     def _observe(self, machine: MachineProcess) -> None:
         """Take in the machine's states, and let the world go on."""
-        states = machine.truth()
-        self._truth += states
-        for state in states:
+        sensed = isinstance(self.perception, SensingProcess)
+        if not sensed:
+            self._come.extend(machine.truth())
+        while self._come:
+            state = self._come.popleft()
+            self._truth.append(state)
             if state.time < self._moved + _WORLD_PERIOD:
                 continue
             self._moved = state.time
             self.view.state = state
             self.perception.observe(state.time, state.coordinates, self.controller.estimate)
             self.pedestrians.step(state.time, state.coordinates, state.v)
-        machine.touch(self.perception.contact)
+        if not sensed:
+            machine.touch(self.perception.contact)
 
     def _result(self, seconds: float) -> DriveResult:
         rows: list[dict[str, object]] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control.estimation import PoseBuffer
-from elastic_strips.perception import RangeImage, Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
+from elastic_strips.perception import DepthImage, RangeImage, Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
 from elastic_strips.perception.body_mask import BodyMask
 from elastic_strips.perception.gaze import Gaze
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
@@ -81,7 +82,7 @@ _LASER_PLANE_HEIGHT = 0.3
 _STANDING_UPDATE_PERIOD = 0.01  # [s] between sensor updates while the robot stands at its start
 _HEAD_SPEED = 1.5  # [rad/s] at most, of joints that look
 _GLANCE_PERIOD = 0.1  # [s] between choices of where to look
-_LOOK_AHEAD = 5.0  # [s] of the way that is looked at
+LOOK_AHEAD = 5.0  # [s] of the way that is looked at
 _LOOK, _LOOK_ABOUT = 1.5, 8.0
 """Time [s] of reading before the first step, and that of a robot that looks about."""
 _CONTACT_PERIOD = 0.05  # [s] between queries of the contact sensor
@@ -117,6 +118,7 @@ class SensorPerception:
         sensed: the newest scene; None before the first.
         cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before is
             included, that of simulating the sensors is not.
+        passed_by: sensor → how many of its images were not looked at, since newer ones had come.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.
@@ -168,6 +170,8 @@ class SensorPerception:
         self.newest: dict[str, tuple[Reading, Array]] = {}
         self.sensed: Scene | None = None
         self.cost: float = 0.0
+        self.passed_by: Counter[str] = Counter()
+        self._come: list[Reading] = []  # readings that are not looked at yet
         self._spent = 0.0  # [s] since the last scene
         self._past = PoseBuffer()
         for k in range(round(look / _STANDING_UPDATE_PERIOD)):
@@ -178,12 +182,27 @@ class SensorPerception:
         """Description of a felt contact; empty without one."""
         return "the bumper is pressed" if self._touched else ""
 
+    @property
+    def sensors(self) -> SensorConfig:
+        """The sensors' parameters."""
+        return self.suite.config
+
+    @property
+    def target(self) -> Array | None:
+        """What a camera is turned to, (3,) [m]; None where none turns."""
+        return None if self.gaze is None else self.gaze.target
+
     def known(self) -> Scene:
         """The scene that was sensed from the start."""
         return self.sense(0.0)
 
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Add the readings that are available at time ``t`` [s] to the scene; see :meth:`Perception.observe`."""
+        self.measure(t, coordinates, estimate)
+        self.work()
+
+    def measure(self, t: float, coordinates: Array, estimate: Array) -> None:
+        """Let the sensors measure, as :meth:`observe`, but leave their readings for :meth:`work`."""
         self._past.add(t, estimate)
         if self._contact_sensor is not None and t - self._looked >= _CONTACT_PERIOD - 1e-9:
             self._looked, self._touched = t, self._contact_sensor.touched(self._world.at(t), coordinates)
@@ -193,22 +212,32 @@ class SensorPerception:
             if t - self._glanced >= _GLANCE_PERIOD - 1e-9 and self.estimator.volume is not None:
                 self._glanced = t
                 began = self.computing.reading()
-                ahead = np.zeros((0, self._robot.nv)) if self._ahead is None else self._ahead(_LOOK_AHEAD)
+                ahead = np.zeros((0, self._robot.nv)) if self._ahead is None else self._ahead(LOOK_AHEAD)
                 self.gaze.look(t, estimate, ahead, self.head, self.estimator.volume)
                 self._spent += self.computing.reading() - began
         self._observed = t
         looks = self._robot.looking
         readings = self.suite.observe(t, self._robot.seeing_row(coordinates, self.head) if looks else coordinates)
-        if self._touched:  # it would back off, and run into what it has not seen once more
-            return
-        if not readings:
-            return
+        if not self._touched:  # else it would back off, and run into what it has not seen once more
+            self._come += readings
+
+    def work(self, *, newest_images: bool = False) -> bool:
+        """Look at the readings that have come since, of images at the newest of each sensor alone where that is wanted;
+        whether there were any."""
+        if not self._come:
+            return False
         began = self.computing.reading()
-        for reading in readings:
+        come, self._come = self._come, []
+        images = {reading.sensor: reading for reading in come if isinstance(reading, (DepthImage, RangeImage))}
+        for reading in come:
+            if newest_images and images.get(reading.sensor, reading) is not reading:
+                self.passed_by[reading.sensor] += 1
+                continue
             pose = self._past.at(reading.time)
             self.estimator.update(reading, pose)
             self.newest[reading.sensor] = reading, pose
         self._spent += self.computing.reading() - began
+        return True
 
     def attend(self, ahead: Callable[[float], Array]) -> None:
         """Be told what gives the coordinate rows (K, nv) that the robot comes through in so many seconds, the next one

@@ -87,9 +87,8 @@ class _GuardLoop(Loop):
         if not isinstance(message, tuple) or message[:1] != ("scene",):
             super().obey(message)
             return
-        _, number, base, stamp, held_up, things = message
-        known = self.scenes[base].obstacles if base else ()
-        scene = Scene([known[o] if isinstance(o, int) else o for o in things], time=stamp, held_up=held_up)
+        _, number, base, new = message
+        scene = with_difference(self.scenes[base] if base else None, new)
         self.newest = self.scenes[number] = scene
         self.taken = number
         self.scenes = {k: each for k, each in self.scenes.items() if k > number - _REMEMBERED_SCENES}
@@ -129,9 +128,7 @@ class GuardProcess(ExecutorProcess):
         """
         number = next(self._numbers)
         base, before = next(((k, s) for k, s in self._scenes if k == self._status.scene), (0, None))
-        known = {id(o): k for k, o in enumerate(before or ())}
-        things = [known.get(id(o), o) for o in scene]
-        if not put(self._link, ("scene", number, base, scene.stamp, scene.held_up, things)):
+        if not put(self._link, ("scene", number, base, difference(scene, before))):
             return False
         self._scenes.append((number, scene))
         return True

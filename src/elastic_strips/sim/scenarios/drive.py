@@ -34,7 +34,8 @@ from elastic_strips.sim.perception import NoisyGroundTruth
 from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.sensed_perception import sees_behind
-from elastic_strips.sim.sensors import SensorConfig, SensorSuite
+from elastic_strips.sim.sensing_process import SensedWorld, SensingProcess
+from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import LookAt, OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce
 from elastic_strips.summary import Summary
@@ -237,15 +238,20 @@ def make_realtime(
         if (given := getattr(setup, name)) != getattr(DriveSetup(), name):
             raise ParameterError(f"{name}={given!r}: a drive against the wall clock has none of its own; leave it out")
     problem = DrivenProblem.of(scenario, setup)
-    params, seen, replanner = problem.params, problem.seen(), problem.replanner()
-    model, limits = problem.robot, problem.limits
-    world, machine, rng = prepare(model, problem.world, limits, None, problem.seed, shared=seen is not None)
-    senses: Perception = NoisyGroundTruth(world, params.assumptions, PerceptionParams(), rng) if seen is None else seen
-    make: Callable[[], Plant] = partial(KinematicPlant, model, limits, MACHINE, seed=problem.seed)
+    params, replanner = problem.params, problem.replanner()
+    model, limits, seed = problem.robot, problem.limits, problem.seed
+    world, machine, rng = prepare(model, problem.world, limits, None, seed)
+    make: Callable[[], Plant] = partial(KinematicPlant, model, limits, MACHINE, seed=seed)
     plan = FaultPlan(setup.faults)
+    senses: Perception
+    if setup.sensors is not None:
+        senses = SensingProcess(SensedWorld(model, world, problem.start, setup.sensors, seed, plan))
+    else:
+        senses = NoisyGroundTruth(world, params.assumptions, PerceptionParams(), rng)
+        if plan.faults:
+            senses = cast("Perception", FaultyPerception(senses, plan, seed))
     if plan.faults:
-        make = partial(faulty_plant, make, plan, problem.seed)
-        senses = cast("Perception", FaultyPerception(senses, plan, problem.seed))
+        make = partial(faulty_plant, make, plan, seed)
     params = replace(params, replan_time=0.0)
     temporary = log is None
     if log is None:
@@ -363,7 +369,7 @@ def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveRe
     """Evaluate the finished run of a simulation of a scenario; plant, seed and method are those of its record."""
     perception, tolerance = driven.perception, driven.controller.tolerance
     evaluation = evaluate(result.record, driven.robot, driven.world, driven.limits, tolerance=tolerance)
-    suite: SensorSuite | None = getattr(perception, "suite", None)
+    sensors: SensorConfig | None = getattr(perception, "sensors", None)
     about = result.record.metadata
     method, separation = str(about.get("method", STRIP)), None
     plant, seed = str(about.get("plant", PLANTS[0])), int(str(about.get("seed", scenario.seed)))
@@ -371,8 +377,8 @@ def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveRe
         separation = protective_separation(driven.limits, driven.params, perception.params)
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
-    if suite is not None:
-        unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, suite.config)
+    if sensors is not None:
+        unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, sensors)
     return DriveOutcome(
         scenario,
         driven.robot,
@@ -383,7 +389,7 @@ def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveRe
         separation,
         method=method,
         physical_contacts=touched,
-        sensors=() if suite is None else suite.config.names,
+        sensors=() if sensors is None else sensors.names,
         unseen=tuple(dict.fromkeys(contact.obstacle for contact in unseen)),
         seen_collisions=sum(contact not in unseen for contact in evaluation.collisions),
         constraint_error=_missed(driven, result),
