@@ -323,10 +323,6 @@ void VolumeMap::carve(const Sight& sight) {
   const double farthest = pyramid.of<false>(0, optics.rows - 1, 0, optics.columns - 1);
   if (!(farthest > sight.nearest)) return;
   const double *R = sight.rotation, *o = sight.origin;
-  const auto seen_from = [&](const double* point, double* c) {
-    const double x[3] = {point[0] - o[0], point[1] - o[1], point[2] - o[2]};
-    for (int k = 0; k < 3; ++k) c[k] = R[k] * x[0] + R[3 + k] * x[1] + R[6 + k] * x[2];
-  };
   const double edge = kEdge * cell_, small = kHalfDiagonal * cell_;
   // Of a camera's depth the corners of its image are further away than what it is deep.
   double reach = farthest;
@@ -344,47 +340,61 @@ void VolumeMap::carve(const Sight& sight) {
     low[k] = std::max(corner_[k], static_cast<std::int64_t>(std::floor((o[k] - reach) / edge)));
     high[k] = std::min(corner_[k] + blocks_[k] - 1, static_cast<std::int64_t>(std::floor((o[k] + reach) / edge)));
   }
-  // A cube of a block, `wide` voxels wide, from voxel `first` of space on: as a whole where one answer does for all.
-  const auto within = [&](const auto& self, const Block& block, std::size_t at, const int* first, int wide) -> void {
-    double middle[3], c[3];
-    for (int k = 0; k < 3; ++k) {
-      middle[k] = (static_cast<double>(block[k] * kEdge + first[k]) + 0.5 * wide) * cell_;
+  // From the middle of a cube to those of its eight halves, for the halves of one, two and four voxels, as the sensor
+  // has it.
+  double steps[3][8][3];
+  for (int level = 0; level < 3; ++level) {
+    for (int part = 0; part < 8; ++part) {
+      const double off = 0.5 * (1 << level) * cell_;
+      const double x[3] = {part & 4 ? off : -off, part & 2 ? off : -off, part & 1 ? off : -off};
+      for (int k = 0; k < 3; ++k) steps[level][part][k] = R[k] * x[0] + R[3 + k] * x[1] + R[6 + k] * x[2];
     }
-    seen_from(middle, c);
-    if (wide == 1) {
-      const int voxel = 64 * first[0] + 8 * first[1] + first[2];
-      const Ball one = ball_at(optics, c, small);
-      if (!one.known || one.near < sight.nearest || one.far >= farthest) return;
-      if (middle_sees(pyramid, optics, c, one) <= one.near) return;  // what most are that nothing comes of
-      const float least = seen<false>(pyramid, optics, cover(optics, c, small, one)).least;
-      if (least > one.far) {
-        pass(at, voxel, one.far <= sight.sure);
-        return;
-      }
-      if (least > 0.5 * (one.near + one.far) && one.far <= sight.sure) grant(at, voxel);
-      if (least > one.near && one.far <= sight.exact) fade(at, voxel);
+  }
+  // A voxel of a block, with its middle.
+  const auto look = [&](std::size_t at, int voxel, const double* c) {
+    const std::int8_t now = known_[at * VOLUME + static_cast<std::size_t>(voxel)];
+    const Ball one = ball_at(optics, c, small);
+    if (!one.known || one.near < sight.nearest || one.far >= farthest) return;
+    if (now == evidence_.floor || (now == PASSED && one.far > sight.sure)) return;
+    if (middle_sees(pyramid, optics, c, one) <= one.near) return;  // as of most: nothing comes of it
+    const float least = seen<false>(pyramid, optics, cover(optics, c, small, one)).least;
+    if (least > one.far) {
+      pass(at, voxel, one.far <= sight.sure);
       return;
     }
+    if (least > 0.5 * (one.near + one.far) && one.far <= sight.sure) grant(at, voxel);
+    if (least > one.near && one.far <= sight.exact) fade(at, voxel);
+  };
+  // A cube of a block, 2 to the power of `level` voxels wide, from voxel `first` on: as a whole where one answer does
+  // for all.
+  const auto within = [&](const auto& self, std::size_t at, const int* first, int level, const double* c) -> void {
+    const int wide = 1 << level, half = wide / 2;
     const Ball all = ball_at(optics, c, wide * small);
     if (all.near > farthest || all.far < sight.nearest) return;
-    if (settled(at, first, wide, all.near > sight.sure)) return;
-    bool every = false;
+    const bool beyond = all.near > sight.sure;
+    if (settled(at, first, wide, beyond)) return;
     if (all.known) {
       const Seen pixels = seen<true>(pyramid, optics, cover(optics, c, wide * small, all));
       if (pixels.most < all.near) return;
-      every = all.near >= sight.nearest && pixels.least > all.far && all.far <= sight.sure;
-    }
-    const int half = wide / 2;
-    for (int x = 0; x < wide; x += every ? 1 : half) {
-      for (int y = 0; y < wide; y += every ? 1 : half) {
-        for (int z = 0; z < wide; z += every ? 1 : half) {
-          const int place[3] = {first[0] + x, first[1] + y, first[2] + z};
-          if (every) {
-            pass(at, 64 * place[0] + 8 * place[1] + place[2], true);
-          } else if (half > 1 || !settled(at, place, half, false)) {
-            self(self, block, at, place, half);
+      if (all.near >= sight.nearest && pixels.least > all.far && (beyond || all.far <= sight.sure)) {
+        for (int x = first[0]; x < first[0] + wide; ++x) {
+          for (int y = first[1]; y < first[1] + wide; ++y) {
+            for (int z = first[2]; z < first[2] + wide; ++z) pass(at, 64 * x + 8 * y + z, !beyond);
           }
         }
+        return;
+      }
+    }
+    for (int part = 0; part < 8; ++part) {
+      const double* step = steps[level - 1][part];
+      const double middle[3] = {c[0] + step[0], c[1] + step[1], c[2] + step[2]};
+      const int x = first[0] + (part & 4 ? half : 0), y = first[1] + (part & 2 ? half : 0),
+                z = first[2] + (part & 1 ? half : 0);
+      if (level == 1) {
+        look(at, 64 * x + 8 * y + z, middle);
+      } else {
+        const int place[3] = {x, y, z};
+        self(self, at, place, level - 1, middle);
       }
     }
   };
@@ -393,7 +403,12 @@ void VolumeMap::carve(const Sight& sight) {
   for (block[0] = low[0]; block[0] <= high[0]; ++block[0]) {
     for (block[1] = low[1]; block[1] <= high[1]; ++block[1]) {
       for (block[2] = low[2]; block[2] <= high[2]; ++block[2]) {
-        within(within, block, slot(block), corner, kEdge);
+        const std::size_t at = slot(block);
+        if (floors_[at] == VOLUME) continue;
+        double x[3], c[3];
+        for (int k = 0; k < 3; ++k) x[k] = (static_cast<double>(block[k]) + 0.5) * edge - o[k];
+        for (int k = 0; k < 3; ++k) c[k] = R[k] * x[0] + R[3 + k] * x[1] + R[6 + k] * x[2];
+        within(within, at, corner, 3, c);
       }
     }
   }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,32 @@ from elastic_strips.validation import check_number
 from .own_body import OwnBodies, Posture
 from .rays import Nearest, Rays
 from .readings import NO_ANSWER, DepthImage, RangeImage
+
+
+_SAME_PLACE = 1e-9  # [m], and of rotation matrices: nothing has moved
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outline:
+    """The robot in an image: poses of its joints (n, 4, 4) and of the sensor (4, 4) in the base's frame, where pixels
+    look (H, W, 3) and how far [m]; lengths (H, W) of these directions, and where rays meet the robot as it is, and
+    grown (H, W) [m]."""
+
+    T_base_joint: Array
+    T_base_sensor: Array
+    directions: Array
+    longest: float
+    stretch: Array
+    as_it_is: Array
+    grown: Array
+
+    def of(self, image: DepthImage | RangeImage, T_base_joint: Array) -> bool:
+        """Whether another image shows the same of it."""
+        longest = image.depth_max if isinstance(image, DepthImage) else image.range_max
+        if image.directions() is not self.directions or longest != self.longest:
+            return False
+        moved = np.abs(T_base_joint - self.T_base_joint).max(), np.abs(image.T_base_sensor - self.T_base_sensor).max()
+        return bool(max(moved) < _SAME_PLACE)
 
 
 class BodyMask:
@@ -35,6 +61,7 @@ class BodyMask:
         # as they are, too: of a body within whose margin the sensor is, its own surface is what covers
         self._bodies = OwnBodies(robot.geometries, 0.0)
         self._grown = OwnBodies(robot.geometries, self.margin) if self.margin else None
+        self._last: dict[str, _Outline] = {}  # sensor → the robot in its last image
 
     def covered(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> Mask:
         """(H, W) pixels along which the robot may be met before, or where, the image says that something is.
@@ -60,6 +87,13 @@ class BodyMask:
             raise ParameterError(f"the image of {image.sensor!r} does not say how the robot stood: hand over its q")
         self._posture.place(self.robot.space.to_coordinates(self.robot.check_q(q)))
         T_base_joint = self._posture.T_base_world @ self._posture.T_world_joint
+        outline = self._last.get(image.sensor)
+        if outline is None or not outline.of(image, T_base_joint):
+            outline = self._last[image.sensor] = self._outline(image, T_base_joint)
+        measured = image.ranges * outline.stretch
+        return np.isfinite(outline.grown) & ~(measured < outline.grown), outline.as_it_is
+
+    def _outline(self, image: DepthImage | RangeImage, T_base_joint: Array) -> _Outline:
         directions = image.directions()
         stretch = np.linalg.norm(directions, axis=-1)
         local = Rays(np.zeros((1, 3)), (directions / stretch[..., None]).reshape(-1, 3))
@@ -70,9 +104,8 @@ class BodyMask:
         as_it_is = nearest.distance.reshape(stretch.shape).copy()
         if self._grown is not None:
             self._grown.cast(T_base_joint, rays, nearest, reach)
-        own = nearest.distance.reshape(stretch.shape)
-        measured = image.ranges * stretch
-        return np.isfinite(own) & ~(measured < own), as_it_is
+        grown = nearest.distance.reshape(stretch.shape)
+        return _Outline(T_base_joint, image.T_base_sensor, directions, longest, stretch, as_it_is, grown)
 
     def place_of(self, q: ArrayLike, base: float, top: float, margin: float, cell: float) -> Array:
         """Points (n, 3) [m] of a grid, in the base's frame, where the robot is taken to be: in an upright cylinder of

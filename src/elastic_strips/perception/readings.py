@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -145,7 +146,7 @@ class DepthImage(Summary):
     def directions(self) -> Array:
         """(H, W, 3) where the pixels' middles look, in the camera's frame: a depth of one along z."""
         rows, columns = self.depth.shape
-        return camera_directions(rows, columns, self.focal, self.center)
+        return camera_directions(rows, columns, tuple(self.focal), tuple(self.center))
 
     def points(self) -> Array:
         """(n, 3) points where pixels met something, row by row, in the base's frame [m]."""
@@ -211,7 +212,7 @@ class RangeImage(Summary):
     def directions(self) -> Array:
         """(H, W, 3) unit vectors along the rays, in the sensor's frame."""
         rows, columns = self.ranges.shape
-        return turning_directions(rows, columns, self.azimuth, self.elevation)
+        return turning_directions(rows, columns, tuple(self.azimuth), tuple(self.elevation))
 
     def points(self) -> Array:
         """(n, 3) points where rays met something, row by row, in the base's frame [m]."""
@@ -223,17 +224,23 @@ def _image_points(image: DepthImage | RangeImage) -> Array:
     return (image.directions()[at] * image.ranges[at, None]) @ T[:3, :3].T + T[:3, 3]
 
 
+@lru_cache(maxsize=16)
 def camera_directions(rows: int, columns: int, focal: tuple[float, float], center: tuple[float, float]) -> Array:
     """(H, W, 3) where the middles of a camera's pixels look, in its frame: a depth of one along z."""
     u = (np.arange(columns) - center[0]) / focal[0]
     v = (np.arange(rows) - center[1]) / focal[1]
-    return np.stack(np.broadcast_arrays(u, v[:, None], 1.0), axis=-1)
+    directions = np.stack(np.broadcast_arrays(u, v[:, None], 1.0), axis=-1)
+    directions.flags.writeable = False  # those of one camera are the same array
+    return directions
 
 
+@lru_cache(maxsize=16)
 def turning_directions(rows: int, columns: int, azimuth: tuple[float, float], elevation: tuple[float, float]) -> Array:
     """(H, W, 3) unit vectors along the rays of a range finder that turns, in its frame."""
     a, e = np.meshgrid(np.linspace(*azimuth, columns), np.linspace(*elevation, rows))
-    return np.stack((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
+    directions = np.stack((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
+    directions.flags.writeable = False
+    return directions
 
 
 Reading = LaserScan | RangeRing | DepthImage | RangeImage
