@@ -360,6 +360,15 @@ def fill_holes(
     """Ranges (rows, columns) with narrow holes of lost ones filled in, as `filled` of
     `elastic_strips.perception.volume_map` has them."""
 
+def count_cells(low: Indices, high: Indices) -> int:
+    """Cells in boxes (B, 3) of a grid."""
+
+def grid_boxes(
+    low: Indices, high: Indices, cell: float, cells: Array, middles: Array, edges: Array, whole: Array
+) -> None:
+    """Middles (n, 3) of cells of boxes (B, 3), the boxes' middles and edges (B, 3), and middle, half size and radius (7)
+    of all, as `grid_solid` of `elastic_strips.scene.parts` has them."""
+
 class VolumeMap:
     """Voxels about a robot; see `elastic_strips.perception.volume_map`."""
 

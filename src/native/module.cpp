@@ -818,6 +818,18 @@ void bind_volume(nb::module_& m) {
     fill_holes(ranges.data(), ranges.shape(0), ranges.shape(1), unit, widest, corners.data(), corners.size(),
                out.data());
   });
+  m.def("count_cells", [](Numbers low, Numbers high) {
+    Sizes()("n3 n3", low, high);
+    for (std::size_t i = 0; i < low.size(); ++i) require(low.data()[i] < high.data()[i], "a box without a cell");
+    return grid_boxes(low.data(), high.data(), low.shape(0), 1.0, nullptr, nullptr, nullptr, nullptr);
+  });
+  m.def("grid_boxes", [](Numbers low, Numbers high, double cell, Same<double> cells, Same<double> middles,
+                         Same<double> edges, Same<double> whole) {
+    Sizes()("n3 n3 c3 n3 n3 7", low, high, cells, middles, edges, whole);
+    const std::size_t n = grid_boxes(low.data(), high.data(), low.shape(0), cell, nullptr, nullptr, nullptr, nullptr);
+    require(n == cells.shape(0) && n > 0, "as many cells as there are in the boxes");
+    grid_boxes(low.data(), high.data(), low.shape(0), cell, cells.data(), middles.data(), edges.data(), whole.data());
+  });
   map.def("roll", [](VolumeMap& self, Numbers corner) {
     Sizes()("3", corner);
     self.roll(corner.data());

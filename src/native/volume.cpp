@@ -643,4 +643,49 @@ void fill_holes(const float* ranges, std::size_t rows, std::size_t columns, doub
   }
 }
 
+std::size_t grid_boxes(const std::int64_t* low, const std::int64_t* high, std::size_t count, double cell, double* cells,
+                       double* middles, double* edges, double* whole) {
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::int64_t *a = low + 3 * i, *b = high + 3 * i;
+    n += static_cast<std::size_t>((b[0] - a[0]) * (b[1] - a[1]) * (b[2] - a[2]));
+  }
+  if (cells == nullptr) return n;
+  double least[3], most[3];
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::int64_t *a = low + 3 * i, *b = high + 3 * i;
+    for (int k = 0; k < 3; ++k) {
+      const double from = cell * static_cast<double>(a[k]), to = cell * static_cast<double>(b[k]);
+      middles[3 * i + k] = 0.5 * (from + to);
+      edges[3 * i + k] = std::nearbyint((to - from) * 1e12) / 1e12;
+      least[k] = i == 0 ? from : std::min(least[k], from);
+      most[k] = i == 0 ? to : std::max(most[k], to);
+    }
+    for (std::int64_t x = a[0]; x < b[0]; ++x) {
+      for (std::int64_t y = a[1]; y < b[1]; ++y) {
+        for (std::int64_t z = a[2]; z < b[2]; ++z) {
+          *cells++ = (static_cast<double>(x) + 0.5) * cell;
+          *cells++ = (static_cast<double>(y) + 0.5) * cell;
+          *cells++ = (static_cast<double>(z) + 0.5) * cell;
+        }
+      }
+    }
+  }
+  for (int k = 0; k < 3; ++k) {
+    whole[k] = 0.5 * (least[k] + most[k]);
+    whole[3 + k] = 0.5 * (most[k] - least[k]);
+  }
+  double far = 0.0;
+  for (std::size_t i = 0; i < count; ++i) {
+    double square = 0.0;
+    for (int k = 0; k < 3; ++k) {
+      const double off = std::abs(middles[3 * i + k] - whole[k]) + 0.5 * edges[3 * i + k];
+      square += off * off;
+    }
+    far = std::max(far, square);
+  }
+  whole[6] = std::sqrt(far);
+  return n;
+}
+
 }  // namespace strips

@@ -112,4 +112,10 @@ class VolumeMap {
 void fill_holes(const float* ranges, std::size_t rows, std::size_t columns, double unit, int widest,
                 const std::int64_t* corners, std::size_t count, float* out);
 
+// Of boxes (count) of a grid of cells, from cell `low` (3) to before cell `high`: the middles of their cells (n, 3),
+// box by box, and the boxes' middles and edges (count, 3) [m]. `whole` (7): middle and half size (3) of what holds all
+// of them, and radius about that. Without `cells` it only counts these.
+std::size_t grid_boxes(const std::int64_t* low, const std::int64_t* high, std::size_t count, double cell, double* cells,
+                       double* middles, double* edges, double* whole);
+
 }  // namespace strips

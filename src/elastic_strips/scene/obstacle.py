@@ -17,7 +17,7 @@ from elastic_strips.summary import shortened
 from elastic_strips.validation import MAX_LENGTH, check_number, named_arguments, shown
 
 from .motion import Motion, check_motion
-from .parts import Part, Solid, boxes_solid, cluster_solid, hull_part, primitive
+from .parts import Part, Solid, cluster_solid, grid_solid, hull_part, primitive
 from .quantities import (
     POSE_TOLERANCE,
     check_length,
@@ -428,7 +428,9 @@ class Voxels(Obstacle):
         at, quat, name, motion, time: See `Obstacle`.
     """
 
-    __slots__ = ()
+    __slots__ = ("_grid",)
+
+    _grid: tuple[Indices, Indices, float, str]  # what it was made of, where it is as it was made by `of_boxes`
 
     @named_arguments
     def __init__(
@@ -457,19 +459,16 @@ class Voxels(Obstacle):
             cell: edge of a voxel [m].
             name: name of the obstacle.
         """
-        size = high - low
-        count = size.prod(axis=1)
-        box = np.repeat(np.arange(len(low)), count)
-        number, (_, wide, tall) = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count), size[box].T
-        cells = low[box] + np.stack((number // (wide * tall), number // tall % wide, number % tall), axis=1)
-        edges, centers = np.full(3, cell), (cells + 0.5) * cell
-        centers.flags.writeable = edges.flags.writeable = False
+        low, high = np.ascontiguousarray(low), np.ascontiguousarray(high)
+        solid, centers = grid_solid(low, high, cell)
+        edges = np.full(3, cell)
+        edges.flags.writeable = False
         made = object.__new__(cls)
         _put(
             made,
             shape="voxels",
             spec={"centers": centers, "size": edges},
-            solid=boxes_solid(cell * low.astype(float), cell * high.astype(float)),
+            solid=solid,
             name=check_name(name),
             motion=None,
             pose=_AT_ORIGIN,
@@ -477,8 +476,13 @@ class Voxels(Obstacle):
             anchor=_AT_ORIGIN,
             anchor_time=0.0,
             _named=None,
+            _grid=(low, high, cell, name),
         )
         return made
+
+    def __reduce__(self) -> tuple[object, ...]:
+        grid = getattr(self, "_grid", None)  # copies do not have it
+        return super().__reduce__() if grid is None else (Voxels.of_boxes, grid)
 
 
 class Points(Obstacle):

@@ -17,9 +17,10 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_strips.arrays import Array, ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.errors import SceneError
 from elastic_strips.hulls import MIN_THICKNESS, convex_shape, flatness
+from elastic_strips.native import kernel
 
 
 _IDENTITY = np.eye(4)
@@ -178,9 +179,27 @@ def cluster_solid(centers: Array, size: Array) -> Solid:
     return Solid(_blocks(lows, highs, block))
 
 
-def boxes_solid(lows: Array, highs: Array) -> Solid:
-    """Solid of axis-aligned boxes (B, 3) [m] that are one part."""
-    return Solid([_block(lows, highs)])
+def grid_solid(low: Indices, high: Indices, cell: float) -> tuple[Solid, Array]:
+    """Solid, all of it one part, of boxes of a grid, from cells ``low`` to before ``high`` (B, 3), each ``cell`` [m] wide;
+    and the middles of their cells (n, 3) [m], box by box."""
+    native = kernel()
+    if native is None:
+        part, cells = _block(cell * low.astype(float), cell * high.astype(float)), _cells(low, high, cell)
+    else:
+        cells, (middles, edges), whole = np.empty((native.count_cells(low, high), 3)), np.empty((2, *low.shape)), np.empty(7)
+        native.grid_boxes(low, high, cell, cells, middles, edges, whole)
+        part = Part(None, _IDENTITY, whole[:3], whole[3:6], float(whole[6]), edges, middles)
+    cells.flags.writeable = False
+    return Solid([part]), cells
+
+
+def _cells(low: Indices, high: Indices, cell: float) -> Array:
+    size = high - low
+    count = size.prod(axis=1)
+    box = np.repeat(np.arange(len(low)), count)
+    number, (_, wide, tall) = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count), size[box].T
+    places = np.stack((number // (wide * tall), number // tall % wide, number % tall), axis=1)
+    return np.asarray((low[box] + places + 0.5) * cell)
 
 
 def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, _Index]:

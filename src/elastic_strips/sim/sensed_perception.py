@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control.estimation import PoseBuffer
-from elastic_strips.perception import DepthImage, RangeImage, Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
+from elastic_strips.perception import RangeImage, Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
 from elastic_strips.perception.body_mask import BodyMask
 from elastic_strips.perception.gaze import Gaze
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
@@ -118,7 +118,7 @@ class SensorPerception:
         sensed: the newest scene; None before the first.
         cost: simulated time [s] that processing took for the last scene: that of its readings since the scene before is
             included, that of simulating the sensors is not.
-        passed_by: sensor → how many of its images were not looked at, since newer ones had come.
+        looked_at: sensor → how many of its readings were looked at so far.
 
     Raises:
         RobotError: the robot lacks a frame of a sensor.
@@ -170,8 +170,8 @@ class SensorPerception:
         self.newest: dict[str, tuple[Reading, Array]] = {}
         self.sensed: Scene | None = None
         self.cost: float = 0.0
-        self.passed_by: Counter[str] = Counter()
-        self._come: list[Reading] = []  # readings that are not looked at yet
+        self.looked_at: Counter[str] = Counter()
+        self._come: deque[tuple[Reading, Array]] = deque()  # not looked at yet, with the base's pose
         self._spent = 0.0  # [s] since the last scene
         self._past = PoseBuffer()
         for k in range(round(look / _STANDING_UPDATE_PERIOD)):
@@ -199,7 +199,7 @@ class SensorPerception:
     def observe(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Add the readings that are available at time ``t`` [s] to the scene; see :meth:`Perception.observe`."""
         self.measure(t, coordinates, estimate)
-        self.work()
+        self.work(t, estimate)
 
     def measure(self, t: float, coordinates: Array, estimate: Array) -> None:
         """Let the sensors measure, as :meth:`observe`, but leave their readings for :meth:`work`."""
@@ -209,35 +209,34 @@ class SensorPerception:
         if self.gaze is not None:
             most = np.minimum(self.gaze.speed, _HEAD_SPEED) * max(t - self._observed, 0.0)
             self.head = self.head + np.clip(self.gaze.wanted - self.head, -most, most)
-            if t - self._glanced >= _GLANCE_PERIOD - 1e-9 and self.estimator.volume is not None:
-                self._glanced = t
-                began = self.computing.reading()
-                ahead = np.zeros((0, self._robot.nv)) if self._ahead is None else self._ahead(LOOK_AHEAD)
-                self.gaze.look(t, estimate, ahead, self.head, self.estimator.volume)
-                self._spent += self.computing.reading() - began
         self._observed = t
         looks = self._robot.looking
         readings = self.suite.observe(t, self._robot.seeing_row(coordinates, self.head) if looks else coordinates)
         if not self._touched:  # else it would back off, and run into what it has not seen once more
-            self._come += readings
+            self._come.extend((reading, self._past.at(reading.time)) for reading in readings)
 
-    def work(self, *, newest_images: bool = False) -> bool:
-        """Look at the readings that have come since, of images at the newest of each sensor alone where that is wanted;
-        whether there were any."""
-        if not self._come:
-            return False
+    def work(self, t: float, estimate: Array, *, newest: bool = False) -> bool:
+        """Choose where to look, at time ``t`` [s], and look at the readings that have come since, or at the newest of
+        each sensor alone. Another thread than that which measures may do it.
+
+        Returns:
+            Whether there were any.
+        """
         began = self.computing.reading()
-        come, self._come = self._come, []
-        images = {reading.sensor: reading for reading in come if isinstance(reading, (DepthImage, RangeImage))}
-        for reading in come:
-            if newest_images and images.get(reading.sensor, reading) is not reading:
-                self.passed_by[reading.sensor] += 1
+        if self.gaze is not None and t - self._glanced >= _GLANCE_PERIOD - 1e-9 and self.estimator.volume is not None:
+            self._glanced = t
+            ahead = np.zeros((0, self._robot.nv)) if self._ahead is None else self._ahead(LOOK_AHEAD)
+            self.gaze.look(t, estimate, ahead, self.head, self.estimator.volume)
+        come = [self._come.popleft() for _ in range(len(self._come))]
+        last = {reading.sensor: reading for reading, _ in come}
+        for reading, pose in come:
+            if newest and last[reading.sensor] is not reading:
                 continue
-            pose = self._past.at(reading.time)
+            self.looked_at[reading.sensor] += 1
             self.estimator.update(reading, pose)
             self.newest[reading.sensor] = reading, pose
         self._spent += self.computing.reading() - began
-        return True
+        return bool(come)
 
     def attend(self, ahead: Callable[[float], Array]) -> None:
         """Be told what gives the coordinate rows (K, nv) that the robot comes through in so many seconds, the next one

@@ -1,17 +1,19 @@
 """Sensing process: simulated sensors, and the scenes that are made of their readings, beside planning.
 
 The machine's states are handed on to it as they come. What sensors measured then is looked at as soon as it is known
-where the robot is thought to have been. Of images that have come meanwhile only the newest of each sensor is looked at,
-as by a driver that keeps one. Scenes come back as they are made; what was in the last one is not sent again.
+where the robot is thought to have been. Of readings that have come meanwhile only the newest of each sensor is looked
+at, as by a driver that keeps one; where the process is far behind, sensors do not measure at all what it would be too late
+for. Scenes come back as they are made, and what was in the last one is not sent again.
 """
 
 from __future__ import annotations
 
-import logging
+import gc
 import pickle
 import select
 import signal
 import socket
+import sys
 import threading
 import weakref
 from collections import deque
@@ -47,13 +49,19 @@ from .perception import Perception, PerceptionError, PerceptionParams
 from .sensed_perception import LOOK_AHEAD, SensorPerception
 from .sensors import SensorConfig
 
-_log = logging.getLogger(__name__)
+SENSING_TIME = 0.1
+"""Time [s] in which a reading is handed on, looked at and handed back, on a processor that is not idle."""
+
 _BUFFER = 1 << 20  # [bytes] of the channel to the process
 _AT_ONCE = 50  # states in one message
 _MOST_WAITING_STATES = 20_000  # states that wait for the process, at most
 _LONGEST_UNKNOWN = 0.2  # [s] for which it is waited until it is known where the robot was; then it is where it was last
-_SCENE_PERIOD = 0.1  # [s] from scene to scene at most, though nothing new was measured: faults begin and end
+_LONGEST_BEHIND = 0.1  # [s]; what was to be measured before that is left out
+_SCENE_PERIODS = 0.045, 0.1
+"""Time [s] from scene to scene at least, for nobody plans more often, and at most, though nothing new was measured:
+faults begin and end."""
 _KEPT_ESTIMATES = 100
+_SWITCHING_PERIOD = 0.001  # [s] for which one thread may keep the other waiting
 _LONGEST_END = 5.0  # [s]
 
 
@@ -77,7 +85,7 @@ class _News(NamedTuple):
     readings: dict[str, tuple[Reading, Array]]  # new ones
     target: Array | None  # what a camera is turned to
     contact: str
-    passed_by: dict[str, int]
+    looked_at: dict[str, int]
 
 
 class SensingProcess:
@@ -95,7 +103,7 @@ class SensingProcess:
         sensed: the newest scene.
         target: (3,) what a camera is turned to [m], or None.
         contact: description of a felt contact; empty without one.
-        passed_by: sensor → how many of its images were not looked at, since newer ones had come.
+        looked_at: sensor → how many of its readings were looked at since time 0.
 
     Raises:
         ElasticStripsError: as for :class:`SensorPerception`.
@@ -135,7 +143,7 @@ class SensingProcess:
         self.newest: dict[str, tuple[Reading, Array]] = first[3]
         self.contact: str = first[4]
         self.target: Array | None = None
-        self.passed_by: dict[str, int] = {}
+        self.looked_at: dict[str, int] = {}
         self._known, self._trouble = self.sensed, ""
         self._ahead: Callable[[float], Array] | None = None
         self._rows: Array | None = None
@@ -192,7 +200,7 @@ class SensingProcess:
     def _take(self, news: _News) -> None:
         """In the listener's thread."""
         self.newest = self.newest | news.readings
-        self.target, self.contact, self.passed_by = news.target, news.contact, news.passed_by
+        self.target, self.contact, self.looked_at = news.target, news.contact, news.looked_at
         if news.scene is not None:
             self.sensed = with_difference(self.sensed, news.scene)
         self._trouble = news.trouble
@@ -232,6 +240,8 @@ class _Sensing:
         self.rows: Array | None = None
         self.sent: Scene | None = None
         self.told = -np.inf  # [s]
+        self.now: tuple[float, Array] = -np.inf, np.zeros(0)  # [s] of the last state, and where the robot was then
+        self.come, self.over = threading.Event(), False
         self.said: dict[str, tuple[Reading, Array]] = {}
         self.contact = perception.contact
         self.sensors.attend(lambda _: np.zeros((0, 0)) if self.rows is None else self.rows)
@@ -251,20 +261,35 @@ class _Sensing:
             step[2] = np.remainder(step[2] + np.pi, 2.0 * np.pi) - np.pi
         return np.asarray(a + np.clip((t - t0) / max(t1 - t0, 1e-9), 0.0, 1.0) * step)
 
-    def work(self) -> None:
-        """Look at what can be looked at by now."""
+    def measure(self) -> None:
+        """Let the sensors measure at states of which it is known by now where the robot was thought to be."""
         if not (self.states and self.past):
             return
-        until, state = max(self.past[-1][0], self.states[-1].time - _LONGEST_UNKNOWN), None
+        until = max(self.past[-1][0], self.states[-1].time - _LONGEST_UNKNOWN)
         while self.states and self.states[0].time <= until:
             state = self.states.popleft()
-            self.sensors.measure(state.time, state.coordinates, self.row_at(state.time))
+            row = self.row_at(state.time)
+            if state.time > until - _LONGEST_BEHIND:
+                self.sensors.measure(state.time, state.coordinates, row)
             self.pedestrians.step(state.time, state.coordinates, state.v)
-        if state is None:
-            return
-        new = self.sensors.work(newest_images=True)
-        if new or self.perception.contact != self.contact or state.time > self.told + _SCENE_PERIOD:
-            self.tell(state.time)
+            self.now = state.time, row
+        self.come.set()
+
+    def look(self) -> None:
+        """The thread that looks at what was measured: it computes for long, and sensors do not wait for it."""
+        new = False
+        with suppress(BrokenPipeError):
+            while True:
+                self.come.wait()
+                self.come.clear()
+                if self.over:
+                    return
+                t, row = self.now
+                new = self.sensors.work(t, row, newest=True) or new
+                least, most = (self.told + period for period in _SCENE_PERIODS)
+                if self.perception.contact != self.contact or t > (least if new else most):
+                    self.tell(t)
+                    new = False
 
     def tell(self, t: float) -> None:
         scene, trouble, self.told = None, "", t
@@ -276,7 +301,7 @@ class _Sensing:
         seen = dict(self.sensors.newest)
         fresh = {name: each for name, each in seen.items() if self.said.get(name, (None,))[0] is not each[0]}
         new = None if scene is None else difference(scene, self.sent)
-        told = _News(t, new, trouble, fresh, self.sensors.target, self.contact, dict(self.sensors.passed_by))
+        told = _News(t, new, trouble, fresh, self.sensors.target, self.contact, dict(self.sensors.looked_at))
         self.news.send(tuple(told))
         self.sent, self.said = scene or self.sent, seen
 
@@ -303,14 +328,25 @@ def _run(
         known = isinstance(error, ElasticStripsError) and _pickles(error)
         news.send(error if known else f"{type(error).__name__}: {error}")
         return
+    import scipy.ndimage  # what moves is grouped by it: not to be imported when it is needed first
+    import scipy.optimize  # noqa: F401
+
+    gc.freeze()  # what is there now stays
+    sys.setswitchinterval(_SWITCHING_PERIOD)
+    inner.looked_at.clear()
     sensing = _Sensing(perception, pedestrians, news, planar=robot.space.planar)
     sensing.sent = first
-    with suppress(ChannelClosedError, BrokenPipeError):
-        while not orphaned():
+    looking = threading.Thread(target=sensing.look, name="looking", daemon=True)
+    looking.start()
+    with suppress(ChannelClosedError):
+        while looking.is_alive() and not orphaned():
             select.select([link], [], [], 0.5)
             for message in take(link):
                 sensing.hear(*cast("tuple[tuple[TrueState, ...], tuple[float, Array], Array | None]", message))
-            sensing.work()
+            sensing.measure()
+    sensing.over = True
+    sensing.come.set()
+    looking.join()
 
 
 def _pickles(error: Exception) -> bool:

@@ -34,7 +34,7 @@ from elastic_strips.sim.perception import NoisyGroundTruth
 from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.sensed_perception import sees_behind
-from elastic_strips.sim.sensing_process import SensedWorld, SensingProcess
+from elastic_strips.sim.sensing_process import SENSING_TIME, SensedWorld, SensingProcess
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import LookAt, OrientationConstraint
 from elastic_strips.strip.constraint import ConstraintForce
@@ -252,7 +252,8 @@ def make_realtime(
             senses = cast("Perception", FaultyPerception(senses, plan, seed))
     if plan.faults:
         make = partial(faulty_plant, make, plan, seed)
-    params = replace(params, replan_time=0.0)
+    age = params.max_scene_age if setup.sensors is None else params.max_scene_age + SENSING_TIME
+    params = replace(params, replan_time=0.0, max_scene_age=age)
     temporary = log is None
     if log is None:
         number, log = tempfile.mkstemp(prefix="elastic-strips-", suffix=".jsonl")
