@@ -69,6 +69,7 @@ digest = hashlib.sha256(sys.version.encode() + sys.argv[1].encode())
 root = pathlib.Path(sys.argv[1])
 native = root / "src/native"  # a build leaves folders of its own in cmake
 code = [path for kind in ("*.cpp", "*.hpp", "cmake/CMakeLists.txt") for path in sorted(native.glob(kind))]
+code.append(root / "src/elastic_strips/_native.pyi")  # a kernel that was compiled for others is not used
 for path in (root / "pyproject.toml", *code):
     digest.update(path.read_bytes())
 print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and run again"

@@ -366,8 +366,8 @@ def count_cells(low: Indices, high: Indices) -> int:
 def grid_boxes(
     low: Indices, high: Indices, cell: float, cells: Array, middles: Array, edges: Array, whole: Array
 ) -> None:
-    """Middles (n, 3) of cells of boxes (B, 3), the boxes' middles and edges (B, 3), and middle, half size and radius (7)
-    of all, as `grid_solid` of `elastic_strips.scene.parts` has them."""
+    """Middles (n, 3) of the cells of boxes (B, 3), the boxes' middles and edges (B, 3), and middle, half size and
+    radius (7) of all, as `grid_solid` of `elastic_strips.scene.parts` has them."""
 
 class VolumeMap:
     """Voxels about a robot; see `elastic_strips.perception.volume_map`."""

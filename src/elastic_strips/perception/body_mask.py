@@ -15,7 +15,6 @@ from .own_body import OwnBodies, Posture
 from .rays import Nearest, Rays
 from .readings import NO_ANSWER, DepthImage, RangeImage
 
-
 _SAME_PLACE = 1e-9  # [m], and of rotation matrices: nothing has moved
 
 

@@ -47,6 +47,7 @@ _FACING = 0.35  # least cosine between a surface's normal and the ray
 _ONE_SURFACE = (0.05, 0.05)  # [m], and part of the range, by which neighbours on one surface differ
 _FAR_OFF = 0.4  # [m] from which on a point is another thing's
 _PIXELS = 0.01  # [m] by which a point is off its surface because pixels are not points
+_SETTLED = 1e-6  # [m, rad] a fit that changes by less is done
 _ALIKE = 2.0  # times as unsure as if the errors of neighbouring pixels had nothing in common
 _BEFORE = (0.3, 0.3, 0.3, 0.15, 0.15, 0.02)  # [rad, m] standard deviations of a displacement, a priori
 _FLOOR_BEFORE = (0.3, 0.3, 1e-6, 1e-6, 1e-6, 0.02)  # the same of what the floor tells
@@ -466,7 +467,9 @@ def _fitted(
         scale = max(1.5 * float(np.median(np.abs(left))), 1.0)
         weight = 1.0 / (1.0 + np.square(left / (2.0 * scale)))
         H = (A * weight[:, None]).T @ A
-        x = np.linalg.solve(H + prior, (A * weight[:, None]).T @ b)
+        last, x = x, np.linalg.solve(H + prior, (A * weight[:, None]).T @ b)
+        if float(np.abs(x - last).max()) < _SETTLED:
+            break
     left = np.abs(b - A @ x)
     covariance = np.linalg.inv(H / _ALIKE**2 + prior)
     turned, shifted = float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]))
@@ -498,7 +501,7 @@ def _alone(image: DepthImage | RangeImage) -> float:
     r, c = np.arange(1, rows - 1, 2)[:, None], np.arange(1, columns - 1, 2)
     here = ranges[r, c]
     steps: list[tuple[int, int]] = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
-    about = np.sort(np.stack([ranges[r + i, c + j] for i, j in steps]), axis=0)[1]
+    about = np.partition(np.stack([ranges[r + i, c + j] for i, j in steps]), 1, axis=0)[1]
     hits = np.isfinite(here)
     if not hits.any():
         return 0.0

@@ -243,7 +243,9 @@ class VolumeMap:
         sure = p.thinnest * float(np.abs(view[2]).min())
         # what is filled in only frees: where a lost pixel ends, nothing was seen
         ranges = filled(reading.ranges, p.hole * float(np.abs(view[2]).min()))
-        most = min(_longest(reading), p.range_max)
+        # Behind what may be called free, and what may become an obstacle, nothing is of use yet.
+        far = max(sure, p.hit_range)
+        most = min(_longest(reading), p.range_max, far + float(p.error(np.array(far))))
         known = np.where(np.isnan(ranges), 0.0, np.minimum(ranges, most)).astype(float)
         clear = np.maximum(known - p.error(known), 0.0)
         pose = np.ascontiguousarray(T[:3, :3]), np.ascontiguousarray(T[:3, 3])

@@ -22,7 +22,6 @@ from elastic_strips.errors import SceneError
 from elastic_strips.hulls import MIN_THICKNESS, convex_shape, flatness
 from elastic_strips.native import kernel
 
-
 _IDENTITY = np.eye(4)
 _IDENTITY.flags.writeable = False
 _NO_BOXES = np.zeros((0, 3))
@@ -75,8 +74,8 @@ class Part:
 def _restored(*state: object) -> Part:
     """Rebuild a pickled part: Coal pickles a primitive without its local AABB."""
     part = Part(*state)  # type: ignore[arg-type]
-    for member in part.members:
-        member.computeLocalAABB()
+    if part.geometry is not None:
+        part.geometry.computeLocalAABB()
     return part
 
 
@@ -180,13 +179,18 @@ def cluster_solid(centers: Array, size: Array) -> Solid:
 
 
 def grid_solid(low: Indices, high: Indices, cell: float) -> tuple[Solid, Array]:
-    """Solid, all of it one part, of boxes of a grid, from cells ``low`` to before ``high`` (B, 3), each ``cell`` [m] wide;
-    and the middles of their cells (n, 3) [m], box by box."""
+    """Solid of boxes of a grid that are one part, and the middles of their cells (n, 3) [m], box by box.
+
+    Args:
+        low, high: first cells (B, 3), and those after the last along each axis.
+        cell: edge of a cell [m].
+    """
     native = kernel()
     if native is None:
         part, cells = _block(cell * low.astype(float), cell * high.astype(float)), _cells(low, high, cell)
     else:
-        cells, (middles, edges), whole = np.empty((native.count_cells(low, high), 3)), np.empty((2, *low.shape)), np.empty(7)
+        cells, whole = np.empty((native.count_cells(low, high), 3)), np.empty(7)
+        middles, edges = np.empty(low.shape), np.empty(low.shape)
         native.grid_boxes(low, high, cell, cells, middles, edges, whole)
         part = Part(None, _IDENTITY, whole[:3], whole[3:6], float(whole[6]), edges, middles)
     cells.flags.writeable = False
@@ -199,7 +203,7 @@ def _cells(low: Indices, high: Indices, cell: float) -> Array:
     box = np.repeat(np.arange(len(low)), count)
     number, (_, wide, tall) = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count), size[box].T
     places = np.stack((number // (wide * tall), number // tall % wide, number % tall), axis=1)
-    return np.asarray((low[box] + places + 0.5) * cell)
+    return np.asarray((low[box] + places + 0.5) * cell, dtype=np.float64)
 
 
 def merged_boxes(centers: Array, size: Array) -> tuple[Array, Array, _Index]:

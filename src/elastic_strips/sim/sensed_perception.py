@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -171,7 +171,7 @@ class SensorPerception:
         self.sensed: Scene | None = None
         self.cost: float = 0.0
         self.looked_at: Counter[str] = Counter()
-        self._come: deque[tuple[Reading, Array]] = deque()  # not looked at yet, with the base's pose
+        self._come: list[tuple[Reading, Array]] = []  # not looked at yet, with the base's pose
         self._spent = 0.0  # [s] since the last scene
         self._past = PoseBuffer()
         for k in range(round(look / _STANDING_UPDATE_PERIOD)):
@@ -217,7 +217,7 @@ class SensorPerception:
 
     def work(self, t: float, estimate: Array, *, newest: bool = False) -> bool:
         """Choose where to look, at time ``t`` [s], and look at the readings that have come since, or at the newest of
-        each sensor alone. Another thread than that which measures may do it.
+        each sensor alone.
 
         Returns:
             Whether there were any.
@@ -227,7 +227,7 @@ class SensorPerception:
             self._glanced = t
             ahead = np.zeros((0, self._robot.nv)) if self._ahead is None else self._ahead(LOOK_AHEAD)
             self.gaze.look(t, estimate, ahead, self.head, self.estimator.volume)
-        come = [self._come.popleft() for _ in range(len(self._come))]
+        come, self._come = self._come, []
         last = {reading.sensor: reading for reading, _ in come}
         for reading, pose in come:
             if newest and last[reading.sensor] is not reading:

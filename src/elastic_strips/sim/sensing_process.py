@@ -2,8 +2,8 @@
 
 The machine's states are handed on to it as they come. What sensors measured then is looked at as soon as it is known
 where the robot is thought to have been. Of readings that have come meanwhile only the newest of each sensor is looked
-at, as by a driver that keeps one; where the process is far behind, sensors do not measure at all what it would be too late
-for. Scenes come back as they are made, and what was in the last one is not sent again.
+at, as by a driver that keeps one; where the process is far behind, sensors do not measure at all what it would be too
+late for. Scenes come back as they are made, and what was in the last one is not sent again.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import pickle
 import select
 import signal
 import socket
-import sys
 import threading
 import weakref
 from collections import deque
@@ -61,7 +60,6 @@ _SCENE_PERIODS = 0.045, 0.1
 """Time [s] from scene to scene at least, for nobody plans more often, and at most, though nothing new was measured:
 faults begin and end."""
 _KEPT_ESTIMATES = 100
-_SWITCHING_PERIOD = 0.001  # [s] for which one thread may keep the other waiting
 _LONGEST_END = 5.0  # [s]
 
 
@@ -229,28 +227,25 @@ def _end(process: SpawnProcess, link: socket.socket) -> None:
 class _Sensing:
     """Workspace: the sensors in their process."""
 
-    def __init__(
-        self, perception: Perception, pedestrians: Pedestrians, news: Connection, *, planar: bool
-    ) -> None:
-        self.planar = planar
+    def __init__(self, robot: RobotModel, perception: Perception, pedestrians: Pedestrians, news: Connection) -> None:
+        self.planar = robot.space.planar
         self.perception, self.pedestrians, self.news = perception, pedestrians, news
         self.sensors = cast("SensorPerception", perception)  # faults are wrapped about it
         self.states: deque[TrueState] = deque()
         self.past: deque[tuple[float, Array]] = deque(maxlen=_KEPT_ESTIMATES)
-        self.rows: Array | None = None
+        self.rows: Array = np.zeros((0, robot.nv))  # through which the robot comes next
         self.sent: Scene | None = None
-        self.told = -np.inf  # [s]
+        self.told, self.looked, self.new = -np.inf, -np.inf, False  # when [s]; whether something was seen since
         self.now: tuple[float, Array] = -np.inf, np.zeros(0)  # [s] of the last state, and where the robot was then
-        self.come, self.over = threading.Event(), False
         self.said: dict[str, tuple[Reading, Array]] = {}
         self.contact = perception.contact
-        self.sensors.attend(lambda _: np.zeros((0, 0)) if self.rows is None else self.rows)
+        self.sensors.attend(lambda _: self.rows)
 
     def hear(self, states: tuple[TrueState, ...], known: tuple[float, Array], rows: Array | None) -> None:
         self.states += states
         if not self.past or known[0] > self.past[-1][0]:
             self.past.append(known)
-        self.rows = rows
+        self.rows = self.rows if rows is None else rows
 
     def row_at(self, t: float) -> Array:
         """The estimated coordinate row (nv,) at a time [s]."""
@@ -273,26 +268,20 @@ class _Sensing:
                 self.sensors.measure(state.time, state.coordinates, row)
             self.pedestrians.step(state.time, state.coordinates, state.v)
             self.now = state.time, row
-        self.come.set()
 
     def look(self) -> None:
-        """The thread that looks at what was measured: it computes for long, and sensors do not wait for it."""
-        new = False
-        with suppress(BrokenPipeError):
-            while True:
-                self.come.wait()
-                self.come.clear()
-                if self.over:
-                    return
-                t, row = self.now
-                new = self.sensors.work(t, row, newest=True) or new
-                least, most = (self.told + period for period in _SCENE_PERIODS)
-                if self.perception.contact != self.contact or t > (least if new else most):
-                    self.tell(t)
-                    new = False
+        """Look at what was measured, and say what was seen where it is time to."""
+        t, row = self.now
+        if t == self.looked:
+            return
+        self.looked = t
+        self.new = self.sensors.work(t, row, newest=True) or self.new
+        least, most = (self.told + period for period in _SCENE_PERIODS)
+        if self.perception.contact != self.contact or t > (least if self.new else most):
+            self.tell(t)
 
     def tell(self, t: float) -> None:
-        scene, trouble, self.told = None, "", t
+        scene, trouble, self.told, self.new = None, "", t, False
         try:
             scene = self.perception.sense(t)
         except Exception as error:  # a fault, maybe one that is injected: the robot has to come to rest
@@ -332,21 +321,16 @@ def _run(
     import scipy.optimize  # noqa: F401
 
     gc.freeze()  # what is there now stays
-    sys.setswitchinterval(_SWITCHING_PERIOD)
     inner.looked_at.clear()
-    sensing = _Sensing(perception, pedestrians, news, planar=robot.space.planar)
+    sensing = _Sensing(robot, perception, pedestrians, news)
     sensing.sent = first
-    looking = threading.Thread(target=sensing.look, name="looking", daemon=True)
-    looking.start()
-    with suppress(ChannelClosedError):
-        while looking.is_alive() and not orphaned():
+    with suppress(ChannelClosedError, BrokenPipeError):
+        while not orphaned():
             select.select([link], [], [], 0.5)
             for message in take(link):
                 sensing.hear(*cast("tuple[tuple[TrueState, ...], tuple[float, Array], Array | None]", message))
             sensing.measure()
-    sensing.over = True
-    sensing.come.set()
-    looking.join()
+            sensing.look()
 
 
 def _pickles(error: Exception) -> bool:

@@ -1,13 +1,16 @@
 """Clusters: merging keeps the union of the boxes exactly, drops duplicates, and is fast."""
 
+import pickle
+
 import numpy as np
 import pytest
 from cases import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elastic_strips.native import twin
 from elastic_strips.scene import Points, Voxels
-from elastic_strips.scene.parts import BLOCK_EDGE, merge_cells, merged_boxes
+from elastic_strips.scene.parts import BLOCK_EDGE, grid_solid, merge_cells, merged_boxes
 
 cells_lists = st.lists(st.tuples(*[st.integers(-6, 6)] * 3), min_size=1, max_size=120)
 
@@ -109,3 +112,45 @@ def test_sixty_thousand_voxels_share_their_boxes(kind):
     voxels = Voxels(centers, 0.05)
     assert sum(len(part.boxes) for part in voxels.parts) <= len(np.unique(centers, axis=0))
     assert len({id(box) for part in voxels.parts for box, _ in part.boxes}) < 2000  # equal boxes are shared
+
+
+SHIFTED = np.eye(4)
+SHIFTED[:3, 3] = 0.5, 0.1, 0.0
+
+
+def grid(rng, count=12):
+    low = rng.integers(-9, 9, (count, 3))
+    return low, low + rng.integers(1, 4, (count, 3))
+
+
+def test_boxes_of_a_grid_are_as_of_their_cells():
+    """Middles, edges and the ball about all, from the definition; the kernel and its twin."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        low, high = grid(rng)
+        solid, cells = grid_solid(low, high, 0.025)
+        with twin():
+            other, others = grid_solid(low, high, 0.025)
+        np.testing.assert_allclose(cells, (np.array(fill(low.tolist(), high.tolist())) + 0.5) * 0.025, atol=1e-12)
+        np.testing.assert_allclose(others, cells, atol=1e-12)
+        np.testing.assert_allclose(other.rows, solid.rows, atol=1e-12)
+        (part,), (same,) = solid.parts, other.parts
+        np.testing.assert_allclose(same.sizes, part.sizes, atol=1e-12)
+        np.testing.assert_allclose(part.middles - 0.5 * part.sizes, 0.025 * low, atol=1e-11)
+        np.testing.assert_allclose(part.middles + 0.5 * part.sizes, 0.025 * high, atol=1e-11)
+        far = np.linalg.norm(np.abs(part.middles - part.center) + 0.5 * part.sizes, axis=1).max()
+        assert part.radius >= far - 1e-12
+        np.testing.assert_allclose(2.0 * np.array([box.halfSide for box, _ in part.boxes]), part.sizes)
+
+
+def test_boxes_of_a_grid_are_the_same_in_another_process():
+    low, high = grid(np.random.default_rng(4))
+    voxels = Voxels.of_boxes(low, high, 0.05, "seen")
+    for one in (voxels, voxels.named("other"), voxels.moved(SHIFTED)):
+        copy = pickle.loads(pickle.dumps(one))
+        assert copy.name == one.name
+        np.testing.assert_array_equal(copy.pose, one.pose)
+        np.testing.assert_array_equal(copy.spec["centers"], one.spec["centers"])
+        np.testing.assert_array_equal(copy.parts[0].middles, one.parts[0].middles)
+        np.testing.assert_array_equal(copy.parts[0].sizes, one.parts[0].sizes)
+    assert len(pickle.dumps(voxels)) < len(pickle.dumps(voxels.named("other")))

@@ -10,6 +10,7 @@ from cases import each, refused
 
 from elastic_strips.errors import InputError, SceneError
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cone, ConvexHull, Keyframes, Points, Scene, Sphere, Twist, Voxels
+from elastic_strips.scene.difference import difference, with_difference
 
 
 def test_what_is_made_of_a_scene_has_its_time():
@@ -240,6 +241,22 @@ def test_pickling_keeps_the_snapshot():
     assert copy.time == scene.time
     np.testing.assert_array_equal(copy.table.center, scene.table.center)
     np.testing.assert_allclose(copy.at(1.0).table.center, scene.at(1.0).table.center)
+
+
+def test_a_difference_leaves_out_what_was_there_before():
+    rng = np.random.default_rng(6)
+    before = Scene(mixed(rng), time=1.0)
+    ball = Sphere(0.2, at=(1.0, 0.0, 0.3), name="new")
+    after = Scene([*before.obstacles[1:], ball], time=1.5, held_up="a camera is late")
+    told = pickle.loads(pickle.dumps(difference(after, before)))
+    places = [o for o in told[2] if isinstance(o, int)]
+    assert places == [k for k, o in enumerate(before) if k > 0 and o.motion is None], "what moves is elsewhere by now"
+    there = pickle.loads(pickle.dumps(before))
+    again = with_difference(there, told)
+    assert (again.names, again.time, again.stamp, again.held_up) == (after.names, 1.5, 1.5, after.held_up)
+    still = [k for k, o in enumerate(again) if o.motion is None and o.name != "new"]
+    assert all(again.obstacles[k] is there.obstacle(again.names[k]) for k in still), "the same objects as before"
+    assert with_difference(None, difference(after, None)).names == after.names
 
 
 def calls(action):

@@ -8,6 +8,7 @@ import os
 import signal
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,25 @@ import pytest
 
 from elastic_strips.control.interfaces import RunState
 from elastic_strips.control.process.log_stream import read_log
+from elastic_strips.errors import RobotError
 from elastic_strips.io.scene_file import PoseSpec
-from elastic_strips.scene import Scene
+from elastic_strips.scene import Box, Scene
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.scenarios import Scenario
-from elastic_strips.sim.scenarios.drive import make_realtime
+from elastic_strips.sim.scenarios.drive import driven_to_its_end, make_realtime
+from elastic_strips.sim.sensing_process import SensingProcess
+from elastic_strips.sim.sensors import SensorConfig
+from elastic_strips.sim.sensors.params import named_sensors
 
 FLOOR = Scenario("floor", "empty", Scene([]), PoseSpec(), PoseSpec(3.0), robot="jackal-box")
+WALLED = Scenario(
+    "walled", "empty", Scene([Box((4.0, 0.1, 0.8), at=(1.5, 1.2, 0.4))]), PoseSpec(), PoseSpec(3.0), robot="jackal-box"
+)
+
+
+@pytest.fixture
+def laser() -> SensorConfig:
+    return named_sensors("laser", "jackal-box")
 
 
 @pytest.fixture(autouse=True)
@@ -123,6 +136,53 @@ def test_a_planner_that_throws_leaves_nothing_behind():
     driven.perception.sense = fail  # type: ignore[method-assign]
     with pytest.raises(KeyboardInterrupt):
         driven.run()
+
+
+def test_a_robot_with_sensors_reaches_its_goal(laser: SensorConfig):
+    driven = make_realtime(WALLED, sensors=laser)
+    assert isinstance(driven.perception, SensingProcess)
+    seen: list[Scene] = []
+
+    def watch(driven: RealtimeSimulation) -> None:
+        seen.append(driven.perception.sense(driven.time))
+
+    driven.watch = watch  # type: ignore[assignment]
+    outcome = driven_to_its_end(driven, WALLED, None)
+    assert outcome.reached
+    assert outcome.sensors == laser.names
+    assert driven.perception.newest["laser"][0].time > 1.0
+    assert driven.perception.looked_at["laser"] > 10
+    walls = [o for o in seen[-1] if (o.name or "").startswith("map-")]
+    assert walls, "what was sensed in the other process has come"
+    before = {id(o) for scene in seen for o in scene}
+    assert len(before) < sum(len(scene) for scene in seen) / 2, "what was there before is not sent again"
+
+
+def test_a_robot_whose_sensors_are_killed_stops(laser: SensorConfig):
+    driven = make_realtime(
+        WALLED, sensors=laser, watch=when_fast(lambda driven: os.kill(driven.perception.pid, signal.SIGKILL))
+    )
+    result = driven.run(time_limit=6.0)
+    assert not result.reached
+    assert named(driven, "the process of the sensors is gone")
+    rows = result.record.control
+    assert rows.v[:, 0].max() > 0.3
+    assert np.abs(rows.v[-1]).max() < 0.01
+    assert rows.coordinates[-1, 0] < 2.5
+
+
+def test_sensors_that_cannot_be_are_refused_as_they_are(laser: SensorConfig):
+    lost = SensorConfig(sensors=tuple(replace(sensor, frame="nowhere") for sensor in laser.sensors))
+    with pytest.raises(RobotError):
+        make_realtime(WALLED, sensors=lost)
+
+
+def test_sensors_that_never_run_leave_nothing_behind(laser: SensorConfig):
+    driven = make_realtime(WALLED, sensors=laser)
+    driven.controller.close()
+    assert any(child.name == "sensing" for child in multiprocessing.active_children())
+    del driven
+    gc.collect()
 
 
 def test_one_that_never_runs_leaves_nothing_behind():

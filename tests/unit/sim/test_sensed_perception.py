@@ -71,6 +71,25 @@ def test_the_body_radius_is_the_largest_disc_within(name, least, most):
     assert least < body_radius(load_robot(name)) < most
 
 
+def test_who_is_late_looks_at_the_newest_readings_alone(silvermate):
+    coordinates = silvermate.space.to_coordinates(silvermate.home())
+
+    def after(newest):
+        perception = SensorPerception(silvermate, World(Scene([PILLAR])), silvermate.home(), sensors=LASER)
+        perception.looked_at.clear()
+        for k in range(100):
+            perception.measure(0.01 * k, coordinates, coordinates)
+        assert perception.looked_at["laser"] == 0
+        assert perception.work(0.99, coordinates, newest=newest)
+        assert not perception.work(0.99, coordinates, newest=newest), "nothing has come since"
+        return perception
+
+    late, all_ = after(True), after(False)
+    assert late.looked_at["laser"] == 1
+    assert all_.looked_at["laser"] > 10
+    assert late.newest["laser"][0].time == all_.newest["laser"][0].time
+
+
 def test_who_sees_behind(silvermate):
     """A lidar turns all the way round, but on the front of the head it looks into that."""
 

@@ -20,6 +20,7 @@ from elastic_strips.control.guard import Desired, Guard, GuardParams
 from elastic_strips.control.interfaces import Command, Measurement
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Box, Scene
+from elastic_strips.scene.difference import difference, with_difference
 from elastic_strips.trajectory import MotionLimits
 
 from .channel import put
