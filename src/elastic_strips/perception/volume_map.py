@@ -57,7 +57,8 @@ class VolumeMapParams:
         noise_growth: … and what it grows by with the square of it [1/m].
         bias: largest error that all ranges of an image have in common: of the sensor, its place on the robot, the
             robot's posture, and where the robot stands.
-        range_max: nothing further away is noted.
+        range_max: nothing further away is noted, nor what is further away than `hit_range` and than whatever may be
+            called free.
         hit_range: nothing further away becomes an obstacle: there it is not known to a voxel where it is.
         exact_range: up to here one hit is an obstacle, from here on two are; and what is looked at from here, and not
             hit, is less and less of one.

@@ -73,6 +73,20 @@ class MachineView:
         return self.state.motors
 
 
+class _Steps:
+    """Workspace: which of the machine's states are steps of the world; of the same states always the same."""
+
+    def __init__(self) -> None:
+        self._last = -np.inf  # [s]
+
+    def next(self, state: TrueState) -> bool:
+        """Whether the next state is one."""
+        if state.time < self._last + _WORLD_PERIOD:
+            return False
+        self._last = state.time
+        return True
+
+
 class RealtimeSimulation(Simulation[Controller]):
     """Workspace: a :class:`Simulation` whose machine and executor run in processes of their own, on the wall clock.
 
@@ -127,7 +141,8 @@ class RealtimeSimulation(Simulation[Controller]):
         self._make_plant = make_plant
         self._truth: list[TrueState] = []
         self._come: deque[TrueState] = deque()  # states that this process has not looked at yet
-        self._moved = -np.inf  # time [s] of the last step of the world
+        self._fed = False  # whether a thread takes them from the machine
+        self._steps = _Steps()
 
     def run(self, *, time_limit: float | None = None) -> DriveResult:
         """Drive until the last goal is reached, the time is up, or :meth:`stop` was called."""
@@ -146,7 +161,7 @@ class RealtimeSimulation(Simulation[Controller]):
                 epoch = time.monotonic() + _LEAD_TIME
                 machine.begin(epoch)
                 executor.begin(epoch)
-                with self._fed(machine):
+                with self._feeding(machine):
                     time.sleep(_LEAD_TIME)
                     self._drive(machine, limit)
             self._observe(machine)
@@ -159,7 +174,7 @@ class RealtimeSimulation(Simulation[Controller]):
                 self._cleaned()
 
     @contextmanager
-    def _fed(self, machine: MachineProcess) -> Iterator[None]:
+    def _feeding(self, machine: MachineProcess) -> Iterator[None]:
         """Hand the machine's states on to the sensors' process meanwhile, where there is one, in a thread."""
         sensing, over = self.perception, threading.Event()
         if not isinstance(sensing, SensingProcess):
@@ -167,19 +182,21 @@ class RealtimeSimulation(Simulation[Controller]):
             return
 
         def feed() -> None:
+            steps = _Steps()
             while not over.wait(_WORLD_PERIOD):
                 states = machine.truth()
                 self._come.extend(states)
-                sensing.feed(states, self.executor.estimated)
+                sensing.feed([state for state in states if steps.next(state)], self.executor.estimated)
                 machine.touch(sensing.contact)
 
-        feeding = threading.Thread(target=feed, name="sensors", daemon=True)
-        feeding.start()
+        self._fed, thread = True, threading.Thread(target=feed, name="sensors", daemon=True)
+        thread.start()
         try:
             yield
         finally:
             over.set()
-            feeding.join()
+            thread.join()
+            self._fed = False
 
     def _drive(self, machine: MachineProcess, limit: float) -> None:
         """Plan until the drive is over, the time ``limit`` [s] at the latest, and the robot stands."""
@@ -209,19 +226,17 @@ class RealtimeSimulation(Simulation[Controller]):
 
     def _observe(self, machine: MachineProcess) -> None:
         """Take in the machine's states, and let the world go on."""
-        sensed = isinstance(self.perception, SensingProcess)
-        if not sensed:
+        if not self._fed:
             self._come.extend(machine.truth())
         while self._come:
             state = self._come.popleft()
             self._truth.append(state)
-            if state.time < self._moved + _WORLD_PERIOD:
+            if not self._steps.next(state):
                 continue
-            self._moved = state.time
             self.view.state = state
             self.perception.observe(state.time, state.coordinates, self.controller.estimate)
             self.pedestrians.step(state.time, state.coordinates, state.v)
-        if not sensed:
+        if not self._fed:
             machine.touch(self.perception.contact)
 
     def _result(self, seconds: float) -> DriveResult:

@@ -292,7 +292,9 @@ class _Sensing:
         new = None if scene is None else difference(scene, self.sent)
         told = _News(t, new, trouble, fresh, self.sensors.target, self.contact, dict(self.sensors.looked_at))
         self.news.send(tuple(told))
-        self.sent, self.said = scene or self.sent, seen
+        self.said = seen
+        if scene is not None:  # which may be empty
+            self.sent = scene
 
 
 def _run(

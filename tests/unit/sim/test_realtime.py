@@ -10,19 +10,23 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from elastic_strips.control.interfaces import RunState
 from elastic_strips.control.process.log_stream import read_log
-from elastic_strips.errors import RobotError
+from elastic_strips.errors import ConfigurationError, InputError, RobotError
 from elastic_strips.io.scene_file import PoseSpec
-from elastic_strips.scene import Box, Scene
+from elastic_strips.robot import load_robot
+from elastic_strips.scene import Box, Scene, Sphere
+from elastic_strips.scene.difference import with_difference
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.scenarios import Scenario
 from elastic_strips.sim.scenarios.drive import driven_to_its_end, make_realtime
-from elastic_strips.sim.sensing_process import SensingProcess
+from elastic_strips.sim.sensing_process import SensingProcess, _News, _Sensing
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.sim.sensors.params import named_sensors
 
@@ -175,6 +179,39 @@ def test_sensors_that_cannot_be_are_refused_as_they_are(laser: SensorConfig):
     lost = SensorConfig(sensors=tuple(replace(sensor, frame="nowhere") for sensor in laser.sensors))
     with pytest.raises(RobotError):
         make_realtime(WALLED, sensors=lost)
+
+
+def test_what_cannot_be_made_leaves_nothing_behind(laser: SensorConfig):
+    inside = replace(WALLED, scene=Scene([Box((1.0, 1.0, 0.8), at=(0.0, 0.0, 0.4))]))
+    with pytest.raises(ConfigurationError):
+        make_realtime(inside)
+    with pytest.raises(InputError):
+        make_realtime(WALLED, sensors=laser, watch=3)  # type: ignore[arg-type]
+
+
+def test_a_scene_that_becomes_empty_is_told_so():
+    """And what comes after it is told against that."""
+    box, ball = Box((1.0, 1.0, 1.0), name="box"), Sphere(0.3, name="ball")
+    scenes = [Scene([box]), Scene([ball, box]), Scene([]), Scene([ball]), Scene([box, ball])]
+    told: list[tuple[object, ...]] = []
+
+    class Sensed:
+        contact, target = "", None
+        newest: ClassVar[dict[str, object]] = {}
+        looked_at: ClassVar[dict[str, int]] = {}
+
+        def attend(self, ahead: object) -> None: ...
+
+        def sense(self, t: float) -> Scene:
+            return scenes[int(t)]
+
+    news = SimpleNamespace(send=told.append)
+    sensing = _Sensing(load_robot("jackal-box"), Sensed(), None, news)  # type: ignore[arg-type]
+    known: Scene | None = None
+    for k, scene in enumerate(scenes):
+        sensing.tell(float(k))
+        known = with_difference(known, _News(*told[-1]).scene)  # type: ignore[arg-type]
+        assert known.names == scene.names
 
 
 def test_sensors_that_never_run_leave_nothing_behind(laser: SensorConfig):

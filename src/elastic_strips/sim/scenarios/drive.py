@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from time import monotonic, sleep
@@ -221,7 +222,7 @@ def make_realtime(
     eager: bool = False,
     **options: object,
 ) -> RealtimeSimulation:
-    """As :func:`make_simulation`, but against the wall clock: machine and executor run in processes of their own.
+    """As :func:`make_simulation`, but by the wall clock: machine, executor and sensors run in processes of their own.
 
     Args:
         scenario: the problem.
@@ -255,40 +256,46 @@ def make_realtime(
     age = params.max_scene_age if setup.sensors is None else params.max_scene_age + SENSING_TIME
     params = replace(params, replan_time=0.0, max_scene_age=age)
     temporary = log is None
-    if log is None:
-        number, log = tempfile.mkstemp(prefix="elastic-strips-", suffix=".jsonl")
-        os.close(number)
-    goals = configurations(model, senses.known() or Scene([]), problem.start, problem.goals)
-    executor = ExecutorProcess(model, problem.start, goals[0], params=params, limits=limits, log=log)
-    controller = Controller(
-        model,
-        problem.start,
-        goals,
-        senses.known(),
-        params=params,
-        limits=limits,
-        replanner=replanner,
-        seed=problem.seed,
-        executor=executor,
-        meter=monotonic,
-    )
-    machine.reset(model.space.to_coordinates(problem.start))
-    if plan.faults:
-        controller.plan_tick = faulty_planning(controller.plan_tick, plan, params, wait=sleep)
-    return RealtimeSimulation(
-        controller,
-        executor,
-        world,
-        make,
-        machine,
-        senses,
-        goal=controller.goal,
-        watch=watch,
-        metadata=problem.metadata,
-        log=log,
-        temporary=temporary,
-        eager=eager,
-    )
+    with ExitStack() as begun:  # what is to be ended where the rest cannot be made
+        if isinstance(senses, SensingProcess):
+            begun.callback(senses.close)
+        if log is None:
+            number, log = tempfile.mkstemp(prefix="elastic-strips-", suffix=".jsonl")
+            os.close(number)
+            begun.callback(os.unlink, log)
+        goals = configurations(model, senses.known() or Scene([]), problem.start, problem.goals)
+        executor = ExecutorProcess(model, problem.start, goals[0], params=params, limits=limits, log=log)
+        controller = Controller(
+            model,
+            problem.start,
+            goals,
+            senses.known(),
+            params=params,
+            limits=limits,
+            replanner=replanner,
+            seed=seed,
+            executor=executor,
+            meter=monotonic,
+        )
+        machine.reset(model.space.to_coordinates(problem.start))
+        if plan.faults:
+            controller.plan_tick = faulty_planning(controller.plan_tick, plan, params, wait=sleep)
+        driven = RealtimeSimulation(
+            controller,
+            executor,
+            world,
+            make,
+            machine,
+            senses,
+            goal=controller.goal,
+            watch=watch,
+            metadata=problem.metadata,
+            log=log,
+            temporary=temporary,
+            eager=eager,
+        )
+        begun.pop_all()
+    return driven
 
 
 def drive_params(
