@@ -258,6 +258,9 @@ def _freeze(reading: Reading, name: str, shape: tuple[int, ...], dtype: type = n
 _LEVEL_COSINE = math.cos(math.radians(5.0))  # of the tilt up to which a scan counts as level
 
 
+_BESIDE = np.linspace(-1.0, 1.0, 9)  # where rays are asked for, as parts of how far to either side
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanRays:
     """A planar scan in the world.
@@ -283,10 +286,14 @@ class ScanRays:
     range_max: float
     closed: bool
     _reach: Array = field(init=False, repr=False)  # (R,) how far each ray sees [m]; −1 where that is not known
+    _turns: Array = field(init=False, repr=False)  # (R,) from the first ray [rad]
+    _numbers: Array = field(init=False, repr=False)  # (R,) of the rays
 
     def __post_init__(self) -> None:
         reach = np.where(np.isnan(self.ranges), -1.0, np.minimum(self.ranges, self.range_max))
         object.__setattr__(self, "_reach", reach)
+        object.__setattr__(self, "_turns", self.bearing - self.bearing[0])
+        object.__setattr__(self, "_numbers", np.arange(len(self.bearing)))
 
     @property
     def hits(self) -> Mask:
@@ -301,7 +308,7 @@ class ScanRays:
         step = (last - first) / (len(self.bearing) - 1)
         turn = np.mod(np.arctan2(d[:, 1], d[:, 0]) - first + 0.5 * step, 2.0 * math.pi) - 0.5 * step
         inside = turn <= last - first + 0.5 * step
-        ray = np.interp(turn, self.bearing - first, np.arange(len(self.bearing)))
+        ray = np.interp(turn, self._turns, self._numbers)
         return distance, ray, inside & (distance >= self.range_min) & (distance <= self.range_max)
 
     def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
@@ -315,8 +322,7 @@ class ScanRays:
         step = (self.bearing[-1] - self.bearing[0]) / (len(self.bearing) - 1)
         spread = np.minimum(0.5 * margin / np.maximum(distance, 1e-6), 0.5) / step + 1.0
         count = len(self.bearing)
-        offsets = np.linspace(-1.0, 1.0, 9)
-        index = np.rint(ray[:, None] + offsets * spread[:, None]).astype(np.intp)
+        index = np.rint(ray[:, None] + _BESIDE * spread[:, None]).astype(np.intp)
         index = index % count if self.closed else np.minimum(np.maximum(index, 0), count - 1)
         seen = self._reach[index]
         # a range that is not known says nothing; the ranges that are known must all be long enough
