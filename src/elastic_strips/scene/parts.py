@@ -7,7 +7,6 @@ The union of the boxes does not change: only boxes of one grid that fill a large
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
@@ -187,7 +186,8 @@ def grid_solid(low: Indices, high: Indices, cell: float) -> tuple[Solid, Array]:
     """
     native = kernel()
     if native is None:
-        part, cells = _block(cell * low.astype(float), cell * high.astype(float)), _cells(low, high, cell)
+        (part,) = _blocks(cell * low.astype(float), cell * high.astype(float), np.zeros(low.shape, dtype=np.int64))
+        cells = _cells(low, high, cell)
     else:
         cells, whole = np.empty((native.count_cells(low, high), 3)), np.empty(7)
         middles, edges = np.empty(low.shape), np.empty(low.shape)
@@ -277,17 +277,17 @@ def _blocks(lows: Array, highs: Array, block: _Index) -> list[Part]:
     """One part per block."""
     order = np.lexsort([block[:, 2], block[:, 1], block[:, 0]])
     lows, highs, block = lows[order], highs[order], block[order]
-    starts = np.flatnonzero(np.concatenate([[True], (block[1:] != block[:-1]).any(axis=1)])).tolist()
-    return [_block(lows[i:j], highs[i:j]) for i, j in pairwise([*starts, len(lows)])]
-
-
-def _block(lows: Array, highs: Array) -> Part:
-    """A part of boxes (B, 3) [m]."""
-    low, high = lows.min(axis=0), highs.max(axis=0)
-    center, sizes, middles = 0.5 * (low + high), np.round(highs - lows, 12), 0.5 * (lows + highs)
-    far = np.abs(middles - center) + 0.5 * sizes
-    radius = math.sqrt(float(np.einsum("ij,ij->i", far, far).max()))
-    return Part(None, _IDENTITY, center, 0.5 * (high - low), radius, sizes, middles)
+    starts = np.flatnonzero(np.concatenate([[True], (block[1:] != block[:-1]).any(axis=1)]))
+    counts = np.diff(np.append(starts, len(lows)))
+    low, high = np.minimum.reduceat(lows, starts), np.maximum.reduceat(highs, starts)
+    center, half = 0.5 * (low + high), 0.5 * (high - low)
+    middles, sizes = 0.5 * (lows + highs), np.round(highs - lows, 12)
+    far = np.linalg.norm(np.abs(middles - np.repeat(center, counts, axis=0)) + 0.5 * sizes, axis=1)
+    radius = np.maximum.reduceat(far, starts).tolist()
+    return [
+        Part(None, _IDENTITY, center[k], half[k], radius[k], sizes[i:j], middles[i:j])
+        for k, (i, j) in enumerate(pairwise([*starts.tolist(), len(lows)]))
+    ]
 
 
 def _boxes(sizes: Array) -> list[coal.Box]:
