@@ -284,6 +284,7 @@ class _RawReadings:
         seed: int | np.random.Generator = 0,
     ) -> None:
         self.suite = SensorSuite(robot, world, sensors, seed=seed)
+        self.sensors = self.suite.config
         self._world, self._plant, self._contact_sensor = world, plant, ContactSensor(robot)
 
     @property
