@@ -160,10 +160,10 @@ def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
 
 
 def test_ctrl_c_at_speed_brings_the_robot_to_rest(python: Path, tmp_path: Path):
-    """One with mass and contacts, on the way to where its hand is to be."""
+    """One with mass and contacts, on the way to where its hand is to be: so far that no slow machine sees it arrive."""
     plant = ["--plant", "mujoco"] if find_spec("mujoco") else []
-    with driven(python, tmp_path, ["--seed", "1", *plant], ["hand:=palm_link"]) as drive:
-        drive.begin("hand:5,0,1")
+    with driven(python, tmp_path, ["--seed", "1", "--length", "14", *plant], ["hand:=palm_link"]) as drive:
+        drive.begin("hand:13,0,1")
         drive.until("robot", "it moves fast")
         drive.node.send_signal(signal.SIGINT)
         assert drive.node.wait(LONGEST) == 130, drive.said("node")
@@ -173,7 +173,7 @@ def test_ctrl_c_at_speed_brings_the_robot_to_rest(python: Path, tmp_path: Path):
     assert seen["at_rest"]
     assert seen["last_command_was_rest"]
     assert seen["contacts_at_speed"] == 0
-    assert 0.0 < seen["path_m"] < 4.0  # type: ignore[operator]
+    assert 0.0 < seen["path_m"] < 11.0  # type: ignore[operator]
 
 
 def test_a_killed_node_leaves_a_robot_at_rest_and_nothing_else(python: Path, tmp_path: Path):

@@ -221,16 +221,10 @@ class _Work:
             if not len(pair):
                 break
             _bounded("intervals", total + len(pair), checker.MOST)
-            normal = np.stack([self._between_middles(segment, span[:, e], pair) for e in (0, 1)], axis=1)
-            gap = np.stack([self._gaps(segment, span[:, e], pair, normal[:, e]) for e in (0, 1)], axis=1)
-            spare = self._spare(segment, pair, span, gap)
-            near = np.flatnonzero(spare <= _LEAST_SPARE)
-            for e in (0, 1):
-                normal[near, e] = self._exact(segment[near], span[near, e], pair[near], normal[near, e])
-                gap[near, e] = self._gaps(segment[near], span[near, e], pair[near], normal[near, e])
-            if (gap[near] <= self.needed[pair[near], None]).any():
+            found = self._directions(segment, pair, span)
+            if found is None:
                 return None
-            spare[near] = self._spare(segment[near], pair[near], span[near], gap[near])
+            normal, spare = found
             proven = spare > _LEAST_SPARE
             total += int(proven.sum())
             least = min(least, float(spare[proven].min(initial=np.inf)))
@@ -245,6 +239,21 @@ class _Work:
         order = np.lexsort((parts[2][:, 0], parts[1], parts[0]))
         segment, pair, span, normal = (part[order] for part in parts)
         return segment, pair, span, normal, least
+
+    def _directions(self, segment: Indices, pair: Indices, span: Array) -> tuple[Array, Array] | None:
+        """Directions (K, 2, 3) at both ends of intervals, and what they prove beyond the clearance (K,) [m]; None where
+        shapes are too near at an end."""
+        normal = np.stack([self._between_middles(segment, span[:, e], pair) for e in (0, 1)], axis=1)
+        gap = np.stack([self._gaps(segment, span[:, e], pair, normal[:, e]) for e in (0, 1)], axis=1)
+        spare = self._spare(segment, pair, span, gap)
+        near = np.flatnonzero(spare <= _LEAST_SPARE)
+        for e in (0, 1):
+            normal[near, e] = self._exact(segment[near], span[near, e], pair[near], normal[near, e])
+            gap[near, e] = self._gaps(segment[near], span[near, e], pair[near], normal[near, e])
+        if (gap[near] <= self.needed[pair[near], None]).any():
+            return None
+        spare[near] = self._spare(segment[near], pair[near], span[near], gap[near])
+        return normal, spare
 
     def _spare(self, segment: Indices, pair: Indices, span: Array, gap: Array) -> Array:
         travel = (span[:, 1] - span[:, 0]) * self.path.motions(segment, pair)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,9 +116,25 @@ class BodyMask:
             base, top, margin: these distances [m].
             cell: from point to point [m].
         """
+        capsules = self._capsules(q, margin)
+        low = np.min([np.minimum(a, b) - r for a, b, r in capsules], axis=0)
+        high = np.max([np.maximum(a, b) + r for a, b, r in capsules], axis=0)
+        low, high = np.minimum(low, (-base, -base, 0.0)), np.maximum(high, (base, base, top))
+        axes = [np.arange(start, end + cell, cell) for start, end in zip(low, high, strict=True)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        own = (np.hypot(points[:, 0], points[:, 1]) <= base) & (points[:, 2] <= top)
+        return points[own | _within(points, capsules)]
+
+    def at_robot(self, points: Array, q: ArrayLike, margin: float) -> Mask:
+        """Which of the points (n, 3) [m], in the base's frame, lie within ``margin`` [m] of the capsules about the
+        bodies of the robot in configuration ``q`` (nq,)."""
+        return _within(points, self._capsules(q, margin))
+
+    def _capsules(self, q: ArrayLike, margin: float) -> list[tuple[Array, Array, float]]:
+        """About the robot's bodies in the base's frame, larger by ``margin`` [m]: both ends (3,) and radius."""
         self._posture.place(self.robot.space.to_coordinates(self.robot.check_q(q)))
         T = self._posture.T_base_world @ self._posture.T_world_joint
-        capsules = [
+        return [
             (
                 T[p.joint, :3, :3] @ p.capsule.a + T[p.joint, :3, 3],
                 T[p.joint, :3, :3] @ p.capsule.b + T[p.joint, :3, 3],
@@ -125,17 +142,6 @@ class BodyMask:
             )
             for p in self.robot.geometries
         ]
-        low = np.min([np.minimum(a, b) - r for a, b, r in capsules], axis=0)
-        high = np.max([np.maximum(a, b) + r for a, b, r in capsules], axis=0)
-        low, high = np.minimum(low, (-base, -base, 0.0)), np.maximum(high, (base, base, top))
-        axes = [np.arange(start, end + cell, cell) for start, end in zip(low, high, strict=True)]
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        own = (np.hypot(points[:, 0], points[:, 1]) <= base) & (points[:, 2] <= top)
-        for a, b, r in capsules:
-            along = b - a
-            part = np.clip(((points - a) @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
-            own |= np.linalg.norm(points - a - part[:, None] * along, axis=1) <= r
-        return points[own]
 
     def without(self, image: DepthImage | RangeImage, q: ArrayLike | None = None) -> DepthImage | RangeImage:
         """The image with ``NO_ANSWER`` where the robot may be; arguments and errors are those of :meth:`covered`."""
@@ -149,3 +155,16 @@ class BodyMask:
         covered, own = self._looked(image, q)
         kept = np.where(covered, np.float32(NO_ANSWER), image.ranges)
         return (replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)), own
+
+
+def _within(points: Array, capsules: Sequence[tuple[Array, Array, float]]) -> Mask:
+    """Which of the points (n, 3) lie in capsules."""
+    inside = np.zeros(len(points), dtype=bool)
+    for a, b, r in capsules:
+        near = np.flatnonzero(
+            ((points >= np.minimum(a, b) - r) & (points <= np.maximum(a, b) + r)).all(axis=1) & ~inside
+        )
+        along, d = b - a, points[near] - a
+        part = np.clip((d @ along) / max(float(along @ along), 1e-12), 0.0, 1.0)
+        inside[near] = np.linalg.norm(d - part[:, None] * along, axis=1) <= r
+    return inside

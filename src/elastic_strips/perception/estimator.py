@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_strips.arrays import ArrayLike
+from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Obstacle, Scene
@@ -16,14 +16,17 @@ from elastic_strips.validation import check_type
 from elastic_strips.work import count_work
 
 from .body_mask import BodyMask
-from .clusters import cluster_obstacles, clusters_of
+from .clusters import Cluster, cluster_obstacles, clusters_of
 from .image_movers import ImageView, moving_clusters
 from .image_watch import ImageReport, ImageWatch
+from .lost_movers import LostMovers
 from .occupancy_grid import OccupancyGrid
 from .params import SceneEstimatorParams
 from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, ScanRays, pose_matrix, rays_of
-from .tracking import TrackedObstacle, Tracker
+from .tracking import TrackedObstacle, Tracker, View
 from .volume_map import VolumeMap, VolumeMapParams
+
+_OWN_MARGIN, _OWN_STEP = 0.15, 0.1  # [m] about the robot's bodies, where nothing else can be; and from height to height
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +96,7 @@ class SceneEstimator:
         self._required = None if required is None else tuple(required)
         self._mask = None if robot is None else BodyMask(robot)
         self._base = (0.0, 0.0)  # where it is [m]
+        self._q: Array | None = None  # how the robot stood in the newest image
         self._volume_params = volume or VolumeMapParams()
         blocked = self._volume_params.unseen == "blocked"
         self.volume: VolumeMap | None = VolumeMap(self._volume_params) if blocked else None
@@ -101,6 +105,7 @@ class SceneEstimator:
         self.map: OccupancyGrid = OccupancyGrid(self.params)
         self.near: OccupancyGrid = OccupancyGrid(replace(self.params, unseen="free"), "near")
         self.tracker: Tracker = Tracker(self.params)
+        self._lost = LostMovers(self.params)
         self.report: EstimatorReport = EstimatorReport()
         self._newest: dict[str, float] = {}
         self._believed: dict[str, float] = {}  # of lasers and images: sensor → time of the newest that was taken in
@@ -191,10 +196,8 @@ class SceneEstimator:
             voxels = [] if self.volume is None else self.volume.obstacles()
             if self.volume is not None and self._volume_params.unseen == "blocked":
                 voxels += self.volume.in_doubt(*self._base)
-            held_up = self._held_up()
-            self._scene = Scene(
-                [*self.map.obstacles(), *self.near.obstacles(), *voxels, *tracked], time=self._time, held_up=held_up
-            )
+            layers = [*self.map.obstacles(), *self.near.obstacles(), *voxels, *self._lost.obstacles()]
+            self._scene = Scene([*layers, *tracked], time=self._time, held_up=self._held_up())
             count_work(obstacles=len(self._scene))
         return self._scene
 
@@ -224,7 +227,7 @@ class SceneEstimator:
 
     def _scan(self, scan: LaserScan, base_pose: ArrayLike) -> None:
         rays = rays_of(scan, base_pose)
-        self.map.forget(self.tracker.update(rays, clusters_of(rays, self.params), scan.sensor))
+        self._track(rays, clusters_of(rays, self.params), scan.sensor, pose_matrix(base_pose))
         at = np.flatnonzero(rays.hits)
         ignored = np.zeros(len(rays.ranges), dtype=bool)
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
@@ -239,6 +242,21 @@ class SceneEstimator:
             levels = np.arange(0.5 * p.cell, rays.height + p.cell, p.cell)
             self.volume.grant(np.column_stack((np.repeat(free, len(levels), axis=0), np.tile(levels, len(free)))))
 
+    def _track(self, view: View, clusters: Sequence[Cluster], sensor: str, T_world_base: Array) -> None:
+        self.map.forget(self.tracker.update(view, clusters, sensor))
+
+        def own(columns: Array) -> Mask:
+            """Which columns (n, 2) [m] the robot is in, or so near to that nothing else can be."""
+            if self._mask is None or self._q is None:
+                return np.hypot(*(columns - T_world_base[:2, 3]).T) <= self.params.robot_radius
+            levels = np.arange(0.0, self.params.tallest, _OWN_STEP)
+            points = np.column_stack((np.repeat(columns, len(levels), axis=0), np.tile(levels, len(columns))))
+            local = (points - T_world_base[:3, 3]) @ T_world_base[:3, :3]
+            return self._mask.at_robot(local, self._q, _OWN_MARGIN).reshape(-1, len(levels)).any(axis=1)
+
+        self._lost.add(self.tracker.lost, own)
+        self._lost.look(view, sensor)
+
     def _ring(self, ring: RangeRing, base_pose: ArrayLike) -> None:
         T = pose_matrix(base_pose) @ ring.T_base_sensor
         ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
@@ -252,6 +270,7 @@ class SceneEstimator:
             )
         count_work(pixels=image.ranges.size * (1 if isinstance(image, DepthImage) else 2))
         T = pose_matrix(base_pose)
+        self._q = image.q
         kept, own = self._mask.apart(image)
         if self.volume is None:
             self.volume = VolumeMap(self._volume_params)
@@ -272,7 +291,7 @@ class SceneEstimator:
             return False
         view = ImageView(kept, T_world_sensor)
         clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view, self.params)
-        self.map.forget(self.tracker.update(view, clusters, kept.sensor))
+        self._track(view, clusters, kept.sensor, T)
         self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))
         self.volume.forget(self.tracker.traces())
         return True

@@ -41,6 +41,8 @@ class SceneEstimatorParams:
         confirm_hits: scans with a cluster until a track is confirmed.
         lost_misses: number of scans in a row that see through a track until it is lost.
         coast_time: how long the motion of a hidden track is predicted.
+        doubt_time, doubt_width: for how long after that the way on of a mover is in doubt, and by how much wider than
+            the mover to each side.
         rest_time: a mover that has not moved significantly for this long goes back into the map.
         recent_motion_time: how long after that it may set off again: until then the scene has it as a thing of
             unknown motion as well.
@@ -86,6 +88,8 @@ class SceneEstimatorParams:
     confirm_hits: Count = 3
     lost_misses: Count = 4
     coast_time: Positive = 2.0
+    doubt_time: NonNegative = 3.0
+    doubt_width: NonNegative = 0.3
     rest_time: Positive = 2.0
     recent_motion_time: NonNegative = 10.0
     recent_motion_speed: Positive = 0.2

@@ -249,6 +249,9 @@ class Tracker:
     A track is a *mover* once it is confirmed, its speed is significant, and the scans agree: it is now where an earlier
     scan saw through, or this scan sees through where it was. The visible end of a wall that wanders along it with the
     viewpoint does neither.
+
+    Attributes:
+        lost: movers whose tracks ended in the last update, because nothing had seen them for ``coast_time``.
     """
 
     def __init__(self, params: SceneEstimatorParams) -> None:
@@ -257,6 +260,7 @@ class Tracker:
         self._views: dict[str, deque[View]] = {}
         self._born = 0
         self._traces: list[Array] = []
+        self.lost: list[Track] = []
 
     def __len__(self) -> int:
         """How many things are followed, movers or not."""
@@ -285,6 +289,7 @@ class Tracker:
         """
         params = self.params
         self._traces.clear()
+        self.lost = []
         for track in self._tracks:
             track.predict(now.time, params)
         small = [c for c in clusters if len(c.points) >= params.min_points and c.extent <= params.max_mover_size]
@@ -398,6 +403,9 @@ class Tracker:
         for track, count in zip(tracks, through.tolist(), strict=True):
             if now.time - track.seen > params.coast_time:
                 track.lost = True
+                if track.moving:
+                    self.lost.append(track)
+                continue
             if track.seen_by.get(sensor, -math.inf) < track.seen - _SEES_FOR:
                 continue
             track.votes = 0
