@@ -46,7 +46,7 @@ class LostMovers:
         """Movers that have just been lost; ``own`` tells which columns (n, 2) [m] the robot itself is in."""
         p = self._params
         for track in tracks:
-            wide = track.radius + p.padding + p.doubt_width
+            wide = track.radius + p.padding + p.stray_width
             way = p.doubt_time * track.v
             low = np.floor((np.minimum(track.p, track.p + way) - wide) / _CELL)
             high = np.ceil((np.maximum(track.p, track.p + way) + wide) / _CELL)

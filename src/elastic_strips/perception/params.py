@@ -41,8 +41,9 @@ class SceneEstimatorParams:
         confirm_hits: scans with a cluster until a track is confirmed.
         lost_misses: number of scans in a row that see through a track until it is lost.
         coast_time: how long the motion of a hidden track is predicted.
-        doubt_time, doubt_width: for how long after that the way on of a mover is in doubt, and by how much wider than
-            the mover to each side.
+        doubt_time: for how long after that the way on of a mover is in doubt.
+        stray_width: how far to each side a mover strays at most from its way while it is hidden. It is in the scene as
+            much larger as ``mover_acceleration`` lets it stray in that time.
         rest_time: a mover that has not moved significantly for this long goes back into the map.
         recent_motion_time: how long after that it may set off again: until then the scene has it as a thing of
             unknown motion as well.
@@ -89,7 +90,7 @@ class SceneEstimatorParams:
     lost_misses: Count = 4
     coast_time: Positive = 2.0
     doubt_time: NonNegative = 3.0
-    doubt_width: NonNegative = 0.3
+    stray_width: NonNegative = 0.3
     rest_time: Positive = 2.0
     recent_motion_time: NonNegative = 10.0
     recent_motion_speed: Positive = 0.2

@@ -20,6 +20,9 @@ _KEPT_POINTS = 64  # of a thing
 _SOLID_SLACK = 0.01
 """A mover's solid is made this much larger [m] than it has to be, so that it need not be made anew at once."""
 
+_STRAY_STEP = 0.05
+"""A mover's solid grows in such steps [m] while it is not seen."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedObstacle:
@@ -175,9 +178,14 @@ class Track:
                 return points
         return np.zeros((0, 2))
 
+    def _strayed(self, params: SceneEstimatorParams) -> float:
+        """How far it may be [m] from where it would be at the same velocity, since it was last seen, in steps."""
+        far = 0.5 * params.mover_acceleration * (self.time - self.seen) ** 2
+        return min(math.floor(far / _STRAY_STEP) * _STRAY_STEP, params.stray_width)
+
     def tracked(self, params: SceneEstimatorParams) -> TrackedObstacle:
         """The mover as a value; its solid is made anew only where its radius has changed."""
-        wanted = self.radius + params.padding
+        wanted = self.radius + params.padding + self._strayed(params)
         if (
             self.solid is None
             or not self.solid_radius - params.shape_change - _SOLID_SLACK <= wanted <= self.solid_radius

@@ -142,7 +142,7 @@ class SensingProcess:
         self.contact: str = first[4]
         self.target: Array | None = None
         self.looked_at: dict[str, int] = {}
-        self._known, self._trouble = self.sensed, ""
+        self._known, self._trouble, self._gone_by = self.sensed, "", ""
         self._ahead: Callable[[float], Array] | None = None
         self._rows: Array | None = None
         self._waiting: deque[TrueState] = deque(maxlen=_MOST_WAITING_STATES)
@@ -190,7 +190,7 @@ class SensingProcess:
         if self._gazes and self._ahead is not None:
             self._rows = self._ahead(LOOK_AHEAD)
         if not self._listener.is_alive():
-            raise PerceptionError("the process of the sensors is gone")
+            raise PerceptionError(f"the process of the sensors is gone{self._gone_by}")
         if self._trouble:
             raise PerceptionError(self._trouble)
         return self.sensed
@@ -209,13 +209,16 @@ def _listen(to: weakref.ref[SensingProcess], news: Connection) -> None:
     with news:
         while True:
             try:
-                each = _News(*news.recv())
+                said = news.recv()
             except (EOFError, OSError):
                 return
             process = to()
             if process is None:
                 return
-            process._take(each)
+            if isinstance(said, str):
+                process._gone_by = f": {said}"
+            else:
+                process._take(_News(*said))
             del process
 
 
@@ -240,6 +243,15 @@ class _Sensing:
         self.said: dict[str, tuple[Reading, Array]] = {}
         self.contact = perception.contact
         self.sensors.attend(lambda _: self.rows)
+
+    def run(self, link: socket.socket) -> None:
+        """Until who plans is gone."""
+        while not orphaned():
+            select.select([link], [], [], 0.5)
+            for message in take(link):
+                self.hear(*cast("tuple[tuple[TrueState, ...], tuple[float, Array], Array | None]", message))
+            self.measure()
+            self.look()
 
     def hear(self, states: tuple[TrueState, ...], known: tuple[float, Array], rows: Array | None) -> None:
         self.states += states
@@ -327,12 +339,13 @@ def _run(
     sensing = _Sensing(robot, perception, pedestrians, news)
     sensing.sent = first
     with suppress(ChannelClosedError, BrokenPipeError):
-        while not orphaned():
-            select.select([link], [], [], 0.5)
-            for message in take(link):
-                sensing.hear(*cast("tuple[tuple[TrueState, ...], tuple[float, Array], Array | None]", message))
-            sensing.measure()
-            sensing.look()
+        try:
+            sensing.run(link)
+        except (ChannelClosedError, BrokenPipeError):
+            raise
+        except Exception as error:
+            news.send(f"{type(error).__name__}: {error}")
+            raise  # with its traceback on standard error
 
 
 def _pickles(error: Exception) -> bool:

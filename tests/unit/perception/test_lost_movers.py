@@ -63,6 +63,22 @@ def test_the_way_of_who_went_behind_something_is_in_doubt_for_a_while():
     assert len(found) == pytest.approx(10.0 * PARAMS.doubt_time, abs=2)
 
 
+def test_who_is_hidden_may_have_strayed():
+    """Faster and faster to one side, as fast as is assumed of movers; and no wider than it has to be."""
+    seen, radius = -1.0, 0.0
+    for t, estimator in seen_until(HIDDEN_AT + PARAMS.coast_time):
+        if not estimator.movers:
+            continue
+        (mover,) = estimator.movers
+        if mover.seen == t:
+            seen, radius = t, mover.radius
+            assert radius == pytest.approx(0.25 + PARAMS.padding, abs=0.1)
+        far = 0.5 * PARAMS.mover_acceleration * (t - seen) ** 2
+        assert mover.radius >= radius + min(far, PARAMS.stray_width) - 0.06
+        assert mover.radius <= radius + min(far, PARAMS.stray_width) + 0.06
+    assert far > PARAMS.stray_width, "it was hidden for long enough to tell"
+
+
 def test_what_is_seen_through_is_not_in_doubt():
     """The robot drives to where it sees past the screen: there is nobody any more."""
     last, behind = None, np.array([[3.0, 0.4], [3.0, 0.8]])

@@ -8,6 +8,7 @@ import os
 import signal
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,10 +24,13 @@ from elastic_strips.io.scene_file import PoseSpec
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Scene, Sphere
 from elastic_strips.scene.difference import with_difference
+from elastic_strips.sim.faults import FaultPlan
+from elastic_strips.sim.machine_process import TrueState
+from elastic_strips.sim.perception import PerceptionError
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.scenarios import Scenario
 from elastic_strips.sim.scenarios.drive import driven_to_its_end, make_realtime
-from elastic_strips.sim.sensing_process import SensingProcess, _News, _Sensing
+from elastic_strips.sim.sensing_process import SensedWorld, SensingProcess, _News, _Sensing
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.sim.sensors.params import named_sensors
 
@@ -173,6 +177,20 @@ def test_a_robot_whose_sensors_are_killed_stops(laser: SensorConfig):
     assert rows.v[:, 0].max() > 0.3
     assert np.abs(rows.v[-1]).max() < 0.01
     assert rows.coordinates[-1, 0] < 2.5
+
+
+def test_sensors_that_fail_say_why(laser: SensorConfig):
+    robot = load_robot(WALLED.robot)
+    start = robot.space.from_coordinates(np.zeros(robot.nv))
+    sensing = SensingProcess(SensedWorld(robot, WALLED.world, start, laser, 0, FaultPlan()))
+    other = np.zeros(robot.nv + 1)
+    for k in range(20):
+        with suppress(OSError):
+            sensing.feed([TrueState(0.1 * k, other, other, np.zeros(2), True)], (0.1 * k, np.zeros(robot.nv)))
+    sensing._listener.join(60.0)
+    with pytest.raises(PerceptionError, match=r"\w+Error: "):
+        sensing.sense(0.0)
+    sensing.close()
 
 
 def test_sensors_that_cannot_be_are_refused_as_they_are(laser: SensorConfig):
