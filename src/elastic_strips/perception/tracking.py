@@ -311,7 +311,9 @@ class Tracker:
             track.seen_by[sensor] = track.time
             seen.add(k)
             used.add(j)
-            self._judge(track, small[j], now, sensor, moved)
+        met = [(self._tracks[k], small[j]) for k, j in pairs]
+        for (track, cluster), displaced in zip(met, self._displaced(met, now, sensor), strict=True):
+            self._judge(track, cluster, displaced, moved)
         self._missed([track for k, track in enumerate(self._tracks) if k not in seen], now, sensor)
         self._tracks = [t for t in self._tracks if not t.lost]
         self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], now.time, sensor)
@@ -357,7 +359,7 @@ class Tracker:
         rows, columns = linear_sum_assignment(cost)
         return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN_COST]
 
-    def _judge(self, track: Track, cluster: Cluster, now: View, sensor: str, moved: list[Array]) -> None:
+    def _judge(self, track: Track, cluster: Cluster, displaced: bool, moved: list[Array]) -> None:
         """Whether a track that was just seen is a mover from now on, or no longer one."""
         params = self.params
         significant = track.confirmed and track.significant(params)
@@ -369,9 +371,6 @@ class Tracker:
             if track.moving and len(cluster.solid):  # what sticks out of its cylinder enters the map otherwise
                 self._traces.append(cluster.solid[~self.of_movers(cluster.solid[:, :2])])
             return
-        displaced = cluster.displaced
-        if displaced is None:
-            displaced = self._displaced(track, cluster, now, sensor)
         if displaced:
             track.displaced_at = track.time
         # what has moved before needs no proof that it can
@@ -382,20 +381,24 @@ class Tracker:
             self._traces.extend(track.solids)
             track.solids.clear()
 
-    def _displaced(self, track: Track, cluster: Cluster, now: View, sensor: str) -> bool:
-        """Whether scans some time apart show that a track does not stand."""
-        then = now.time - min(self.params.history, _LOOK_BACK_DISTANCE / max(track.speed, 1e-9))
-        view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
-        if view is None:
-            return False
-        margin = self.params.carve_margin
-        was = track.past_points(view.time + 1e-6)
-        for scan, points in ((view, cluster.points), (now, was)):
-            if len(points):
-                through, _ = scan.beyond(points, margin)
-                if through.sum() >= max(2.0, _LEAST_EVIDENCE * len(points)):
-                    return True
-        return False
+    def _displaced(self, met: Sequence[tuple[Track, Cluster]], now: View, sensor: str) -> list[bool]:
+        """Whether each cluster, or scans some time apart, show that a track does not stand; not asked of movers."""
+        result = [bool(cluster.displaced) for _, cluster in met]
+        looks: dict[View, list[tuple[int, Array]]] = {}  # at all places of a scan at once
+        for k, (track, cluster) in enumerate(met):
+            if track.moving or cluster.displaced is not None:
+                continue
+            then = now.time - min(self.params.history, _LOOK_BACK_DISTANCE / max(track.speed, 1e-9))
+            view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= then + 1e-6), None)
+            if view is not None:
+                looks.setdefault(view, []).append((k, cluster.points))
+                looks.setdefault(now, []).append((k, track.past_points(view.time + 1e-6)))
+        for scan, places in looks.items():
+            through, _ = scan.beyond(np.concatenate([points for _, points in places]), self.params.carve_margin)
+            ends = np.cumsum([len(points) for _, points in places])
+            for (k, points), own in zip(places, np.split(through, ends[:-1]), strict=True):
+                result[k] |= own.sum() >= max(2.0, _LEAST_EVIDENCE * len(points))
+        return result
 
     def _missed(self, tracks: list[Track], now: View, sensor: str) -> None:
         """Tracks without a cluster: seen through, it is not there; hidden or next to something else, it may be.
