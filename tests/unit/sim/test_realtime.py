@@ -22,10 +22,11 @@ from elastic_strips.control.process.log_stream import read_log
 from elastic_strips.errors import ConfigurationError, InputError, RobotError
 from elastic_strips.io.scene_file import PoseSpec
 from elastic_strips.robot import load_robot
-from elastic_strips.scene import Box, Scene, Sphere
+from elastic_strips.scene import Box, Cylinder, Keyframes, PedestrianMotion, Scene, Sphere, World
 from elastic_strips.scene.difference import with_difference
 from elastic_strips.sim.faults import FaultPlan
 from elastic_strips.sim.machine_process import TrueState
+from elastic_strips.sim.pedestrians import Pedestrians
 from elastic_strips.sim.perception import PerceptionError
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.scenarios import Scenario
@@ -230,6 +231,35 @@ def test_a_scene_that_becomes_empty_is_told_so():
         sensing.tell(float(k))
         known = with_difference(known, _News(*told[-1]).scene)  # type: ignore[arg-type]
         assert known.names == scene.names
+
+
+def test_people_are_where_the_machine_has_them():
+    """The process of the sensors lets them go on by itself: from the same states, however these come to it."""
+    robot = load_robot("jackal-box")
+    ways = Keyframes([0.0, 6.0], [[3.0, 0.0, 0.85], [-3.0, 0.0, 0.85]])
+    machines, other = (
+        World(Scene([Cylinder(0.25, 1.7, name="walker", motion=PedestrianMotion(ways, 0.48))])) for _ in range(2)
+    )
+    people, seen = Pedestrians(robot, machines), Pedestrians(robot, other)
+    perception = SimpleNamespace(contact="", attend=lambda _: None, measure=lambda *_: None)
+    sensing = _Sensing(robot, perception, seen, SimpleNamespace())  # type: ignore[arg-type]
+    rng, some, places = np.random.default_rng(0), [], []
+    for k in range(500):
+        t, v = 0.01 * k, np.zeros(robot.nv)
+        v[0] = 0.5 if 250 < k < 320 else 0.0  # it stands, moves for a moment, and stands again
+        row = np.full(robot.nv, 0.0)
+        people.step(t, row, v)
+        some.append(TrueState(t, row, v, np.zeros(2), True))
+        if rng.random() < 0.2:
+            sensing.hear(tuple(some), (t - 0.015, row), None)
+            sensing.measure()
+            some.clear()
+            assert t - sensing.now[0] <= 0.025
+            then, own = (world.at(sensing.now[0]).obstacle("walker").pose[0, 3] for world in (machines, other))
+            assert own == pytest.approx(then, abs=1e-9)
+            places.append(own)
+    assert min(np.abs(np.diff(places))) < 1e-6, "it has waited"
+    assert max(np.abs(np.diff(places))) > 0.005, "and gone"
 
 
 def test_sensors_that_never_run_leave_nothing_behind(laser: SensorConfig):
