@@ -47,7 +47,7 @@ def expanded(source: Path, mappings: Mapping[str, str], folders: Sequence[Path])
     try:
         importlib.import_module("xacro")
     except ModuleNotFoundError:
-        raise missing_extra(f"the robot of {source.name}", "xacro", "ros") from None
+        raise missing_extra(f"the robot of {source.name}", "xacro") from None
     task = {"source": str(source), "mappings": dict(mappings), "folders": [str(f) for f in folders]}
     command = [sys.executable, "-c", _CHILD, json.dumps(sys.path)]
     try:
@@ -152,7 +152,8 @@ def _assumed(mappings: Mapping[str, str], arguments: _Arguments) -> list[str]:
     said = []
     defaults = [f"{name} = {value!r}" for name, value in arguments.items() if name not in mappings]
     if defaults:
-        said.append(f"arguments at their defaults (mappings= gives others): {', '.join(defaults)}")
+        others = "--xacro-arg NAME=VALUE, mappings= give others"
+        said.append(f"arguments at their defaults ({others}): {', '.join(defaults)}")
     unasked = [name for name in mappings if name not in arguments.asked]
     if unasked:
         valid = ", ".join(sorted(map(str, arguments.asked))) or "none"

@@ -88,6 +88,31 @@ def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     assert proof_checker.main([str(proof), "--scene", "0" * 32]) == 3
 
 
+def test_what_cannot_be_repaired_is_not_written(folder, silvermate):
+    write_path(folder / "into.csv", silvermate, [silvermate.home(x=x) for x in (0.0, 1.0, 2.0)])
+    assert call(folder / "into.csv", *_robot(folder), "--repair", folder / "r.csv", "--json", folder / "a.json") == 3
+    assert not (folder / "r.csv").exists()
+    assert not json.loads((folder / "a.json").read_text())["repair"]["certified"]
+
+
+@each("name", ["pan", "shoulder_joint", "arm_1_joint"])
+def test_a_joint_under_another_name_is_not_taken_to_be_at_home(folder, silvermate, name):
+    """It is missing, then, and what stands for it is a column that nobody knows; that one may be at rest."""
+    text = (folder / "beside.csv").read_text()
+    assert "arm_1_joint" in text
+    rows = [line.split(",") for line in text.split()]
+    column = rows[0].index("arm_1_joint")
+    for row in rows[1:]:
+        row[column] = "0.7"
+    rows[0][column] = name
+    (folder / "other.csv").write_text("\n".join(",".join(row) for row in rows))
+    own = name == "arm_1_joint"
+    assert call(folder / "other.csv", *_robot(folder), "--json", folder / "a.json") == (0 if own else 3)
+    assert json.loads((folder / "a.json").read_text())["verdict"] == ("certified" if own else "unknown")
+    if not own:
+        assert call(folder / "other.csv", *_robot(folder), "--ignore", name) == 0
+
+
 def test_a_path_that_is_not_certified_has_no_proof(folder, capsys):
     assert call(folder / "through.csv", *_robot(folder), "--proof", folder / "p.npz") == 3
     assert "no proof" in capsys.readouterr().out

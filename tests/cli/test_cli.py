@@ -213,6 +213,16 @@ def test_a_run_writes_its_trajectory(tmp_path: Path, capsys: pytest.CaptureFixtu
     path = load_path(target, robot)
     assert path.times is not None
     assert path.times[-1] > 5.0
+    moves = "{name: ball, shape: sphere, radius: 0.3, at: [2, -2, 0.5], motion: {twist: {linear: [0, 1, 0]}}}"
+    (tmp_path / "moves.yaml").write_text(
+        f"robot: jackal-box\nscene: {{obstacles: [{moves}]}}\nstart: {{x: 0}}\ngoal: {{x: 4}}\n"
+    )
+    # as it stands at 0 s, the ball is beside the way; it comes as the robot does
+    assert call("run", tmp_path / "moves.yaml", "--json", tmp_path / "m.json") == 0
+    assert json.loads((tmp_path / "m.json").read_text())["changes_with_time"] == ["ball"]
+    assert "ball" in capsys.readouterr().out
+    assert call("run", tmp_path / "moves.yaml", "--trajectory", tmp_path / "m.csv") == 3
+    assert not (tmp_path / "m.csv").exists()
     assert call("run", "case-3", "--preset", "paper", "--trajectory", tmp_path / "u.csv") == 3  # blocked
     assert "no trajectory: the strip is not certified" in capsys.readouterr().out
     assert call("run", "case-1", "--trajectory", tmp_path / "t.xml") == 2

@@ -9,7 +9,8 @@ import pytest
 from cases import each
 
 from elastic_strips.cli import main
-from elastic_strips.errors import ScenarioError
+from elastic_strips.errors import ConfigurationError, ScenarioError
+from elastic_strips.robot import load_robot
 from elastic_strips.sim.scenarios import get_scenario
 from elastic_strips.sim.sweep import read_sweep, run_sweep
 from elastic_strips.sim.sweep.store import SweepStore
@@ -110,6 +111,45 @@ def test_a_scenario_file_says_the_same(folder, capsys):
     assert group.load_robot().joint_names == ("lift",)
     assert _call("run", folder / "own.yaml") == 0
     assert "bot plans 1 joint: lift; locked: " in capsys.readouterr().out
+
+
+def test_joints_that_it_does_not_plan_are_refused(folder, capsys, caplog):
+    """Also where none of those that are named is one of its own; a robot that is not the scenario's is at home."""
+    keys = "{name: bot.urdf, package_dirs: [far], srdf: bot.srdf, joints: [lift]}"
+    for end, joints in (("start", "{elbw: 0.1}"), ("goal", "{lift: 0.1, elbw: 0.2}"), ("start", "{thumb: 0.2}")):
+        file = _own(folder, keys)
+        x = "x: 0.4" if end == "goal" else "x: 0"
+        file.write_text(file.read_text().replace(f"{end}: {{{x}", f"{end}: {{{x}, joints: {joints}"))
+        scenario = get_scenario(file)
+        with pytest.raises(ConfigurationError, match="thumb" if "thumb" in joints else "elbw"):
+            scenario.ends(scenario.load_robot())
+        assert _call("run", file) == 2
+    assert "Traceback" not in capsys.readouterr().err
+    file = _own(folder, "silvermate")
+    file.write_text(file.read_text().replace("{x: 0}", "{x: 0, joints: {arm_1_joint: 0.4}}"))
+    other = load_robot("jackal-box")
+    assert get_scenario(file).start_of(other).tolist() == other.home().tolist()
+    assert "arm_1_joint" in caplog.text
+
+
+def test_a_base_that_is_assumed_is_said(folder, capsys):
+    robot = ("--robot", folder / "bot.urdf", "--package-dir", folder / "far")
+    assert _call("run", folder / "free.yaml", *robot) == 0
+    assert "--base" in capsys.readouterr().out
+    assert _call("run", folder / "free.yaml", *robot, "--base", "omni") == 0
+    assert _call("run", folder / "free.yaml") == 0
+    assert "--base" not in capsys.readouterr().out
+
+
+def test_arguments_of_xacro_files_are_given(folder, capsys):
+    (folder / "bot.urdf.xacro").write_text((folder / "bot.urdf").read_text())
+    keys = "{name: bot.urdf.xacro, mappings: {arm: true, fingers: 2, tool: cup}}"
+    scenario = get_scenario(_own(folder, keys))
+    assert scenario.robot_options["mappings"] == {"arm": "true", "fingers": "2", "tool": "cup"}
+    assert _call("run", folder / "free.yaml", "--robot", folder / "bot.urdf", "--xacro-arg", "arm=true") == 2
+    assert "mappings" in capsys.readouterr().err  # of a file that is none
+    assert _call("run", folder / "free.yaml", "--robot", folder / "bot.urdf", "--xacro-arg", "arm") == 2
+    assert "NAME=VALUE" in capsys.readouterr().err
 
 
 @each(

@@ -193,7 +193,8 @@ def certify(
         if repaired is not None:
             if not done:
                 outcome, done, document["repair"] = _repair(model, scene, scene_file, given, margins)
-            output.say(f"path    {outcome.write(repaired, model)}")
+            if done:
+                output.say(f"path    {outcome.write(repaired, model)}")
         if proof is not None:
             document |= _prove(proof, model, scene, outcome, margins) if done else _no_proof("")
             done = "proof" in document
@@ -256,13 +257,17 @@ def _depends_on_time(path: str, given: PathFile, scene: SceneFile, moment: float
     moving = changes(scene.world)
     if not moving or moment is not None:
         return False
-    said = f"{', '.join(moving[:3])} move, appear or vanish with time; "
+    more = f" and {len(moving) - 3} more" * (len(moving) > 3)
+    said = f"the scene changes with time ({', '.join(moving[:3])}{more}); "
     if given.times is None:
         raise click.UsageError(
             f"{said}{path} has no times: add times, or give --scene-time SECONDS to take the scene as it is then"
         )
     if writes:
-        raise click.UsageError(f"{said}--repair and --proof need obstacles that stand still: give --scene-time SECONDS")
+        raise click.UsageError(
+            f"{said}--repair and --proof need obstacles that stand still: --scene-time SECONDS takes them as they are "
+            "then, and the answer is about that alone"
+        )
     return True
 
 
@@ -287,12 +292,19 @@ def _repair(
     mended = repair(robot, scene, given, params=params)
     left = _left_map(robot, scene_file, mended.strip.q)
     done = mended.certified and left is None
-    output.say(
-        "repaired: ",
-        output.verdict("certified" if done else f"not certified: {left or mended.reason}", done),
-        f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations"
-        f"{', angles the shorter way' * bool(robot.space.turning.any())}",
-    )
+    if done:
+        output.say(
+            "repaired: ",
+            output.verdict("certified", done),
+            f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations"
+            f"{', angles the shorter way' * bool(robot.space.turning.any())}",
+        )
+    else:
+        output.say(
+            output.verdict("not repaired", done),
+            f": {left or mended.reason}. Nothing is written; another way may be found between its ends: "
+            "'elastic-strips run'",
+        )
     said = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
     return _Outcome(mended.strip, "arc"), done, said
 

@@ -209,7 +209,9 @@ def robot_option(default: str | None = None, help: str = "The robot.") -> Callab
     return click.option("--robot", type=ROBOT, default=default, show_default=True, metavar=ROBOT_FILES, help=help)
 
 
-def base_option(help: str = "How the base moves; the robot's own by default.") -> Callable[[_F], _F]:
+def base_option(
+    help: str = "How the base moves; the robot's own by default, and diff_drive for a file.",
+) -> Callable[[_F], _F]:
     """``--base``."""
     return click.option("--base", type=BASE, help=help)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elastic_strips.catalogue import is_known
-from elastic_strips.errors import plural
+from elastic_strips.errors import RobotError, plural
 
 from . import output
 from .options import Finite, JointValue
@@ -45,6 +45,12 @@ _OPTIONS = (
         help="A folder in which package:// meshes of a robot's file are looked for. May be repeated.",
     ),
     click.option(
+        "--xacro-arg",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="An argument of the robot's xacro file, as after xacro's :=. May be repeated.",
+    ),
+    click.option(
         "--visual-as-collision",
         multiple=True,
         metavar="LINK|missing",
@@ -62,8 +68,8 @@ _OPTIONS = (
 
 
 def robot_options(command: Callable[..., int]) -> Callable[..., int]:
-    """``--joints``, ``--lock``, ``--srdf``, ``--package-dir``, ``--visual-as-collision`` and ``--looking``, as one
-    argument ``described`` for ``load_robot``."""
+    """``--joints``, ``--lock``, ``--srdf``, ``--package-dir``, ``--xacro-arg``, ``--visual-as-collision`` and
+    ``--looking``, as one argument ``described`` for ``load_robot``."""
 
     @wraps(command)
     def with_options(
@@ -72,6 +78,7 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
         lock: tuple[tuple[str, float], ...],
         srdf: str | None,
         package_dir: tuple[str, ...],
+        xacro_arg: tuple[str, ...],
         visual_as_collision: tuple[str, ...],
         looking: str | None,
         **others: object,
@@ -85,6 +92,12 @@ def robot_options(command: Callable[..., int]) -> Callable[..., int]:
             described["srdf"] = srdf
         if package_dir:
             described["package_dirs"] = package_dir
+        if xacro_arg:
+            for given in xacro_arg:
+                if not given.partition("=")[0].strip(": ") or "=" not in given:
+                    raise click.UsageError(f"--xacro-arg {given!r} must be NAME=VALUE, such as --xacro-arg arm=true")
+            parts = (given.partition("=") for given in xacro_arg)
+            described["mappings"] = {name.strip(": "): value for name, _, value in parts}
         if visual_as_collision:
             missing = "missing" in visual_as_collision
             if missing and len(visual_as_collision) > 1:
@@ -116,7 +129,19 @@ def load_robot(
             + f"locked: {_list(tuple(model.locked))}"
             + (f"; {model.unproven}" if model.unproven else "")
         )
+        named = is_known(robot or problem.robot) or base or problem.base
+        if not named and model.base_kind.value == "diff_drive":
+            output.say(("note:", output.NOTE), f" {_assumed_base(model)}")
     return model
+
+
+def _assumed_base(robot: RobotModel) -> str:
+    """A note about how a robot's base moves where nobody has said so."""
+    said = f"the base of {robot.name} is taken to move as by a differential drive (--base diff_drive, omni or fixed)"
+    try:
+        return f"{said}, with the wheels of {robot.wheels.joints[0]} and {robot.wheels.joints[1]}"
+    except RobotError as error:
+        return f"{said}, but {error}"
 
 
 def _list(names: tuple[str, ...]) -> str:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from elastic_strips.trajectory import MotionLimits
     from elastic_strips.viewer import Viewer
 
+_NAMED = 3  # obstacles, in a note
+
 
 @click.command()
 @click.argument("scenario", metavar="NAME|FILE.yaml", type=options.SCENARIO)
@@ -83,6 +85,9 @@ def run(
     where robot and scene may be paths: of a URDF or xacro file, and of a scene file, MoveIt's .scene, OctoMap's .bt or
     .ot, or a Nav2 map's .yaml.
 
+    Obstacles that move, appear or vanish are taken as they are at the scene's time. A trajectory is certified against
+    them by its times.
+
     Exit code 0: certified. 2: wrong input. 3: blocked or broken, certified only from where a start that touches is
     free, or no trajectory was found; the reason is printed.
     """
@@ -121,6 +126,8 @@ def run(
 
 def _write_timed(result: RunResult, file: str, limits: MotionLimits | None) -> bool:
     """Write the trajectory, or say why there is none."""
+    from elastic_strips.collision import certify
+    from elastic_strips.collision.path_certificate import changes
     from elastic_strips.io.trajectory_file import write_trajectory
     from elastic_strips.trajectory import RetimingError, retime
 
@@ -132,12 +139,21 @@ def _write_timed(result: RunResult, file: str, limits: MotionLimits | None) -> b
     except RetimingError as error:
         output.say(f"no trajectory: {error}")
         return False
+    if changes(world := result.scenario.world):
+        met = certify(
+            result.robot, world, trajectory.coordinates, clearance=result.params.clearance, times=trajectory.time
+        )
+        if not met.certified:
+            output.say(f"no trajectory: as it would be timed, {met.reason}; 'elastic-strips drive' gives way in time")
+            return False
     written = write_trajectory(file, trajectory, scene=result.report.scene)
     output.say(f"trajectory  {written}, {trajectory.duration:.2f} s, {len(trajectory)} samples")
     return True
 
 
 def _summary(result: RunResult) -> None:
+    from elastic_strips.collision.path_certificate import changes
+
     report = result.report
     verdict = "certified" if result.certified else report.status.value
     if result.departure is not None:
@@ -153,5 +169,12 @@ def _summary(result: RunResult) -> None:
         f"{plural(result.ticks, 'tick')}, first certified after {first}"
         + (f", passes {result.passing_side}" if result.passing_side else "")
     )
+    if changing := changes(result.scenario.world):
+        names = ", ".join(changing[:_NAMED]) + f" and {len(changing) - _NAMED} more" * (len(changing) > _NAMED)
+        output.say(
+            ("  note:", output.NOTE),
+            f" the scene changes with time ({names}), and is taken as it is at {result.scenario.scene.time:g} s; "
+            "'elastic-strips drive' reckons with what changes",
+        )
     if not result.certified and report.certificate.broken is not None:
         output.say((f"  {report.certificate.broken}", output.BAD))

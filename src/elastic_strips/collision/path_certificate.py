@@ -226,11 +226,11 @@ def _apart(
     names = changes(scene)
     if not names:
         return scene.scene, None, ()
-    first = ", ".join(names[:3])
+    first = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
     if when is None:
-        raise ParameterError(f"times= are needed: {first} move, appear or vanish")
+        raise ParameterError(f"times= are needed: the scene changes with time ({first})")
     if when[0] == when[-1]:
-        raise ParameterError(f"times are all {when[0]:g} s, and {first} move, appear or vanish: nothing says when")
+        raise ParameterError(f"times are all {when[0]:g} s, and the scene changes with time ({first})")
     standing, changing = [], []
     for obstacle in scene.scene:
         begin, end = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,6 +21,8 @@ _TOUCH_WAIT = 1.0  # [s] at rest, after which the robot backs off
 _UNKNOWN_WAIT = 2.0  # [s] the same, from something that nobody has seen: who came goes on, and what stands does not
 _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 """How far it goes at once [m in the metric of motions], and with which part of its speed."""
+_ASIDE_TURN, _ASIDE_STEPS = 0.5, 20
+"""How far [rad] it turns away at once from what stands too near, and in how many steps it is looked whether it can."""
 _MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
 """After so many touches within this time [s] it stands."""
 
@@ -74,19 +77,37 @@ class Retreat:
             near = planner.cramped(executor.active.at(begin), scene)
         unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
         due = self.due(t, touching=bool(near), stands=stands, unknown=unknown) and executor.settled
-        motion = self.motion(executor.active.coordinates[-1], begin) if due else None
-        if motion is None:
-            return bool(executor.contact)
-        certificate = planner.certify_leaving(motion, scene)
-        if certificate.certified:
-            executor.log("leaving", f"the robot backs off along the way that it came, after this: {near}")
-            proven = planner.margins.tracking_error
-            executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
-            self.went(motion)
-            self._leaving = motion
-            return True
-        executor.log("refused", f"cannot back off: {certificate.broken}")
+        here, refused = executor.active.coordinates[-1], ""
+        for way in self._ways(here, touching=bool(executor.contact)) if due else ():
+            motion = self._slow(way, begin)
+            if motion is None:
+                continue
+            certificate = planner.certify_leaving(motion, scene)
+            if certificate.certified:
+                executor.log("leaving", f"the robot moves away, along the way that it came where it can: {near}")
+                proven = planner.margins.tracking_error
+                executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
+                self.went(motion)
+                self._leaving = motion
+                return True
+            refused = refused or f"cannot back off: {certificate.broken}"
+        if refused:
+            executor.log("refused", refused)
         return bool(executor.contact)
+
+    def _ways(self, here: Array, *, touching: bool) -> Iterator[Array]:
+        """Rows (K, nv) of the ways that lead away, best first: the way that it came; where what stands there is only
+        too near, a turn on the spot to either side, or straight ahead."""
+        yield self.way(here)
+        space = self._planner.robot.space
+        if touching or not space.planar:
+            return
+        part = np.linspace(0.0, 1.0, _ASIDE_STEPS)
+        for turn, ahead in ((_ASIDE_TURN, 0.0), (-_ASIDE_TURN, 0.0), (0.0, _RETREAT)):
+            rows = np.tile(here, (_ASIDE_STEPS, 1))
+            rows[:, 2] += turn * part
+            rows[:, :2] += np.outer(ahead * part, (np.cos(here[2]), np.sin(here[2])))
+            yield rows
 
     def due(self, t: float, *, touching: bool, stands: bool, unknown: bool = False) -> bool:
         """Whether the robot, which touches something, known or not, or stands or not, is to back off at the time ``t``
@@ -114,7 +135,9 @@ class Retreat:
             here: where it rests.
             begin: when the motion begins [s].
         """
-        rows = self.way(here)
+        return self._slow(self.way(here), begin)
+
+    def _slow(self, rows: Array, begin: float) -> Trajectory | None:
         if len(rows) < 2:
             return None
         try:

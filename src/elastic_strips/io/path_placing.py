@@ -219,11 +219,13 @@ def _left_out(
     said = [c.name for c in rest if c.name not in table.start and c.name not in robot.followers]
     if said:
         placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")
+    named = {column.number for column in columns if column.kind == "joint"}
+    missing = [name for k, name in enumerate(robot.joint_names) if robot.space.base_nv + k not in named]
     apart: dict[str, list[str]] = {"held": [], "base": [], "other": [], "named": []}
     wheels: list[str] = []
     for column in rest:
         if column.kind == "other":
-            _compare_other(table, robot, column, placed, apart)
+            _compare_other(table, robot, column, missing, placed, apart)
         elif unlike := _unlike(table, robot, column, placed, angles):
             if column.name in robot.round_wheels:
                 wheels.append(column.name)
@@ -245,14 +247,29 @@ def _check_floor(table: PathTable, columns: list[Column]) -> None:
 
 
 def _compare_other(
-    table: PathTable, robot: RobotModel, column: Column, placed: PlacedPath, apart: dict[str, list[str]]
+    table: PathTable,
+    robot: RobotModel,
+    column: Column,
+    missing: list[str],
+    placed: PlacedPath,
+    apart: dict[str, list[str]],
 ) -> None:
-    """A column that is none of the robot's: whether it moves, or may be a joint that is called otherwise."""
+    """A column that is none of the robot's: whether it moves, or may be a joint that is called otherwise, by its name
+    or because the table has no column of a joint that is planned."""
     values = table.rows[:, column.index]
     changes = bool(np.ptp(values) > LIMIT_TOLERANCE)
     if not column.of:
         if changes:
             apart["other"].append(f"{column.name} ({_span(values)})")
+            return
+        elsewhere = [
+            f"{name} is {_span(at)}"
+            for name in missing
+            if np.abs(values - (at := _whereabouts(robot, name, placed.coordinates))).max() > LIMIT_TOLERANCE
+        ]
+        if elsewhere:
+            more = f" and {len(elsewhere) - _NAMED} more" if len(elsewhere) > _NAMED else ""
+            apart["named"].append(f"{column.name} ({_span(values)}), where {', '.join(elsewhere[:_NAMED])}{more} here")
         return
     at = _whereabouts(robot, column.of, placed.coordinates)
     scaled = values * UNITS.get((column.unit or "").lower(), ("", 1.0))[1]
@@ -275,6 +292,7 @@ def _unlike(table: PathTable, robot: RobotModel, column: Column, placed: PlacedP
     return f"{column.name} at {_span(at)}, in the file {_span(values)}{unit}"
 
 
+_NAMED = 3  # joints, in a message
 _UNLIKE = {
     "held": "held still elsewhere than in the file: {}. Hold them there (--lock NAME=VALUE, locked=), or plan those "
     "that move (--joints, joints=)",

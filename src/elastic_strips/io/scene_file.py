@@ -52,7 +52,9 @@ _BASES = ("diff_drive", "omni", "fixed")
 _FOREIGN = (".scene", ".bt", ".ot", ".pcd", ".ply", ".xyz")
 _ROBOTS = (".urdf", ".xacro")
 _PRESETS = ("default", "paper")
-_ROBOT_KEYS = ("name", "joints", "group", "locked", "srdf", "package_dirs", "visual_as_collision", "looking")
+_ROBOT_KEYS = (
+    "name", "joints", "group", "locked", "srdf", "package_dirs", "mappings", "visual_as_collision", "looking",
+)  # fmt: skip
 _SCENARIO_KEYS = (
     "version", "name", "description", "robot", "base", "preset", "params", "scene", "start", "goal", "via", "seed",
 )  # fmt: skip
@@ -521,6 +523,8 @@ def _described(node: Node) -> tuple[str, LoadOptions]:
     if "package_dirs" in entries:
         names = (item.text() for item in entries["package_dirs"].items())
         options["package_dirs"] = tuple(str((folder / name).absolute()) for name in names)
+    if "mappings" in entries:
+        options["mappings"] = {name: _argument(item) for name, item in entries["mappings"].mapping().items()}
     if "visual_as_collision" in entries:
         given = entries["visual_as_collision"]
         if isinstance(given.value, str):
@@ -531,6 +535,13 @@ def _described(node: Node) -> tuple[str, LoadOptions]:
     if "looking" in entries:
         options["looking"] = tuple(item.text() for item in entries["looking"].items())
     return _robot(entries["name"]), options
+
+
+def _argument(node: Node) -> str:
+    """An argument of a xacro file, which is text there: true and numbers as they are written in such files."""
+    if isinstance(node.value, bool):
+        return str(node.value).lower()
+    return f"{node.number():.12g}" if isinstance(node.value, (int, float)) else node.text()
 
 
 def _scenario_root(path: str | os.PathLike[str]) -> Node:

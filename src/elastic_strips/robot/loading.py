@@ -59,6 +59,7 @@ class LoadOptions(TypedDict, total=False):
     locked: Mapping[str, float]
     srdf: str | Path
     package_dirs: tuple[str | Path, ...]
+    mappings: Mapping[str, str]
     visual_as_collision: Collection[str] | str
     looking: Iterable[str]
 

@@ -228,6 +228,11 @@ class RobotValue(Summary):
                     f"joint {name!r} of {self.name!r} follows {leader!r} ({multiplier:g} times its value plus "
                     f"{constant:g}); give that one's value"
                 )
+            if name in self.locked:
+                raise ConfigurationError(
+                    f"{self.name!r} holds {name!r} still, at {self.locked[name]:g}; else load the robot with "
+                    f"locked={{{name!r}: {value:g}}}, in a scenario 'robot: {{name: …, locked: {{{name}: {value:g}}}}}'"
+                )
             if name not in self.joint_names:
                 raise ConfigurationError(f"{self.name!r} plans no joint {name!r}{nearest_name(name, self.joint_names)}")
             coordinates[self.space.base_nv + self.joint_names.index(name)] = value

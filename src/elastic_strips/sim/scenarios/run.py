@@ -14,6 +14,7 @@ from elastic_strips._version import __version__
 from elastic_strips.arrays import Array, Document
 from elastic_strips.catalogue import PRESETS
 from elastic_strips.collision import BrokenSegment
+from elastic_strips.collision.path_certificate import changes
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, ScenarioError
 from elastic_strips.io.obstacle_document import obstacle_documents
 from elastic_strips.planning import check_endpoints, ompl_path, plan_report, straight_line
@@ -373,6 +374,7 @@ def result_document(result: RunResult) -> Document:
         "strip": {"joint_names": list(robot.joint_names), "q": strip.q.tolist()},
         "locked": {name: float(value) for name, value in robot.locked.items()},
         "obstacles": obstacle_documents(result.scenario.scene),
+        "changes_with_time": list(changes(result.scenario.world)),
         "urdf": None if robot.urdf_path is None else str(Path(robot.urdf_path).absolute()),
         "params": _all_parameters(result.params),
     }

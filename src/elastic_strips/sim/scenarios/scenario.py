@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -15,11 +16,14 @@ from elastic_strips.io.scene_file import ScenarioSpec
 from elastic_strips.io.scene_source import SceneFile
 from elastic_strips.planning import BasePose, Goal, HandPose
 from elastic_strips.robot import BaseKind, LoadOptions, RobotModel, load_robot
+from elastic_strips.robot.loading import is_known
 from elastic_strips.robot.reach import highest_reach
 from elastic_strips.scene import Scene, World
 from elastic_strips.strip import DeformParams
 from elastic_strips.strip.paper import PaperParams
 from elastic_strips.summary import Summary
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -193,8 +197,14 @@ class Scenario(Summary):
 
     def _configuration(self, robot: RobotModel, pose: PoseSpec) -> Array:
         joints = dict(pose.joints)
-        if robot.name != self.robot and not set(joints) <= set(robot.joint_names):
+        others = sorted(set(joints) - set(robot.joint_names) - set(robot.followers))
+        if others and is_known(self.robot) and robot.name != self.robot:  # a robot that it was not made for
             joints = dict(self.postures.get(robot.name, {}))
+            if self.source is not None:
+                _log.warning(
+                    "scenario %r is of %r: %r has no %s, and is at home there", self.name, self.robot, robot.name,
+                    ", ".join(others),
+                )  # fmt: skip
         if not robot.space.planar:
             if (pose.x, pose.y, pose.yaw) != (0.0, 0.0, 0.0):
                 raise ScenarioError(
