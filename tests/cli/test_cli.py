@@ -213,6 +213,16 @@ def test_a_run_writes_its_trajectory(tmp_path: Path, capsys: pytest.CaptureFixtu
     path = load_path(target, robot)
     assert path.times is not None
     assert path.times[-1] > 5.0
+    assert call("run", "case-3", "--preset", "paper", "--trajectory", tmp_path / "u.csv") == 3  # blocked
+    assert "no trajectory: the strip is not certified" in capsys.readouterr().out
+    assert call("run", "case-1", "--trajectory", tmp_path / "t.xml") == 2
+    assert "Valid: .csv, .json, .mcap, .npz." in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_what_changes_with_time_is_said_and_trajectories_are_certified_by_their_times(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     moves = "{name: ball, shape: sphere, radius: 0.3, at: [2, -2, 0.5], motion: {twist: {linear: [0, 1, 0]}}}"
     (tmp_path / "moves.yaml").write_text(
         f"robot: jackal-box\nscene: {{obstacles: [{moves}]}}\nstart: {{x: 0}}\ngoal: {{x: 4}}\n"
@@ -223,11 +233,6 @@ def test_a_run_writes_its_trajectory(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "ball" in capsys.readouterr().out
     assert call("run", tmp_path / "moves.yaml", "--trajectory", tmp_path / "m.csv") == 3
     assert not (tmp_path / "m.csv").exists()
-    assert call("run", "case-3", "--preset", "paper", "--trajectory", tmp_path / "u.csv") == 3  # blocked
-    assert "no trajectory: the strip is not certified" in capsys.readouterr().out
-    assert call("run", "case-1", "--trajectory", tmp_path / "t.xml") == 2
-    assert "Valid: .csv, .json, .mcap, .npz." in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == [target]
 
 
 def test_the_same_seed_gives_the_same_strip(tmp_path: Path) -> None:
@@ -267,7 +272,7 @@ def _check_types(document: dict[str, Any]) -> None:
     for key, kind in documented.items():
         value = document[key]
         if kind.startswith("list of "):
-            entry = {"list of booleans": bool, "list of objects": dict}[kind.split(",")[0]]
+            entry = {"list of booleans": bool, "list of objects": dict, "list of strings": str}[kind.split(",")[0]]
             assert isinstance(value, list), key
             assert all(type(item) is entry for item in value), key
             continue

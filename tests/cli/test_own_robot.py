@@ -142,13 +142,14 @@ def test_a_base_that_is_assumed_is_said(folder, capsys):
 
 
 def test_arguments_of_xacro_files_are_given(folder, capsys):
+    robot = ("--robot", folder / "bot.urdf", "--package-dir", folder / "far")
     (folder / "bot.urdf.xacro").write_text((folder / "bot.urdf").read_text())
     keys = "{name: bot.urdf.xacro, mappings: {arm: true, fingers: 2, tool: cup}}"
     scenario = get_scenario(_own(folder, keys))
     assert scenario.robot_options["mappings"] == {"arm": "true", "fingers": "2", "tool": "cup"}
-    assert _call("run", folder / "free.yaml", "--robot", folder / "bot.urdf", "--xacro-arg", "arm=true") == 2
+    assert _call("run", folder / "free.yaml", *robot, "--xacro-arg", "arm=true") == 2
     assert "mappings" in capsys.readouterr().err  # of a file that is none
-    assert _call("run", folder / "free.yaml", "--robot", folder / "bot.urdf", "--xacro-arg", "arm") == 2
+    assert _call("run", folder / "free.yaml", *robot, "--xacro-arg", "arm") == 2
     assert "NAME=VALUE" in capsys.readouterr().err
 
 

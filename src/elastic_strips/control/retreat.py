@@ -78,10 +78,10 @@ class Retreat:
         unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
         due = self.due(t, touching=bool(near), stands=stands, unknown=unknown) and executor.settled
         here, refused = executor.active.coordinates[-1], ""
-        for way in self._ways(here, touching=bool(executor.contact)) if due else ():
+        for k, way in enumerate(self._ways(here, touching=bool(executor.contact)) if due else ()):
             motion = self._slow(way, begin)
-            if motion is None:
-                continue
+            if motion is None or (k > 0 and planner.cramped(motion.at(motion.end_time), scene)):
+                continue  # of ways that it did not come those alone from whose end others can be planned
             certificate = planner.certify_leaving(motion, scene)
             if certificate.certified:
                 executor.log("leaving", f"the robot moves away, along the way that it came where it can: {near}")
@@ -154,5 +154,5 @@ class Retreat:
         """Told that the robot backs off by a motion: the way from its end on was not free."""
         self._since, self._backs = None, True
         apart = [float(np.abs(row - motion.coordinates[-1]).max(initial=0.0)) for row in self._came]
-        for _ in range(len(apart) - int(np.argmin(apart))):
+        for _ in range(len(apart) - int(np.argmin(apart)) if apart else 0):
             self._came.pop()

@@ -16,7 +16,7 @@ from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL
 
 from .path_checks import MAX_ANGLE, angular_coordinates, check_values
 from .path_columns import Column, identify_columns, with_headings
-from .path_names import MAX_NAME, UNITS, clean_name, clock_of, readings_of
+from .path_names import MAX_NAME, UNITS, clean_name, clock_of, namesake, readings_of
 from .path_table import BASE_NAMES, RATES, Angles, PathTable, PlacedPath
 
 
@@ -221,6 +221,8 @@ def _left_out(
         placed.notes.append(f"left out, as {robot.name!r} does not plan them: {', '.join(said)}")
     named = {column.number for column in columns if column.kind == "joint"}
     missing = [name for k, name in enumerate(robot.joint_names) if robot.space.base_nv + k not in named]
+    if len(missing) == len(robot.joint_names):
+        missing = []  # the table is of the base alone
     apart: dict[str, list[str]] = {"held": [], "base": [], "other": [], "named": []}
     wheels: list[str] = []
     for column in rest:
@@ -255,13 +257,15 @@ def _compare_other(
     apart: dict[str, list[str]],
 ) -> None:
     """A column that is none of the robot's: whether it moves, or may be a joint that is called otherwise, by its name
-    or because the table has no column of a joint that is planned."""
+    or because the table has columns of some planned joints and not of all."""
     values = table.rows[:, column.index]
     changes = bool(np.ptp(values) > LIMIT_TOLERANCE)
     if not column.of:
         if changes:
             apart["other"].append(f"{column.name} ({_span(values)})")
             return
+        if namesake(column.name, {*robot.joint_names, *robot.locked, *robot.followers}):
+            return  # the joint that it is called after has a column of its own
         elsewhere = [
             f"{name} is {_span(at)}"
             for name in missing

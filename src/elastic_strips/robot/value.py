@@ -230,7 +230,7 @@ class RobotValue(Summary):
                 )
             if name in self.locked:
                 raise ConfigurationError(
-                    f"{self.name!r} holds {name!r} still, at {self.locked[name]:g}; else load the robot with "
+                    f"{self.name!r} plans no joint {name!r}, held at {self.locked[name]:g}; else load the robot with "
                     f"locked={{{name!r}: {value:g}}}, in a scenario 'robot: {{name: …, locked: {{{name}: {value:g}}}}}'"
                 )
             if name not in self.joint_names:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from brute_force import configuration, link_distances
 
 from elastic_strips.control import Controller, RunState
 from elastic_strips.control.vantage import Vantage
@@ -96,6 +97,31 @@ def test_it_stays_where_the_way_back_is_not_free(silvermate):
     assert not leavings(controller)
     assert np.ptp(places[-300:, 0]) < 0.01
     assert any("back off" in event.reason and "wall" in event.reason for event in controller.events)
+
+
+def test_from_what_is_too_near_it_moves_away_where_it_can(silvermate):
+    """A post has come to stand 1 cm beside the rear of its base, and it has come no way."""
+
+    def post(y):
+        return Cylinder(0.05, 1.0, at=(-0.25, y, 0.5), name="post")
+
+    near, far = 0.2, 1.0
+    for _ in range(40):
+        y = 0.5 * (near + far)
+        apart = link_distances(silvermate, Scene([post(y)]), configuration(silvermate, np.zeros(silvermate.nv)))
+        near, far = (y, far) if apart.min() < 0.01 else (near, y)
+    found, places, _ = driven(
+        silvermate, lambda t: Scene([post(far)] if t > 0.0 else [], time=t), 12.0, bumper=lambda t, x: False
+    )
+    assert leavings(found)
+    assert places[-1, 0] > 0.5
+    least = min(
+        link_distances(
+            silvermate, Scene([post(far)]), configuration(silvermate, [*place, *np.zeros(silvermate.nv - 3)])
+        ).min()
+        for place in places[::20]
+    )
+    assert least > 0.006
 
 
 def test_an_emergency_stop_is_no_touch(silvermate):
