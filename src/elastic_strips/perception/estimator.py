@@ -248,7 +248,7 @@ class SceneEstimator:
         def own(columns: Array) -> Mask:
             """Which columns (n, 2) [m] the robot is in, or so near to that nothing else can be."""
             if self._mask is None or self._q is None:
-                return np.hypot(*(columns - T_world_base[:2, 3]).T) <= self.params.robot_radius
+                return np.asarray(np.hypot(*(columns - T_world_base[:2, 3]).T) <= self.params.robot_radius)
             levels = np.arange(0.0, self.params.tallest, _OWN_STEP)
             points = np.column_stack((np.repeat(columns, len(levels), axis=0), np.tile(levels, len(columns))))
             local = (points - T_world_base[:3, 3]) @ T_world_base[:3, :3]
