@@ -248,11 +248,12 @@ class SceneEstimator:
         def own(columns: Array) -> Mask:
             """Which columns (n, 2) [m] the robot is in, or so near to that nothing else can be."""
             if self._mask is None or self._q is None:
-                return np.asarray(np.hypot(*(columns - T_world_base[:2, 3]).T) <= self.params.robot_radius)
+                return np.hypot(*(columns - T_world_base[:2, 3]).T) <= self.params.robot_radius
             levels = np.arange(0.0, self.params.tallest, _OWN_STEP)
             points = np.column_stack((np.repeat(columns, len(levels), axis=0), np.tile(levels, len(columns))))
             local = (points - T_world_base[:3, 3]) @ T_world_base[:3, :3]
-            return self._mask.at_robot(local, self._q, _OWN_MARGIN).reshape(-1, len(levels)).any(axis=1)
+            at_robot = self._mask.at_robot(local, self._q, _OWN_MARGIN).reshape(-1, len(levels))
+            return np.asarray(at_robot.any(axis=1))
 
         self._lost.add(self.tracker.lost, own)
         self._lost.look(view, sensor)
