@@ -82,7 +82,7 @@ print(digest.hexdigest())' "$ROOT")" || die "$VENV is unusable; delete it and ru
     done
     [ -n "$extras" ] && target="$ROOT[$extras]"
     setup_compiler
-    say "Installing $target (a few minutes the first time)"
+    say "Installing $target (compiles C++ the first time: minutes without a word, up to fifteen on a busy machine)"
     local apart="" needed
     if [[ ",$extras," == *,dev,* ]] && command -v cmake >/dev/null 2>&1 && command -v ninja >/dev/null 2>&1; then
         # Compiled with what is in .venv, not in an environment apart: the wheel of the tests is of the same object files.

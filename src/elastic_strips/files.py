@@ -7,6 +7,7 @@ that it has read, whatever name leads to it.
 
 from __future__ import annotations
 
+import difflib
 import gzip
 import io
 import json
@@ -117,7 +118,8 @@ def open_input(
     except InputError:
         raise
     except (OSError, ValueError, TypeError) as problem:  # ValueError: a zero byte in the name
-        raise error(f"{_name(path)}: cannot read the {what}: {_said(problem)}") from None
+        beside = _meant(path) if isinstance(problem, FileNotFoundError) else ""
+        raise error(f"{_name(path)}: cannot read the {what}: {_said(problem)}{beside}") from None
     with stream:
         status = os.fstat(stream.fileno())
         size = _check(status, path, what, limit, error)
@@ -126,6 +128,17 @@ def open_input(
             yield stream, size
         except OSError as problem:  # while it is read
             raise error(f"{_name(path)}: cannot read the {what}: {_said(problem)}") from None
+
+
+def _meant(path: str | os.PathLike[str]) -> str:
+    """The file of the same folder that may be meant by the name of one that is not there."""
+    given = Path(path)
+    try:
+        names = [entry.name for entry in os.scandir(given.parent)]
+    except OSError:
+        return ""
+    close = difflib.get_close_matches(given.name, names, n=1, cutoff=0.8)
+    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def check_input(path: str | os.PathLike[str], what: str, limit: int, error: type[InputError]) -> int:

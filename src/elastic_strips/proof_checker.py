@@ -288,11 +288,11 @@ def main(arguments: list[str] | None = None) -> int:
         for what, found in digests.items():
             demand(getattr(given, what) in (None, found), f"it is about another {what}: {found}")
     except Exception as problem:  # whatever breaks the checker is no proof
-        print(f"REFUSED: {problem}" if isinstance(problem, Refused) else f"REFUSED: {problem!r}")
+        print(f"REFUSED: {problem}" if isinstance(problem, (Refused, OSError)) else f"REFUSED: {problem!r}")
         return 2 if header is None and not isinstance(problem, Refused) else 3  # 2: nothing that can be read
     print(f"PROVEN: clear by {header['clearance']} m of obstacles and {header['self_clearance']} m of itself")
-    print(f"{len(header['scene'])} obstacles, {len(parts['rows'])} rows, way: {header['way']};", digests)
-    print(f"{len(parts['span'])} intervals, {1e3 * spare:.3g} mm to spare; rows of {header['robot']['columns']!a}")
+    print(f"{len(header['scene'])} obstacles, rows of {header['robot']['columns']!a}, way: {header['way']};", digests)
+    print(f"{len(parts['rows'])} rows, {len(parts['span'])} intervals, tightest with {1e3 * spare:.3g} mm to spare")
     return 0
 
 

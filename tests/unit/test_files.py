@@ -56,6 +56,15 @@ def test_what_is_no_regular_file_is_named(tmp_path, monkeypatch):
                 read(name)
 
 
+def test_a_file_that_may_be_meant_is_named(tmp_path):
+    (tmp_path / "kitchen.yaml").write_text("x")
+    with pytest.raises(SceneError, match="kitchen"):
+        read(tmp_path / "kichen.yaml")
+    with pytest.raises(SceneError) as caught:
+        read(tmp_path / "hall.yaml")
+    assert "kitchen" not in str(caught.value)
+
+
 def test_a_fifo_that_takes_the_files_place_does_not_hang(tmp_path, monkeypatch):
     """The file is looked at again once it is open."""
     os.mkfifo(tmp_path / "fifo")

@@ -410,8 +410,8 @@ def smooth_path(
         first = line.travel(knots[1:2])[0] * weight
         if slope * weight @ first < _AHEAD_COSINE * np.linalg.norm(first):
             raise RetimingError(
-                "the velocity at the start points away from the path, by more than 75° in drive coordinates; keep to "
-                "the trajectory that the robot drives until it is slower"
+                "the robot still moves away from where the path goes on, at an angle of more than 75°; it has to stop "
+                "before it can follow that"
             )
         control[1] = slope * (knots[1] / 3.0)
         if bend is not None and len(knots) > 2:
