@@ -12,25 +12,6 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "build" / f"ros2-{sys.version_info.major}.{sys.version_info.minor}"
 WHEELS = ("ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-common-interfaces")
 _LONGEST = 300.0  # [s]
-_PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
-<dds>
-  <profiles xmlns="http://www.eprosima.com">
-    <transport_descriptors>
-      <transport_descriptor>
-        <transport_id>shared_memory</transport_id>
-        <type>SHM</type>
-        <segment_size>16777216</segment_size>
-      </transport_descriptor>
-    </transport_descriptors>
-    <participant profile_name="shared_memory_only" is_default_profile="true">
-      <rtps>
-        <userTransports><transport_id>shared_memory</transport_id></userTransports>
-        <useBuiltinTransports>false</useBuiltinTransports>
-      </rtps>
-    </participant>
-  </profiles>
-</dds>
-"""
 
 
 def python() -> tuple[Path, str]:
@@ -57,17 +38,3 @@ def python() -> tuple[Path, str]:
     (own / "zz_tests.pth").write_text(f"import site; site.addsitedir({mine!r})\n{ROOT / 'src'}\n{ROOT}\n")
     done.write_text("")
     return found, ""
-
-
-def variables(folder: Path, domain: int) -> dict[str, str]:
-    """Variables of a process that talks to those of its domain by shared memory alone; its files are in ``folder``."""
-    profile = folder / "shared_memory_only.xml"
-    profile.write_text(_PROFILE)
-    return {
-        **{k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "RMW_", "FASTDDS_", "FASTRTPS_"))},
-        "FASTDDS_DEFAULT_PROFILES_FILE": str(profile),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
-        "ROS_DOMAIN_ID": str(domain),
-        "ROS_LOG_DIR": str(folder / "log"),
-        "PYTHONUNBUFFERED": "1",
-    }

@@ -17,8 +17,9 @@ import pytest
 import ros_environment
 
 from elastic_strips.ros2.shared_memory import clear_left
+from workshop.bench.ros_loopback import ports, running, variables
 
-ASK = Path(__file__).parents[1] / "oracle" / "ros_ask.py"
+ASK = ("-m", "workshop.bench.ros_ask")
 DOMAIN = 1 + os.getpid() % 100
 LONGEST = 60.0  # [s] until something happens that is waited for
 EXAMPLE = Path(__file__).parents[2] / "scripts" / "examples" / "18_ros_node.py"
@@ -44,7 +45,7 @@ class Drive:
         example: bool = False,
     ) -> None:
         self.python, self.folder = python, folder
-        self.environment = ros_environment.variables(folder, DOMAIN)
+        self.environment = variables(folder, DOMAIN)
         (folder / "node.py").write_text(NODE)
         node = [str(EXAMPLE)] if example else [str(folder / "node.py"), "ros2", "--goals", "1"]
         self.result: dict[str, object] = {}
@@ -65,11 +66,11 @@ class Drive:
         return (self.folder / f"{name}.txt").read_text()
 
     def ask(self, *what: str) -> str:
-        return self.call(ASK, *what)
+        return self.call(*ASK, *what)
 
     def begin(self, what: str) -> None:
         """Ask for something, and go on at once: on a busy machine the drive may be over when who asked has ended."""
-        asking = self._start(self._stack, "ask", ASK, what)
+        asking = self._start(self._stack, "ask", *ASK, what)
         self._stack.callback(asking.wait, LONGEST)  # a killed one would leave its ports in shared memory
 
     def call(self, *words: str | Path) -> str:
@@ -98,23 +99,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _of_dds() -> set[str]:
-    """Ports in shared memory of the domain of these tests: others on this machine may have theirs."""
-    first = 7400 + 250 * DOMAIN
-    ports = {f"fastdds_port{number}" for number in range(first, first + 250)}
-    return {path.name for path in Path("/dev/shm").glob("fastdds_port*") if path.name in ports}
-
-
-def _running(folder: Path) -> list[str]:
-    """Processes that have to do with a folder."""
-    found = []
-    for place in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            if str(folder).encode() in (place / "environ").read_bytes():
-                found.append((place / "cmdline").read_bytes().replace(b"\0", b" ").decode())
-    return found
-
-
 @pytest.fixture(scope="module")
 def python() -> Path:
     found, why = ros_environment.python()
@@ -133,14 +117,14 @@ def driven(
     example: bool = False,
     killed: bool = False,
 ) -> Iterator[Drive]:
-    before = _of_dds()
+    before = ports(DOMAIN)
     with ExitStack() as stack:
         yield Drive(python, folder, told, params, stack, example=example)
     if killed:  # the robot has made ports of the dead anew, and the next start removes them
         time.sleep(2.5)
         clear_left()
-    assert _of_dds() <= before
-    assert _running(folder) == []
+    assert ports(DOMAIN) <= before
+    assert running(folder) == []
 
 
 def test_a_corridor_is_driven_over_dds(python: Path, tmp_path: Path):
@@ -185,7 +169,7 @@ def test_a_killed_node_leaves_a_robot_at_rest_and_nothing_else(python: Path, tmp
         drive.node.wait()
         drive.until("robot", "it stands again")
         end = time.monotonic() + LONGEST
-        while any("spawn_main" in line for line in _running(tmp_path)):
+        while any("spawn_main" in line for line in running(tmp_path)):
             assert time.monotonic() < end, "the executor's process goes on"
             time.sleep(0.05)
         drive.end_robot()

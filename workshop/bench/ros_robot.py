@@ -6,11 +6,12 @@ stop by themselves where commands stay out. At its end it tells whether it touch
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import math
 import signal
 import time
 from array import array
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import FrameType
@@ -44,10 +45,14 @@ _WAY_STEP = 0.1  # [s] from one place that is told to the next
 _REST_SPEED = 0.01  # [m/s, rad/s]
 _FAST_SPEED = 0.3  # [m/s]
 _FULL_HEIGHT = 1.5  # [m] of what stands in the corridor: a laser says nothing of heights
-FAULTS = ("odom_lost", "joints_lost", "scan_lost", "scan_nan", "scan_old", "scan_frame", "cloud_lost", "clock",
-          "emergency", "map_jump")  # fmt: skip
-"""What may go wrong with what it says: topics that stop; scans of NaN, of two seconds ago, in an unknown frame; all
-stamps off by 5 s; the emergency stop; localization that is off by 0.5 m."""
+_SENT_WRONG = ("lost", "late", "shuffled", "twice")
+_TOPICS = ("odom", "joints", "scan", "cloud", "depth", "fix")
+FAULTS = (*(f"{topic}_{how}" for topic in _TOPICS for how in _SENT_WRONG), "odom_nan", "joints_nan", "scan_nan",
+          "odom_frame", "scan_frame", "scan_old", "clock", "emergency", "emergency_missing", "map_jump")  # fmt: skip
+"""What may go wrong with what it says: topics whose messages stop, come late, in pairs of the wrong order, or twice;
+NaN and unknown frames; scans that are said to be two seconds old; all stamps off by 5 s; the emergency stop, and one
+that says nothing from the start; localization that is off by 0.5 m."""
+_LATE = 0.6  # [s] by which messages of a topic are late
 _JUMP = np.array([0.3, 0.4, 0.0])  # [m, rad] by which localization jumps
 _LAYERS = (0.2, 0.5, 0.8, 1.1, 1.4)  # [m] heights of a cloud's points
 
@@ -197,11 +202,14 @@ class RosRobot:
         self._odometry_error = np.zeros(3)  # variances
         self._rng = np.random.default_rng(params.seed + 1)
         self._heard = _Heard()
-        self._late: deque[tuple[float, Any, Any]] = deque()
+        self._late: list[tuple[float, int, Any, Any]] = []  # a heap: when [s], and in which order
+        self._told = itertools.count()
+        self._held: dict[str, Any] = {}  # of a topic, the message that comes after the next one
         self._rows: list[tuple[float, Array, Array]] = []
         self._ending = False
+        self._began = math.nan  # on the monotonic clock [s]
         self._fast_at: float | None = None
-        self._stood = False
+        self._stood_at: float | None = None  # for the first time after that
         self.context, self.node = open_node("robot", arguments)
         self._kinds = {name: load(f"{name}_msgs.msg") for name in ("nav", "sensor", "geometry", "std", "trajectory")}
         kinds, sensed = self._kinds, quality(5, reliable=params.reliable)
@@ -238,7 +246,7 @@ class RosRobot:
 
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, end)
-        began = time.monotonic()
+        began = self._began = time.monotonic()
         try:
             note(f"ready at the beginning of {self.end:g} m{self._mount()}")
             self._live(began, note)
@@ -270,8 +278,9 @@ class RosRobot:
             if self._fast_at is None and abs(self._plant.v[0]) > _FAST_SPEED:
                 self._fast_at = t
                 note("it moves fast")
-            if self._fast_at is not None and not self._stood and np.abs(self._plant.v).max() < _REST_SPEED:
-                self._stood = True
+            stands = float(np.abs(self._plant.v).max()) < _REST_SPEED
+            if self._fast_at is not None and self._stood_at is None and stands:
+                self._stood_at = t
                 note("it stands again")
             stamp = self.node.get_clock().now().nanoseconds
             if self._wrong("clock", t):
@@ -294,7 +303,7 @@ class RosRobot:
                 elif isinstance(reading, DepthImage):
                     self._tell_depth(stamp, t, reading)
             while self._late and self._late[0][0] <= now:
-                _, publisher, message = self._late.popleft()
+                _, _, publisher, message = heapq.heappop(self._late)
                 publisher.publish(message)
 
     def _step(self, now: float) -> Measurement:
@@ -352,45 +361,55 @@ class RosRobot:
         since = None if self._fast_at is None else t - self._fast_at
         return since is not None and any(f.kind == kind and f.at <= since < f.at + f.lasts for f in self.params.faults)
 
-    def _publish(self, publisher: Any, message: Any, t: float) -> None:
-        if self._rng.random() < self.params.loss:
+    def _publish(self, topic: str, publisher: Any, message: Any, t: float) -> None:
+        if self._rng.random() < self.params.loss or self._wrong(f"{topic}_lost", t):
             return
-        if self.params.delay > 0.0:
-            self._late.append((t + self.params.delay, publisher, message))
-        else:
-            publisher.publish(message)
+        delay = self.params.delay + _LATE * self._wrong(f"{topic}_late", t)
+        messages = [message] * (1 + self._wrong(f"{topic}_twice", t))
+        if self._wrong(f"{topic}_shuffled", t) and topic not in self._held:
+            self._held[topic] = message
+            return
+        if topic in self._held:
+            messages.append(self._held.pop(topic))
+        for each in messages:
+            if delay > 0.0:
+                heapq.heappush(self._late, (t + delay, next(self._told), publisher, each))
+            else:
+                publisher.publish(each)
 
     def _tell_emergency(self, t: float) -> None:
+        if any(fault.kind == "emergency_missing" for fault in self.params.faults):
+            return
         pressed = self._wrong("emergency", t)
         if pressed is not self._pressed:
             self._pressed = pressed
             self._emergency_out.publish(self._kinds["std"].Bool(data=pressed))
 
     def _tell_odometry(self, stamp: int, t: float) -> None:
-        if self._wrong("odom_lost", t):
-            return
         message = self._kinds["nav"].Odometry()
         fill_stamp(message.header.stamp, stamp)
-        message.header.frame_id, message.child_frame_id = "odom", "base_link"
+        message.header.frame_id = "nowhere" if self._wrong("odom_frame", t) else "odom"
+        message.child_frame_id = "base_link"
         fill_pose(message.pose.pose, np.array(self._odometry))
+        if self._wrong("odom_nan", t):
+            message.pose.pose.position.x = math.nan
         covariance = np.zeros((6, 6))
         covariance[[0, 1, 5], [0, 1, 5]] = self._odometry_error
         message.pose.covariance = covariance.ravel().tolist()
         v = self._plant.v[:3]
         message.twist.twist.linear.x, message.twist.twist.angular.z = float(v[0]), float(v[2])
-        self._publish(self._odom_out, message, t)
+        self._publish("odom", self._odom_out, message, t)
 
     def _tell_joints(self, stamp: int, t: float, joints: Array) -> None:
-        if self._wrong("joints_lost", t) or not self.robot.joint_names:
+        if not self.robot.joint_names:
             return
         message = self._kinds["sensor"].JointState()
         fill_stamp(message.header.stamp, stamp)
-        message.name, message.position = list(self.robot.joint_names), np.asarray(joints, dtype=float).tolist()
-        self._publish(self._joints_out, message, t)
+        positions = np.where(self._wrong("joints_nan", t), np.nan, np.asarray(joints, dtype=float))
+        message.name, message.position = list(self.robot.joint_names), positions.tolist()
+        self._publish("joints", self._joints_out, message, t)
 
     def _tell_scan(self, stamp: int, t: float, scan: LaserScan) -> None:
-        if self._wrong("scan_lost", t):
-            return
         message = self._kinds["sensor"].LaserScan()
         fill_stamp(message.header.stamp, stamp - (2_000_000_000 if self._wrong("scan_old", t) else 0))
         message.header.frame_id = "nowhere" if self._wrong("scan_frame", t) else self._frame
@@ -400,11 +419,9 @@ class RosRobot:
         message.range_min, message.range_max = float(scan.range_min), float(scan.range_max)
         nan = self._wrong("scan_nan", t)
         message.ranges = np.where(nan, np.nan, scan.ranges).astype(np.float32).tolist()
-        self._publish(self._scan_out, message, t)
+        self._publish("scan", self._scan_out, message, t)
 
     def _tell_cloud(self, stamp: int, t: float, scan: LaserScan) -> None:
-        if self._wrong("cloud_lost", t):
-            return
         near = np.isfinite(scan.ranges) & (scan.ranges < scan.range_max)
         r, angle = scan.ranges[near], scan.angles[near]
         flat = np.column_stack((r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))))
@@ -419,7 +436,7 @@ class RosRobot:
             for k, axis in enumerate("xyz")
         ]
         message.data = array("B", points.tobytes())
-        self._publish(self._cloud_out, message, t)
+        self._publish("cloud", self._cloud_out, message, t)
 
     def _tell_fix(self, stamp: int, t: float) -> None:
         noise = self._rng.normal(0.0, (0.005, 0.005, 0.003))
@@ -431,7 +448,7 @@ class RosRobot:
         covariance = np.zeros((6, 6))
         covariance[[0, 1, 5], [0, 1, 5]] = 2.5e-5, 2.5e-5, 1e-5
         message.pose.covariance = covariance.ravel().tolist()
-        self._publish(self._fix_out, message, t)
+        self._publish("fix", self._fix_out, message, t)
 
     def _mount(self) -> str:
         """Where the depth camera is, as the node's parameter ``mounts`` has it."""
@@ -452,10 +469,10 @@ class RosRobot:
         message.encoding, message.step = "16UC1", 2 * columns
         pixels = np.repeat(np.repeat(np.rint(depth).astype("<u2"), by, axis=0), by, axis=1)
         message.data = array("B", pixels.tobytes())
-        for each, publisher in ((info, self._info_out), (message, self._depth_out)):
+        for name, each, publisher in (("info", info, self._info_out), ("depth", message, self._depth_out)):
             fill_stamp(each.header.stamp, stamp)
             each.header.frame_id = _CAMERA
-            self._publish(publisher, each, t)
+            self._publish(name, publisher, each, t)
 
     def _judged(self) -> Figures:
         times = np.array([row[0] for row in self._rows])
@@ -477,6 +494,8 @@ class RosRobot:
             "moved_from_s": first,
             "moved_until_s": last,
             "fast_from_s": self._fast_at,
+            "stood_from_s": self._stood_at,
+            "began_monotonic_s": self._began,
             "path_m": seen.path_m,
             "top_speed_mps": float(np.abs(v[:, 0]).max()),
             "stops": len(stops),

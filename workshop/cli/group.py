@@ -10,7 +10,7 @@ from . import bench_driving as driving
 from . import bench_planning as planning
 from .base_command import base
 from .carve_command import carve
-from .ros_robot_command import ros_pilot, ros_robot
+from .ros_robot_command import ros_pilot, ros_robot, ros_trials
 from .study_command import study
 
 
@@ -50,6 +50,7 @@ for _command in (
     carve,
     ros_robot,
     ros_pilot,
+    ros_trials,
     base,
     study,
 ):

@@ -1,4 +1,5 @@
-"""``python -m workshop ros-robot | ros-pilot``: a simulated robot on the other side of ROS 2, and who harms it."""
+"""``python -m workshop ros-robot | ros-pilot | ros-trials``: a simulated robot on the other side of ROS 2, and who
+harms it."""
 
 from __future__ import annotations
 
@@ -6,8 +7,11 @@ import json
 
 import click
 
-from elastic_strips.cli import options
+from elastic_strips.cli import options, output
+from elastic_strips.cli.output import row
 from workshop.bench.pilots import PILOTS
+
+from .bench_options import runs_option, seeds_option
 
 
 @click.command(
@@ -68,3 +72,43 @@ def ros_pilot(kind: str, seed: int, seconds: float, spoilt: bool, stamped: bool,
 
     sent = fly(kind, seed, seconds, spoilt=spoilt, stamped=stamped, arguments=list(arguments))
     click.echo(f"{sent} commands were sent")
+
+
+@click.command(name="ros-trials", short_help="Drive a ros-robot by the ROS 2 node while something goes wrong.")
+@click.option(
+    "--kind",
+    "kinds",
+    multiple=True,
+    type=options.LateChoice("workshop.bench.ros_trials", "KINDS"),
+    help="Only this one; may be given again. Without it: all in which something goes wrong.",
+)
+@seeds_option(10, "Trials of each kind.")
+@click.option("--first", type=options.SEED, default=0, show_default=True, help="First seed.")
+@click.option("--odometry", type=options.Finite(1.0, 200.0), default=50.0, show_default=True, help="Rate [Hz].")
+@click.option("--reliable/--best-effort", default=False, show_default=True, help="How its sensors are published.")
+@runs_option
+def ros_trials(
+    kinds: tuple[str, ...], seeds: int, first: int, odometry: float, reliable: bool, json_file: str | None
+) -> None:
+    """Robot and node in processes of their own, over DDS on this machine alone: processes are killed, topics stop, come
+    late, twice or in the wrong order. Each drive takes about 15 s by the wall clock, so nothing else should run."""
+    from workshop.bench.ros_trials import FAULTS, bench_ros_trials
+
+    chosen, numbers = kinds or FAULTS, range(first, first + seeds)
+    with options.LateProgress("driving", seeds * len(chosen)) as bar:
+        figures = bench_ros_trials(numbers, bar.step, kinds=chosen, odometry=odometry, reliable=reliable)
+    for kind, some in figures["kinds"].items():
+        rest, named, gaps, off = (some[key] for key in ("longest_to_rest_s", "named", "gaps_ms", "deviation_m"))
+        parts = [
+            f"{some['as_it_should']} of {some['count']} as they should be",
+            f"{some['contacts_at_speed']} contacts at speed",
+            "" if rest is None else f"at rest after {rest:.2f} s at most",
+            "" if named is None else f"{named} named",
+            "" if off is None else f"{off:.2f} m off at most",
+            "" if some["median_s"] is None else f"{some['median_s']:.1f} s (median)",
+            "" if gaps is None else f"commands every {gaps[0]:.1f}, p99 {gaps[1]:.1f}, at most {gaps[2]:.1f} ms",
+            "processors " + ", ".join(f"{name} {share:.2f}" for name, share in some["processors"].items()),
+            f"{some['left']} left" if some["left"] else "",
+        ]
+        row(kind, "; ".join(part for part in parts if part))
+    output.write_document("figures", json_file, figures)

@@ -88,6 +88,10 @@ class SceneEstimator:
         volume: VolumeMapParams | None = None,
         required: Sequence[str] | None = None,
     ) -> None:
+        # late: slow to import, and no reading is to wait for it
+        import scipy.ndimage
+        import scipy.optimize  # noqa: F401
+
         check_type("params", params, SceneEstimatorParams, none=True)
         check_type("robot", robot, RobotModel, none=True)
         check_type("volume", volume, VolumeMapParams, none=True)

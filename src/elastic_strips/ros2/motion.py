@@ -127,6 +127,11 @@ class MotionReader:
         times = [self.joints[group].oldest for group in set(self._group.values())]
         return max([*times, self.odometry.oldest] if self._planar else times)
 
+    def ages(self, now: float) -> tuple[float, float]:
+        """How old the newest usable odometry is, and the newest positions of all joints [s]; 0 for what is not read."""
+        joints = [self.joints[self._group[name]].newest if name in self._group else -math.inf for name in self._names]
+        return now - self.odometry.newest if self._planar else 0.0, now - min(joints, default=now)
+
     @property
     def period(self) -> float:
         """Median time [s] from one message to the next, of what comes most seldom; inf before ten have come."""

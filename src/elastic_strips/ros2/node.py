@@ -160,7 +160,7 @@ class Ros2Node:
 
     def _advertise(self) -> None:
         trigger = load("std_srvs.srv").Trigger
-        self.telling: Telling = Telling(self.node, self.robot, self.params, self.requests, self.sensing)
+        self.telling: Telling = Telling(self.node, self.robot, self.params, self.requests, self.sensing, self.ages)
         for kind in ("stop", "resume", "cancel"):
 
             def answer(_: Any, response: Any, kind: str = kind) -> Any:
@@ -261,6 +261,13 @@ class Ros2Node:
         """From when to when it is known where the robot is [s]."""
         with self._lock:
             return self._reader.oldest, self._reader.newest
+
+    def ages(self, now: float) -> dict[str, float]:
+        """How old the newest usable message of each topic is that says how the robot moves [s]."""
+        with self._lock:
+            odometry, joints = self._reader.ages(now)
+        topics = {self.params.odom: odometry} if self.robot.space.planar else {}
+        return {**topics, **({self.params.joint_states: joints} if self.robot.joint_names else {})}
 
     def correct(self, measured: float, estimate: Array) -> None:
         """Learn where the frame of odometry is, from an estimate of a time [s]."""

@@ -37,6 +37,7 @@ _PLAN_PERIOD = 0.05  # [s]
 _HAND_PERIOD = 0.01  # [s] from one look for a newer scene to the next, where a guard waits for it
 _SEE_PERIOD = 0.005  # [s] from one look at what has come to the next
 _LEAD_TIME = 0.1  # [s] from now to time 0
+_LONGEST_CATCHING_UP = 2.0  # [s] of perception, before goals are taken
 _TELL_AFTER = 2.0  # [s] of waiting until it is said what is missing
 _TELL_PERIOD = 0.05  # [s]
 _DIAGNOSTICS_PERIOD = 1.0  # [s]
@@ -91,6 +92,7 @@ def _drive(
     stack.callback(controller.close)
     controller.scene = _begin(node, stack, executor)
     controller.warm_up()  # by what there is to plan among
+    _catch_up(node, executor)
     node.telling.log("ready for goals")
     _plan(node, controller, executor, rate, goals)
     return controller.state
@@ -172,6 +174,14 @@ def _first_scene(node: Ros2Node, executor: ExecutorProcess) -> Scene:
     return scene
 
 
+def _catch_up(node: Ros2Node, executor: ExecutorProcess) -> None:
+    """Wait until perception, which warming up has held up, has a scene of now: an old one is a fault."""
+    end = executor.now + _LONGEST_CATCHING_UP
+    while executor.now < end and executor.now - (node.sensing.scene or Scene()).time > 0.5 * node.params.oldest_scene:
+        time.sleep(0.01)
+    node.sensing.excuse()
+
+
 def _see(node: Ros2Node, stack: ExitStack) -> None:
     """Make scenes of what comes, in a thread, until the stack is left."""
     ending = threading.Event()
@@ -196,8 +206,8 @@ def _plan(node: Ros2Node, controller: Controller, executor: ExecutorProcess, rat
         node.correct(*executor.estimated)
         node.requests.do(controller, node.telling.log)
         scene = node.sensing.scene
-        newer = _newer(scene, seen, t)
-        seen = scene
+        newer = _newer(scene, seen, t)  # one that came since t is for the next tick
+        seen = newer or seen
         controller.plan(t, newer)
         node.telling.tell_state(controller)
         node.telling.tell_wait(controller, t)

@@ -132,8 +132,12 @@ class Sensing:
         kept = [waiting for waiting in self._waiting if waiting.kind == "map"]
         self._waiting.clear()
         self._waiting.extend(kept)
-        for what in [what for what in self.counts if what.endswith(_TOO_LATE)]:
-            del self.counts[what]  # nobody looked yet
+        self.excuse()  # nobody looked yet
+
+    def excuse(self) -> None:
+        """Count no longer what was not looked at in time so far."""
+        for what in [what for what in self.counts if what.endswith((_TOO_LATE, _NEWER))]:
+            del self.counts[what]
 
     def work(self, row_at: Callable[[float], Array], known: tuple[float, float]) -> bool:
         """Take in what can be by now; whether ``scene`` is a new one.

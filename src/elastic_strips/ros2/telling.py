@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -24,6 +24,7 @@ from .requests import GoalState, Requests
 from .sensing import Sensing
 
 _NEWEST_EVENTS = 50  # that are looked at, at most
+_SILENT = 0.2  # [s] from which on it is said which topic of the robot's motion is silent
 _WAIT = 2.0  # [s] for which a robot stands before its goal until it is said why
 _FOOTPRINT_PERIOD = 0.2  # [s] from one footprint to the next
 _MOTION_STEP = 0.1  # [s] from one posture on a motion to the next
@@ -53,11 +54,19 @@ class Telling:
         params: its parameters.
         requests: of goals.
         sensing: what makes scenes.
+        ages: how old the newest message of each topic is at a time, of those that say how the robot moves [s].
     """
 
     def __init__(
-        self, node: RosObject, robot: RobotModel, params: Ros2Params, requests: Requests, sensing: Sensing
+        self,
+        node: RosObject,
+        robot: RobotModel,
+        params: Ros2Params,
+        requests: Requests,
+        sensing: Sensing,
+        ages: Callable[[float], dict[str, float]],
     ) -> None:
+        self._ages = ages
         self._node, self._robot, self._params, self._requests, self._sensing = node, robot, params, requests, sensing
         nav, std, diagnostic, geometry = (load(f"{name}_msgs.msg") for name in ("nav", "std", "diagnostic", "geometry"))
         kept = quality(1, reliable=True, kept=True)
@@ -143,7 +152,12 @@ class Telling:
         same = _NUMBER.sub("", run.reason)
         if t > self._stands_since + _WAIT and t > self._warned.get(same, -math.inf) + _SAME_WARNING:
             self._warned[same] = t
-            self._node.get_logger().warning(f"it stands: {run.reason}")
+            self._node.get_logger().warning(f"it stands: {run.reason}{self._silent(t)}")
+
+    def _silent(self, t: float) -> str:
+        """Which topics of the robot's motion are silent, to be added to a sentence."""
+        late = [f"{topic!r} for {age:.2g} s" for topic, age in self._ages(t).items() if age > _SILENT]
+        return f": nothing usable has arrived from {' and '.join(late)}" if late else ""
 
     def tell_state(self, run: Run, pilot: str = "") -> None:
         """Publish the robot's state where it has changed, and what became of a pilot's command."""
@@ -171,10 +185,11 @@ class Telling:
             "odometry_hz": f"{rate:.1f}",
             "executor": executor.priority,
             "last_fault": faults[-1] if faults else "",
+            **{f"age_of_{topic}_s": f"{age:.2f}" for topic, age in self._ages(now).items()},
             **{f"age_of_{topic}_s": f"{self._sensing.age(topic, now):.2f}" for topic in self._params.seen},
             **{f"dropped: {what}": count for what, count in self._sensing.counts.most_common(8)},
         }
-        trouble = executor.lost or ("" if fine else run.reason)
+        trouble = executor.lost or ("" if fine else f"{run.reason}{self._silent(now)}")
         said = executor.pilot if guards else run.reason
         fill_status(status, diagnostic.KeyValue, str(self._node.get_name()), trouble, said, values)
         array.header.stamp = self._node.get_clock().now().to_msg()

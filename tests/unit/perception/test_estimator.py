@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +20,20 @@ from elastic_strips.perception import LaserScan, RangeRing, SceneEstimator, Scen
 from elastic_strips.scene import Box, Scene, Voxels
 from elastic_strips.sim.evaluation import seen_obstacles, visible_to
 
+ORACLE = Path(__file__).parents[2] / "oracle"
+WALKS_BY = """
+import sys
+from ray_caster import box_segments, scan
+from elastic_strips.perception import SceneEstimator
+
+estimator = SceneEstimator()
+before = set(sys.modules)
+for k in range(12):
+    circles = [(2.0, -1.0 + 0.1 * k, 0.25)]
+    estimator.update(scan((0, 0, 0), 0.1 * k, segments=box_segments(0, 0, 8, 6), circles=circles), (0, 0, 0))
+assert estimator.movers
+print(*sorted(set(sys.modules) - before))
+"""
 ROOM = box_segments(0, 0, 8, 6) + box_segments(2, 1, 0.5, 0.5)
 
 
@@ -40,6 +58,15 @@ def test_a_static_world_is_the_same_obstacles_from_scan_to_scan():
     assert all(a is b for a, b in zip(first, second, strict=True))
     assert all(isinstance(o, Voxels) for o in second)
     assert len(second.rows_changed_since(first)) == 0
+
+
+def test_no_reading_waits_for_a_module_to_be_loaded():
+    """What follows movers needs SciPy, which takes a second to load: not when the first of them walks by."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ORACLE), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-c", WALKS_BY], env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
 
 
 def test_the_scene_holds_the_walls_where_the_base_is_said_to_be():

@@ -55,6 +55,18 @@ def test_there_is_a_measurement_only_where_something_new_came(silvermate: RobotM
     np.testing.assert_allclose(second.joints, 0.2)
 
 
+def test_how_old_the_newest_of_each_is(silvermate: RobotModel):
+    """By the joint that is behind all others, where joint states come from several."""
+    motion, (first, *others) = reader(silvermate), silvermate.joint_names
+    assert motion.ages(0.0) == (math.inf, math.inf)
+    motion.note_odometry(0.1, at(0.0))
+    motion.note_joints(0.2, {first: 0.0})
+    assert motion.ages(0.5) == (pytest.approx(0.4), math.inf)
+    motion.note_joints(0.3, dict.fromkeys(others, 0.0))
+    motion.note_joints(0.4, {first: 0.0})
+    assert motion.ages(0.5) == (pytest.approx(0.4), pytest.approx(0.2))
+
+
 def test_no_travel_is_lost_between_measurements(silvermate: RobotModel):
     """As much as there is, by whatever steps it is measured; also around a bend."""
     motion, limits = reader(silvermate), MotionLimits.for_robot(silvermate)

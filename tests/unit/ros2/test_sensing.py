@@ -79,6 +79,19 @@ def test_what_is_wrong_is_counted_and_the_rest_goes_on(sensing: Sensing, silverm
     assert sensing.scene.time == pytest.approx(times[4])
 
 
+def test_what_was_not_looked_at_in_time_can_be_excused(sensing: Sensing, silvermate: RobotModel, row: np.ndarray):
+    """As nobody looks while the node gets ready; what was wrong stays counted."""
+    found = scans(silvermate, row, [0.05 * k for k in range(30)])
+    found[-1][1].header.frame_id = "nowhere"
+    for t, message in found:
+        sensing.offer("scan", "scan", message, t)
+    sensing.work(lambda _: row, ALWAYS)
+    assert sensing.counts.total() > 1
+    sensing.excuse()
+    assert sensing.counts.total() == 1
+    assert sensing.scene is not None
+
+
 def test_depth_images_with_their_camera_are_seen(silvermate: RobotModel, row: np.ndarray):
     (camera,) = named_sensors("head-camera", silvermate.name).sensors
     config = SensorConfig(sensors=(replace(camera, latency=0.0),))
