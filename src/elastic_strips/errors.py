@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -142,6 +142,11 @@ def nearest_name(name: object, valid: Iterable[str]) -> str:
     hint = f"; did you mean {close[0]!r}?" if close else "."
     shown = ", ".join(n if len(n) <= 60 else n[:57] + "..." for n in names[:20]) + (", …" if len(names) > 20 else "")
     return f"{hint} Valid: {shown}." if names else f"{hint} There are none."
+
+
+def listed(names: Sequence[str], most: int = 3) -> str:
+    """The first few names, and how many more there are."""
+    return ", ".join(names[:most]) + f" and {len(names) - most} more" * (len(names) > most)
 
 
 def plural(count: int, noun: str) -> str:

@@ -367,7 +367,7 @@ class _Run:
         still = trial.act == "kill robot" or bool(seen.get("at_rest") and told)
         crashed = "Traceback" in self._text("node")
         contacts = seen.get("contacts_at_speed", 0)
-        moved = seen.get("fast_from_s"), seen.get("moved_until_s")
+        moved = seen.get("moved_until_s")
         fine = (
             (reached if trial.reaches else still)
             and not trouble
@@ -385,7 +385,7 @@ class _Run:
             "exit_code": self._code,
             "at_s": self._at,
             "to_rest_s": to_rest,
-            "drive_s": None if None in moved else moved[1] - (seen["moved_from_s"] or 0.0),
+            "drive_s": None if moved is None or seen["fast_from_s"] is None else moved - seen["moved_from_s"],
             "named": named,
             "said": list(dict.fromkeys(said))[-4:],
             "left": left,

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from elastic_strips.errors import listed
+
 from . import options, output
 from .robot_options import robot_options
 from .scene_options import SCENE_FILES, scene_options
@@ -257,8 +259,7 @@ def _depends_on_time(path: str, given: PathFile, scene: SceneFile, moment: float
     moving = changes(scene.world)
     if not moving or moment is not None:
         return False
-    more = f" and {len(moving) - 3} more" * (len(moving) > 3)
-    said = f"the scene changes with time ({', '.join(moving[:3])}{more}); "
+    said = f"the scene changes with time ({listed(moving)}); "
     if given.times is None:
         raise click.UsageError(
             f"{said}{path} has no times: add times, or give --scene-time SECONDS to take the scene as it is then"
@@ -276,8 +277,7 @@ def _say_notes(given: PathFile, doubts: Sequence[str]) -> None:
     notes = list(given.notes)
     if given.held:
         still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
-        more = f" and {len(still) - _JOINTS_LISTED} more" if len(still) > _JOINTS_LISTED else ""
-        notes.append(f"held still, and missing from the file: {', '.join(still[:_JOINTS_LISTED])}{more}")
+        notes.append(f"held still, and missing from the file: {listed(still, _JOINTS_LISTED)}")
     for note in (*notes, *doubts):
         output.say(("note:", output.NOTE), f" {note}")
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elastic_strips.errors import plural
+from elastic_strips.errors import listed, plural
 
 from . import options, output
 from .robot_options import load_robot, robot_options
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from elastic_strips.strip import DeformReport
     from elastic_strips.trajectory import MotionLimits
     from elastic_strips.viewer import Viewer
-
-_NAMED = 3  # obstacles, in a note
 
 
 @click.command()
@@ -91,6 +89,7 @@ def run(
     Exit code 0: certified. 2: wrong input. 3: blocked or broken, certified only from where a start that touches is
     free, or no trajectory was found; the reason is printed.
     """
+    from elastic_strips.collision.path_certificate import changes
     from elastic_strips.io.trajectory_file import check_trajectory_file
     from elastic_strips.sim.scenarios import get_scenario, result_document, run_scenario
 
@@ -115,8 +114,12 @@ def run(
         output.write_document("result", json_file, result_document(result))
     timed = trajectory_file is None or _write_timed(result, trajectory_file, allowed)
 
+    moving = {obstacle.name for obstacle in problem.scene if obstacle.motion is not None}
+    others = [name for name in changes(problem.world) if name not in moving]
+    notes = [("appears or vanishes", listed(others, 1))] if others else []
+
     def draw(viewer: Viewer) -> None:
-        viewer.animate(model, problem.scene, result.report, duration=10.0)
+        viewer.animate(model, problem.scene, result.report, duration=10.0, notes=notes)
 
     options.write_pictures(draw, html_file, png_file, film_file, title=problem.name)
     if view:
@@ -170,11 +173,10 @@ def _summary(result: RunResult) -> None:
         + (f", passes {result.passing_side}" if result.passing_side else "")
     )
     if changing := changes(result.scenario.world):
-        names = ", ".join(changing[:_NAMED]) + f" and {len(changing) - _NAMED} more" * (len(changing) > _NAMED)
         output.say(
             ("  note:", output.NOTE),
-            f" the scene changes with time ({names}), and is taken as it is at {result.scenario.scene.time:g} s; "
-            "'elastic-strips drive' reckons with what changes",
+            f" the scene changes with time ({listed(changing)}), and is taken as it is at "
+            f"{result.scenario.scene.time:g} s; 'elastic-strips drive' reckons with what changes",
         )
     if not result.certified and report.certificate.broken is not None:
         output.say((f"  {report.certificate.broken}", output.BAD))

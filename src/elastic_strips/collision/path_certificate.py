@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, Mask
-from elastic_strips.errors import ParameterError, RobotError, SceneError
+from elastic_strips.errors import ParameterError, RobotError, SceneError, listed
 from elastic_strips.robot import BaseKind, Kinematics, RobotModel
 from elastic_strips.scene import Obstacle, Scene, UnknownMotion, World
 from elastic_strips.scene.motion import MAX_SPEED
@@ -218,15 +218,14 @@ def _apart(
     if isinstance(scene, Scene):
         moving = [o.name or "" for o in scene if o.motion is not None]
         if when is None:
-            note = f"{', '.join(moving[:3])}{', …' * (len(moving) > 3)} as it stands at {scene.time:g} s"
-            return scene, None, (note,) if moving else ()
+            return scene, None, (f"{listed(moving)} as it stands at {scene.time:g} s",) if moving else ()
         if not moving:
             return scene, None, ()
         scene = World(scene)
     names = changes(scene)
     if not names:
         return scene.scene, None, ()
-    first = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
+    first = listed(names)
     if when is None:
         raise ParameterError(f"times= are needed: the scene changes with time ({first})")
     if when[0] == when[-1]:

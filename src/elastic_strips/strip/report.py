@@ -10,7 +10,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.collision import Certificate, ProtectiveHulls
-from elastic_strips.errors import plural
+from elastic_strips.errors import listed, plural
 from elastic_strips.scene import Scene
 from elastic_strips.summary import Summary
 
@@ -73,6 +73,7 @@ class DeformReport(Summary):
         forces: external forces; None where they were not requested.
         hulls: protective hulls; None where they were not requested.
         constraint_errors: (N,) angle [rad] by which each node misses the constraint; None where there is none.
+        predicted: whether moving obstacles count where they will be when the nodes are reached; else as they stand.
 
     Examples:
         >>> robot = es.load_robot("silvermate")
@@ -101,6 +102,7 @@ class DeformReport(Summary):
     forces: StripForces | None = None
     hulls: ProtectiveHulls | None = None
     constraint_errors: Array | None = None
+    predicted: bool = False
     _clearance: list[float] = field(default_factory=list, init=False, repr=False)
 
     def _summary(self) -> dict[str, object]:
@@ -111,6 +113,7 @@ class DeformReport(Summary):
             "robot": self.strip.robot.name,
             "nodes": len(self.strip),
             "certified": f"{int(segments.sum())} of {plural(len(segments), 'segment')}",
+            **({"as it stands": f"{listed(names)}, at {self.scene.time:g} s"} if (names := self.as_it_stands) else {}),
             "ticks": self.ticks,
         }
 
@@ -132,6 +135,12 @@ class DeformReport(Summary):
     def certified(self) -> bool:
         """Whether every segment is certified."""
         return self.certificate.certified
+
+    @property
+    def as_it_stands(self) -> tuple[str, ...]:
+        """Names of what moves and is taken as it stands at the scene's time: the certificate is of that moment. None
+        where nothing moves, or where that was predicted."""
+        return () if self.predicted else tuple(one.name or "" for one in self.scene if one.motion is not None)
 
     @property
     def connected(self) -> bool:

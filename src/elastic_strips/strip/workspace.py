@@ -373,4 +373,5 @@ class Workspace(OneThread):
             queries=queries,
             forces=result.forces if detail else None,
             hulls=hulls,
+            predicted=self.prediction is not None,
         )

@@ -59,7 +59,7 @@ class StripAnimation:
     """A robot that drives along a strip, or along a sequence of them while the strip is deformed.
 
     The strips, nodes (N, nq) with a report or None for each, are evenly spread over the duration [s]. Obstacles of the
-    scene that have a motion move.
+    scene that have a motion move. ``notes`` are further rows of the card.
     """
 
     robot: RobotModel
@@ -67,12 +67,13 @@ class StripAnimation:
     strips: tuple[Array, ...]
     reports: tuple[Report | None, ...]
     duration: float
+    notes: tuple[tuple[str, str], ...] = ()
 
     def snapshot(self) -> Snapshot:
         """The first moment, with the camera turned to it; of a refuted path, the configuration that shows it."""
         report = self.reports[0]
         q = report.q if isinstance(report, PathReport) else None
-        return Snapshot(self.robot, self.scene, self.strips[0], report, frame=True, q=q)
+        return Snapshot(self.robot, self.scene, self.strips[0], report, frame=True, q=q, notes=self.notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,9 @@ Animated = Strip | DeformReport | PathReport | ArrayLike
 # A strip
 
 
-def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: float) -> StripAnimation:
+def strip_animation(
+    robot: RobotModel, scene: Scene, subject: object, duration: float, notes: Iterable[tuple[str, str]] = ()
+) -> StripAnimation:
     """The checked animation of an ``Animated``, or of several.
 
     Raises:
@@ -126,7 +129,7 @@ def strip_animation(robot: RobotModel, scene: Scene, subject: object, duration: 
         reports.append(report)
     if not strips:
         raise InputError("there is no strip to play; give a strip, a report, a path (N, nq) or a sequence of them")
-    return StripAnimation(robot, scene, tuple(strips), tuple(reports), float(duration))
+    return StripAnimation(robot, scene, tuple(strips), tuple(reports), float(duration), tuple(notes))
 
 
 def strip_and_report(item: object) -> tuple[object, Report | None]:

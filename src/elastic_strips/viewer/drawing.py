@@ -227,7 +227,8 @@ class Drawing:
         rows: list[list[str]] = []
         legend: list[list[str]] = []
         if report is not None:
-            head, rows, legend = _chip(report, snapshot.live), _measured(report, snapshot.live), self._colours(report)
+            head, legend = _chip(report, snapshot.live), self._colours(report)
+            rows = _measured(report, snapshot.scene, snapshot.live)
         elif moves:
             rows, legend = [["nodes", str(len(snapshot.nodes))]], [list(_MOTION if snapshot.motion else _UNCHECKED)]
         if snapshot.tick is not None:
@@ -389,13 +390,14 @@ def _chip(report: Report, live: bool) -> Document:
     return {"chip": ["not certified", REFUSED], "note": note}
 
 
-def _measured(report: Report, live: bool) -> list[list[str]]:
+def _measured(report: Report, scene: Scene, live: bool) -> list[list[str]]:
     """The rows of a card about a report."""
     segments, clearance = report.certificate.segments, report.node_clearance if live else report.clearance
     rows = [["state", report.status.value]] if live else []
     if np.isfinite(clearance):
         rows.append(["clearance at the nodes" if live else "clearance", f"{clearance:.3f} m"])
-    return [*rows, ["certified", f"{int(segments.sum())} of {plural(len(segments), 'segment')}"]]
+    rows.append(["certified", f"{int(segments.sum())} of {plural(len(segments), 'segment')}"])
+    return [*rows, ["what moves", f"as at {scene.time:g} s"]] if report.as_it_stands else rows
 
 
 def bare_legend(robot: RobotModel) -> list[list[str]]:

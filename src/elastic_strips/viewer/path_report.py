@@ -27,6 +27,7 @@ class PathReport:
     """
 
     connectivity_counts: ClassVar[bool] = False
+    as_it_stands: ClassVar[tuple[str, ...]] = ()  # what moves is in the reason
     forces: ClassVar[None] = None
     hulls: ClassVar[None] = None
 

@@ -230,7 +230,13 @@ class Viewer:
         self._drawing.obstacles.singles.add(name)
 
     def animate(
-        self, robot: RobotModel, scene: Scene, strips: Animated | Iterable[Animated], duration: float = 8.0
+        self,
+        robot: RobotModel,
+        scene: Scene,
+        strips: Animated | Iterable[Animated],
+        duration: float = 8.0,
+        *,
+        notes: Sequence[tuple[str, str]] = (),
     ) -> Viewer:
         """Play the robot driving along a strip; the page has buttons to stop and to go back.
 
@@ -241,11 +247,12 @@ class Viewer:
                 evenly over the duration, along which the strip gives way while the robot drives. Where the strips of
                 a sequence begin at different configurations, these are where the robot is.
             duration: How long it takes [s].
+            notes: Further rows of the card: names and values.
 
         Raises:
             InputError: Nothing to play, a duration out of range, or nodes of the wrong size.
         """
-        return self._play(animation.strip_animation(robot, scene, strips, duration), scene)
+        return self._play(animation.strip_animation(robot, scene, strips, duration, notes), scene)
 
     def replay(
         self,

@@ -66,6 +66,7 @@ def make_report(robot):
                 radius=np.full((nodes, len(robot.control_point_set.names)), 0.2),
             ),
             "connectivity_counts": False,
+            "as_it_stands": (),
         }
         return SimpleNamespace(**(fields | changes))
 

@@ -26,6 +26,7 @@ from tornado.websocket import websocket_connect
 
 import elastic_strips as es
 from elastic_strips.errors import InputError, ParameterError
+from elastic_strips.scene import Twist
 from elastic_strips.viewer import Viewer, commands, geometry
 from elastic_strips.viewer.path_report import PathReport
 
@@ -223,6 +224,24 @@ def test_a_path_that_is_refuted_is_shown_where_it_is(silvermate):
     with Viewer(server=False) as viewer:
         assert pictured(viewer.animate(silvermate, free, report))["", "hud"]["chip"][0] == "certified"
     assert report.certificate.segments.all()
+
+
+def test_a_card_says_of_which_moment_its_certificate_is(silvermate):
+    """Somebody walks towards a certified strip: it is certified while they stand where they were."""
+    walker = es.Box((0.4, 0.4, 1.6), at=(2.0, 2.5, 0.8), motion=Twist((0.0, -0.8, 0.0)), name="walker")
+    strip = es.Strip(silvermate, [silvermate.home(x=0.1 * k) for k in range(41)])
+    for scene, name in ((es.World(es.Scene([walker])).at(0.5), "walker"), (es.Scene(), "")):
+        report = es.Deformer(silvermate).settle(strip, scene)
+        assert report.certified
+        assert report.as_it_stands == ((name,) if name else ())
+        assert name in str(report)
+        for show in ("show", "animate"):
+            with Viewer(server=False) as viewer:
+                card = pictured(getattr(viewer, show)(silvermate, scene, report))["", "hud"]
+            assert [value for _, value in card["rows"] if value.endswith("0.5 s")] == (["as at 0.5 s"] if name else [])
+    with Viewer(server=False) as viewer:
+        card = pictured(viewer.animate(silvermate, es.Scene(), strip, notes=[("door", "opens")]))["", "hud"]
+    assert ["door", "opens"] in card["rows"]
 
 
 def test_a_pin_is_as_large_as_its_robot_and_in_the_picture(silvermate):
