@@ -234,7 +234,7 @@ def _pieces(robot: RobotValue) -> CardSection:
     rows = []
     for piece in robot.geometries:
         far = None if robot.shapes is None else sticks_out(robot.model, robot.shapes, piece)
-        carried = "the world" if piece.joint == 0 else str(robot.model.names[piece.joint])
+        carried = _carrier(robot, piece.joint)
         out = "not known" if far is None else f"{1e3 * far:.0f} mm"
         rows.append((piece.name, shape_of(piece.geometry)[0].value, ", ".join(piece.links), carried, out))
     rows.sort(key=lambda row: -float(row[4].split()[0]) if row[4] != "not known" else 0.0)
@@ -244,6 +244,11 @@ def _pieces(robot: RobotValue) -> CardSection:
         tuple(rows),
         "the pieces that are kept apart; a piece that reaches far out of its mesh refuses more than necessary",
     )
+
+
+def _carrier(robot: RobotValue, joint: int) -> str:
+    """What moves the things that hang on a joint of the model."""
+    return "the world" if joint == 0 else "base" if joint == 1 and robot.space.planar else str(robot.model.names[joint])
 
 
 def _bare(robot: RobotValue) -> CardSection:
@@ -317,7 +322,7 @@ def _frames(robot: RobotValue) -> CardSection:
             continue
         index = robot.model.getFrameId(frame.name, pin.FrameType.BODY)
         at = " ".join(f"{x:.3f}" for x in data.oMf[index].translation)
-        joint = "the world" if frame.parentJoint == 0 else str(robot.model.names[frame.parentJoint])
+        joint = _carrier(robot, frame.parentJoint)
         rows.append((str(frame.name), joint, at, "" if str(frame.name) in pieces else "no collision shape"))
     return CardSection(
         "Frames", ("frame", "moved by", "at home [m]", "remark"), tuple(rows), "for sensors, hands and goals"

@@ -128,9 +128,11 @@ def _solid(geometry: coal.CollisionGeometry) -> coal.CollisionGeometry:
 
 def _surface(geometry: coal.CollisionGeometry) -> Array:
     """Points (V, 3) all over the surface of a convex shape, in its frame."""
-    rng = np.random.default_rng(0)
-    if shape_of(geometry)[0] is not ShapeKind.CONVEX:
+    rng, (kind, size) = np.random.default_rng(0), shape_of(geometry)
+    if kind is not ShapeKind.CONVEX:
         corners, radius = support_points(geometry)
+        if kind in (ShapeKind.CYLINDER, ShapeKind.CONE):  # whose corners are around the circle, and not on it
+            corners = corners * [*[size[0] / np.hypot(*corners[:, :2].T).max()] * 2, 1.0]
         return (corners[:, None, :] + radius * _DIRECTIONS[None]).reshape(-1, 3) if radius else corners
     corners = vertices(geometry)
     hull = convex_hull(corners)

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array, ArrayLike, Indices
-from elastic_strips.errors import ConfigurationError, RobotError, nearest_name, plural
+from elastic_strips.errors import ConfigurationError, RobotError, listed, nearest_name, plural
 from elastic_strips.summary import Summary
 
 from .geometry import LinkGeometry, collision_data
@@ -23,6 +23,7 @@ from .unchecked_pairs import UncheckedPair
 from .urdf import UrdfSource, read_urdf
 from .wheels import DrivenWheels, driven_wheels
 
+_IN_SI = 2.0 * np.pi  # what is larger may be meant in degrees or millimetres
 _LINKS_NAMED = 8  # of the links without a shape, in a sentence
 
 
@@ -162,9 +163,8 @@ class RobotValue(Summary):
         bare = self.bare_links
         if not bare:
             return ""
-        more = len(bare) - _LINKS_NAMED
-        names = ", ".join(bare[:_LINKS_NAMED]) + (f" and {more} more" if more > 0 else "")
-        return f"nothing is proven about {plural(len(bare), 'link')} without a collision shape: {names}"
+        links = plural(len(bare), "link")
+        return f"nothing is proven about {links} without a collision shape: {listed(bare, _LINKS_NAMED)}"
 
     def same_as(self, other: RobotValue) -> bool:
         """Whether another robot moves alike and has the same shape, so that a proof for one holds for the other."""
@@ -303,9 +303,10 @@ class RobotValue(Summary):
                 index = tuple(int(i) for i in np.argwhere(outside)[0])
                 k = index[-1]
                 name = self.joint_names[k - self.space.base_nv]
+                slides = bool(self.tree.prismatic[self.model.getJointId(name)])
                 raise ConfigurationError(
                     f"{what}: joint {name!r} = {coordinates[index]:.6g} is outside its limits "
-                    f"[{self.space.lower[k]:.6g}, {self.space.upper[k]:.6g}]"
+                    f"{_limits(float(coordinates[index]), self.space.lower[k], self.space.upper[k], slides=slides)}"
                 )
             for k in np.flatnonzero((np.atleast_2d(beyond) > 0.0).any(axis=0)):
                 i = int(self.space.idx_q[k - self.space.base_nv])
@@ -353,9 +354,17 @@ class RobotValue(Summary):
         return np.array([data.oMi[int(j)].act(p) for j, p in zip(points.joint, points.local, strict=True)])
 
 
+def _limits(value: float, low: float, high: float, *, slides: bool) -> str:
+    """Limits that a value is outside of, with their unit; and whether it may be meant in another one."""
+    scale, unit, other = (1e-3, "m", "mm") if slides else (np.pi / 180.0, "rad", "degrees")
+    meant = value * scale
+    hint = f"; {value:.6g} {other} are {meant:.6g} {unit}" if low <= meant <= high and abs(value) > _IN_SI else ""
+    return f"[{low:.6g}, {high:.6g}] {unit}{hint}"
+
+
 def _counted(names: tuple[str, ...]) -> str:
     """How many, and which."""
-    return f"{len(names)}" + (f": {', '.join(names)}" if names else "")
+    return f"{len(names)}" + (f": {listed(names)}" if names else "")
 
 
 def _counted_reasons(pairs: tuple[UncheckedPair, ...]) -> str:

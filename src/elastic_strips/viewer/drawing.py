@@ -15,6 +15,7 @@ from elastic_strips.hulls import convex_hull
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip.report import DeformReport, DeformStatus
+from elastic_strips.summary import shortened
 
 from . import commands, geometry
 from .commands import Command
@@ -335,7 +336,7 @@ class Drawing:
         clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
         reason = "" if report is None else report.reason or "not certified here"
         return [
-            commands.labels("/trouble", [reason[:_LONGEST_PLACE_REASON]] * len(label), label),
+            commands.labels("/trouble", [shortened(reason, _LONGEST_PLACE_REASON)] * len(label), label),
             *self._many("/trouble/spot", geometry.sphere(), clear, ball, room=1),
             *self._many("/trouble/head", geometry.sphere(), solid, head, room=1),
             *self._many("/trouble/pole", geometry.rod(), solid, pole, room=1),
@@ -381,7 +382,7 @@ def _bad(report: Report) -> bool:
 
 def _chip(report: Report, live: bool) -> Document:
     """The state in a word and a colour, and a note that says why where it is not as it is to be."""
-    status, note = report.status.value, report.reason[:_LONGEST_CARD_REASON]
+    status, note = report.status.value, shortened(report.reason, _LONGEST_CARD_REASON)
     if not live:
         chip = [status, _CHIP[status]]
         return {"chip": chip, "note": note} if _bad(report) else {"chip": chip}

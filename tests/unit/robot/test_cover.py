@@ -164,6 +164,18 @@ def test_a_hull_that_grows_much_is_warned_about(tmp_path: Path, caplog: pytest.L
     assert sticks_out(robot.model, robot.shapes, base) < 1e-6
 
 
+@pytest.mark.parametrize(
+    "shape", ['<cylinder radius="0.2" length="0.3"/>', '<sphere radius="0.2"/>', '<box size="1 2 3"/>']
+)
+def test_a_shape_that_is_its_own_piece_does_not_reach_out_of_itself(tmp_path: Path, shape: str) -> None:
+    robot = load_robot(write(tmp_path, link("base", f"<geometry>{shape}</geometry>")), base="omni")
+    (piece,) = robot.geometries
+    assert robot.shapes is not None
+    assert sticks_out(robot.model, robot.shapes, piece) < 1e-9
+    larger = piece_of("larger", ("base",), piece.joint, coal.Cylinder(1.5, 4.0), np.eye(4))
+    assert sticks_out(robot.model, robot.shapes, larger) > 0.4, "it is looked at where it is"
+
+
 @pytest.mark.parametrize("closed, least, most", [(True, 0.0, 0.06), (False, 0.1, 0.6)])
 def test_what_is_within_a_mesh_does_not_reach_out_of_it(
     tmp_path: Path, closed: bool, least: float, most: float

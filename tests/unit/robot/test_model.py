@@ -97,6 +97,7 @@ def test_home_is_the_srdfs_posture(silvermate):
         ),
         ({"wheel_left_joint": 0.0}, r"plans no joint 'wheel_left_joint'"),
         ({"arm_1_joint": 3.5}, r"joint 'arm_1_joint' = 3.5 is outside its limits \[-1, 3\]"),
+        ({"arm_1_joint": 90.0}, r"\[-1, 3\] rad; 90 \w+ are 1.5708 rad"),
         ({"arm_1_joint": np.nan}, r"\[4\] = nan is not finite"),
         ({"x": np.inf}, r"\[0\] = inf is not finite"),
         ({"yaw": np.nan}, r"not finite"),
