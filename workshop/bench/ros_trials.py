@@ -71,6 +71,7 @@ KINDS: dict[str, Trial] = {
     "drive": Trial(reaches=True),
     "depth": Trial(told=("--depth", "--magnified", "4"), params=("depths:=['depth/image']",), reaches=True),
     "path": Trial("path", "", *_MAP, reaches=True),
+    "path_level": Trial("path", "", _MAP[0], (*_MAP[1], "level:=palm_link"), reaches=True),
     "guard": Trial("pilot", params=("mode:=guard",)),
     "node_killed": Trial("kill node", exits=-9),
     "executor_killed": Trial("kill executor", exits=3),
@@ -93,7 +94,7 @@ KINDS: dict[str, Trial] = {
     "emergency_missing": Trial(fault="emergency_missing", params=("emergency:=emergency",), named="emergency"),
 }  # fmt: skip
 """The kinds of trials."""
-FAULTS = tuple(name for name in KINDS if name not in ("drive", "depth", "path", "guard"))
+FAULTS = tuple(name for name in KINDS if name not in ("drive", "depth", "path", "path_level", "guard"))
 """Those in which something goes wrong."""
 
 
@@ -171,7 +172,7 @@ class _Run:
 
     def __init__(self, folder: Path, domain: int, trial: Trial, seed: int, at: float, stack: ExitStack) -> None:
         self._folder, self._trial, self._seed, self._at, self._stack = folder, trial, seed, at, stack
-        self._frame = "map" if trial.params == _MAP[1] else "odom"
+        self._frame = "map" if _MAP[1][1] in trial.params else "odom"
         self._environment = variables(folder, domain)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._times: dict[str, list[tuple[float, float]]] = {}  # of each process: when [s], and its processor time [s]

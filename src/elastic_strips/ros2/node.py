@@ -139,10 +139,11 @@ class Ros2Node:
         if params.fix_from_tf:
             self._hear(load("tf2_msgs.msg").TFMessage, TF, quality(TF_DEPTH), self._on_tf)
         self._hear(geometry.PoseStamped, params.goal_pose, once, self._on_goal)
-        if params.hand is not None:
-            if find_frame(self.robot.model, params.hand) is None:
+        for what, frame in (("hand", params.hand), ("level", params.level)):
+            if frame is not None and find_frame(self.robot.model, frame) is None:
                 names = [str(frame.name) for frame in self.robot.model.frames]
-                raise ParameterError(f"hand: there is no frame {params.hand!r}{nearest_name(params.hand, names)}")
+                raise ParameterError(f"{what}: there is no frame {frame!r}{nearest_name(frame, names)}")
+        if params.hand is not None:
             self._hear(geometry.PoseStamped, params.hand_pose, once, self._on_hand)
         self._hear(nav.Path, params.plan_in, once, self._on_path)
         if not self.node.has_parameter("speed"):

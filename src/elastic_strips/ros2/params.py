@@ -71,6 +71,8 @@ class Ros2Params(Checked):
         path_posture: posture of the arm on such a path: ``home``, or another one that the robot's SRDF has a name
             for, or positions as ``joint:value``, the other joints as at home. The arm is moved before the robot sets
             out. None: it stays as it is when the path comes.
+        level: frame of the robot that is kept as level as it is when the node starts, such as a tray's, on the way to
+            goals and along paths of others. The robot drives on where that is not possible.
         goal_position, goal_angle: how near counts as reached.
         footprint_ahead: the ``footprint`` holds the robot for so long on its motion; 0: now.
         low, high: heights between which the points of clouds count.
@@ -119,6 +121,7 @@ class Ros2Params(Checked):
     backward: bool = False
     within: Positive = 0.3
     path_posture: tuple[str, ...] | None = None
+    level: str | None = None
     goal_position: Positive = 0.05
     goal_angle: Positive = 0.05
     footprint_ahead: NonNegative = 0.0
@@ -139,8 +142,11 @@ class Ros2Params(Checked):
             check_choice("actions", action, ACTIONS)
         for mount in self.mounts or ():
             mount_of(mount)
-        if self.path_posture and self.arm == "none":
-            raise ParameterError(f"path_posture={self.path_posture}: with arm='none' the arm is not commanded")
+        for name in ("path_posture", "level"):
+            if getattr(self, name) and self.arm == "none":
+                raise ParameterError(f"{name}={getattr(self, name)!r}: with arm='none' the arm is not commanded")
+        if self.level and self.mode == "guard":
+            raise ParameterError(f"level={self.level!r}: with mode='guard' somebody else commands the arm")
 
     @property
     def seen(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from types import FrameType
 
 from elastic_strips.arrays import Array
@@ -24,6 +25,7 @@ from elastic_strips.control.process import ExecutorProcess
 from elastic_strips.control.process.guard_process import GuardProcess
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.scene import Scene
+from elastic_strips.strip import OrientationConstraint
 
 from .driver import Ros2Driver
 from .motion import check_rate
@@ -84,6 +86,9 @@ def _drive(
 ) -> RunState:
     """Drive to goals."""
     q = node.robot.space.from_coordinates(start)
+    if node.params.level is not None:
+        kept = OrientationConstraint.from_configuration(node.robot, q, node.params.level)
+        drive = replace(drive, constraint=kept)
     executor = ExecutorProcess(node.robot, q, q, params=drive, limits=node.slower, log=node.params.log)
     stack.enter_context(executor)
     controller = Controller(

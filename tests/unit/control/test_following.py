@@ -5,16 +5,18 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from cases import each, refused
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from elastic_strips import load_robot
-from elastic_strips.control import Controller, RunState
+from elastic_strips.control import Controller, DriveParams, RunState
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.scene import Box, Scene
 from elastic_strips.sim import KinematicPlant
+from elastic_strips.strip import OrientationConstraint
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.strip.solver import System
 
@@ -98,8 +100,8 @@ def test_it_arrives_with_the_heading_that_is_given(silvermate):
 class Following:
     """A robot that is asked for something while it drives, and where it was at each step."""
 
-    def __init__(self, robot, scene=lambda t: Scene([], time=t)):
-        self.controller, self.scene = Controller(robot, robot.home(), robot.home(), scene(0.0)), scene
+    def __init__(self, robot, scene=lambda t: Scene([], time=t), params=None):
+        self.controller, self.scene = Controller(robot, robot.home(), robot.home(), scene(0.0), params=params), scene
         self.plant = KinematicPlant(robot, self.controller.limits, seed=1)
         self.plant.reset(robot.space.to_coordinates(robot.home()))
         self.k, self.measured, self.rows, self.speeds = 0, None, [], []
@@ -134,6 +136,29 @@ def test_the_joints_are_moved_first_and_stay_so_on_the_path(silvermate):
     assert np.abs(rows[left:, 3:] - wanted).max() < 0.15, "they are there before it sets out, and stay"
     ends = [reached.goal for reached in drive.controller.goals_reached if np.allclose(reached.goal[3:], wanted)]
     assert len(ends) == 1, "only the path's end is a goal"
+
+
+def test_the_arm_keeps_to_its_task_while_it_gives_way_on_the_path(silvermate):
+    """A hand that stays level, past a beam at its height; without the task it tilts there."""
+    tilts, beam = [], Box((0.3, 1.2, 0.1), at=(2.2, -0.75, 0.95), name="beam")
+    level = OrientationConstraint.from_configuration(silvermate, silvermate.home(), "palm_link")
+    for constraint in (level, None):
+        drive = Following(silvermate, lambda t: Scene([beam], time=t), DriveParams(constraint=constraint))
+        drive.run(0.1)
+        drive.controller.follow(PATH, within=0.3)
+        drive.run(60.0, lambda controller=drive.controller: controller.ended)
+        assert drive.controller.ended, drive.controller.reason
+        tilts.append(max(tilt(silvermate, row, level) for row in drive.rows))
+    assert tilts[0] < 2.0 * level.tolerance
+    assert tilts[1] > 2.0 * tilts[0]
+
+
+def tilt(robot, row, level):
+    """Angle [rad] between the axis that is to point up, and up; from the robot's own kinematics."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.space.from_coordinates(row))
+    axis = data.oMf[robot.model.getFrameId(level.frame)].rotation @ np.array(level.axis)
+    return float(np.arccos(np.clip(axis[2] / np.linalg.norm(axis), -1.0, 1.0)))
 
 
 def test_another_path_at_speed_goes_on_with_the_joints_as_they_are_to_be(silvermate):

@@ -50,6 +50,11 @@ def test_what_is_no_posture_is_refused(told: tuple[str, ...], error: type[Except
 def test_an_arm_that_is_not_commanded_takes_no_posture():
     with refused(ParameterError, "path_posture"):
         Ros2Params(arm="none", path_posture=("home",))
+    with refused(ParameterError, "level"):
+        Ros2Params(arm="none", level="palm_link")
+    with refused(ParameterError, "guard"):
+        Ros2Params(mode="guard", level="palm_link")
+    assert Ros2Params(level="palm_link").level == "palm_link"
 
 
 def test_fixes_come_from_one_place_and_transforms_are_between_named_frames():
