@@ -39,6 +39,8 @@ _STANDS_FIRST = 4.0  # [s] in which a robot that must not move has to stand
 _PILOT_TIME = 12.0  # [s]
 _NODE = "from elastic_strips.cli import main\nif __name__ == '__main__':\n    main()\n"
 _PROCESSES = ("node", "executor", "robot")
+_NEAR = 0.6  # [m] along and aside: the robot drives by odometry that slips
+_MOVED = 0.01  # [m] more than a robot that must not move may
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -351,49 +353,94 @@ class _Run:
 
     def figures(self, kind: str, trouble: str, left: list[str]) -> Figures:
         """What is to be said about it."""
-        trial, seen = self._trial, self.seen
-        begin = seen.get("fault_at_s") if trial.fault else None
-        if begin is None and self._acted is not None and seen:
-            begin = self._acted - seen["began_monotonic_s"]
-        until = seen.get("stood_from_s") if trial.act == "resume" else seen.get("moved_until_s")
-        stops = not trial.reaches or trial.act == "resume"
-        to_rest = None if begin is None or until is None or not stops else max(until - begin, 0.0)
-        since = seen["began_monotonic_s"] + begin if seen and begin is not None else self._acted
-        said = [text for t, text in self._said if since is None or t > since]
-        known = any(re.search(trial.named, text) for t, text in self._said if since is not None and t <= since)
-        named = None if not trial.named else not known and any(re.search(trial.named, text) for text in said)
-        x, y = (seen.get("at") or [math.nan] * 3)[:2]
-        reached = abs(x - self._end) < 0.5 and abs(y) < 0.6  # by odometry that slips
-        told = trial.act == "kill executor" or seen.get("last_command_was_rest")
-        still = trial.act == "kill robot" or bool(seen.get("at_rest") and told)
-        crashed = "Traceback" in self._text("node")
-        contacts = seen.get("contacts_at_speed", 0)
+        seen = self.seen
+        found = judged(
+            kind, seen, self._said, code=self._code, acted=self._acted, end=self._end, log=self._text("node"),
+            trouble=trouble, left=left,
+        )  # fmt: skip
         moved = seen.get("moved_until_s")
-        fine = (
-            (reached if trial.reaches else still)
-            and not trouble
-            and not contacts
-            and not crashed
-            and named is not False
-        )
-        if trial.fault == "emergency_missing":
-            fine = fine and (seen.get("path_m") or 0.0) < 0.01
         return {
             "kind": kind,
             "seed": self._seed,
-            "as_it_should": bool(fine and not left),
-            "trouble": trouble or ("Traceback" if crashed else ""),
+            "as_it_should": found.fine,
+            "trouble": trouble,
             "exit_code": self._code,
             "at_s": self._at,
-            "to_rest_s": to_rest,
+            "to_rest_s": found.to_rest,
             "drive_s": None if moved is None or seen["fast_from_s"] is None else moved - seen["moved_from_s"],
-            "named": named,
-            "said": list(dict.fromkeys(said))[-4:],
+            "named": found.named,
+            "said": found.said[-4:],
             "left": left,
             "processors": {name: _share(times) for name, times in self._times.items() if len(times) > 1},
-            "deviation_m": _deviation(seen) if trial.act == "path" and seen else None,
+            "deviation_m": _deviation(seen) if self._trial.act == "path" and seen else None,
             **{k: v for k, v in seen.items() if k not in ("way", "seed")},
         }
+
+
+class Judged(NamedTuple):
+    """What a trial came to.
+
+    Attributes:
+        fine: whether all of it is as it should be.
+        to_rest: time from when something went wrong until the robot stood [s]; None where that is not the question.
+        named: whether the diagnostics named it, from then on and not before; None where there is nothing to name.
+        said: what they said from then on.
+    """
+
+    fine: bool
+    to_rest: float | None
+    named: bool | None
+    said: list[str]
+
+
+def judged(
+    kind: str,
+    seen: Figures,
+    said: Sequence[tuple[float, str]],
+    *,
+    code: int | None,
+    acted: float | None,
+    end: float,
+    log: str,
+    trouble: str,
+    left: Sequence[str],
+) -> Judged:
+    """Judge a trial.
+
+    Args:
+        kind: one of `KINDS`.
+        seen: what the robot tells at its end; empty where it was killed.
+        said: when something was said by the diagnostics [s, monotonic], and what.
+        code: the node's exit code.
+        acted: when something was done to the processes [s, monotonic]; None where nothing was.
+        end: where the goal is along the corridor [m].
+        log: what the node printed.
+        trouble: what went wrong with the trial itself.
+        left: processes and files that are left.
+    """
+    trial = KINDS[kind]
+    begin = seen.get("fault_at_s") if trial.fault else None
+    if begin is None and acted is not None and seen:
+        begin = acted - seen["began_monotonic_s"]
+    until = seen.get("stood_from_s" if trial.act == "resume" else "moved_until_s")
+    stops = not trial.reaches or trial.act == "resume"
+    to_rest = None if begin is None or until is None or not stops else max(until - begin, 0.0)
+    since = seen["began_monotonic_s"] + begin if seen and begin is not None else acted
+    after = list(dict.fromkeys(text for t, text in said if since is None or t > since))
+    before = [text for t, text in said if since is not None and t <= since]
+    named = None
+    if trial.named:
+        named = any(re.search(trial.named, text) for text in after)
+        named = named and not any(re.search(trial.named, text) for text in before)
+    if trial.reaches:
+        x, y = seen["at"][:2] if seen else (math.nan, math.nan)
+        done = abs(x - end) < _NEAR and abs(y) < _NEAR and code == 0
+    else:
+        rests = trial.act == "kill executor" or seen.get("last_command_was_rest")
+        done = (trial.act == "kill robot" or bool(seen.get("at_rest") and rests)) and code == trial.exits
+    moved = trial.fault == "emergency_missing" and (seen.get("path_m") or 0.0) > _MOVED
+    wrong = bool(seen.get("contacts_at_speed")) or "Traceback" in log or bool(trouble or left) or moved
+    return Judged(done and named is not False and not wrong, to_rest, named, after)
 
 
 def swinging_path(length: float, count: int = 40) -> Array:
