@@ -121,6 +121,8 @@ def bench_ros_trials(
         MissingExtraError: rclpy is not installed.
     """
     load("rclpy")
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background; all who are started would have that
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     domain, rows = 101 + os.getpid() % 100, []
     told = ("--odometry", str(odometry), "--joint-states", str(odometry), "--reliable" if reliable else "--best-effort")
     for kind in kinds:
