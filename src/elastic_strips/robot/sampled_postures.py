@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import coal
 import numpy as np
@@ -21,6 +21,8 @@ _MESH_POSTURES = 40  # in which, at least, the meshes are asked, of pairs that a
 NEVER_POSTURES = 60  # in which pairs that never touch, as an SRDF says, are asked
 _TOUCH_DISTANCE = 1.5e-3  # [m] shapes nearer than this count as touching, where it is asked whether they always do
 GRAZING_DEPTH = 1e-3  # [m] by which what is held still may overlap: closed fingers do
+_FOLDED_DEPTH = 5e-3  # [m] by which links that one joint joins are in each other where it folds them together
+_FOLDED_POSTURES = 40  # of that joint, through its range
 _BODIES_WITHIN = 8  # of a mesh that are looked for inside of another one, in each of many postures
 _DOT = coal.Sphere(1e-6)  # [m]
 
@@ -77,6 +79,20 @@ class SampledPostures:
         for own, leader, multiplier, offset in self._followers:
             q[own] = multiplier * q[leader] + offset
         self.place(q)
+
+    def through(self, joint: str, count: int) -> Iterator[None]:
+        """Take postures through the range of one joint, the others in the middle; the neutral one first. None of a
+        joint that turns in a plane or in space, or that does not move."""
+        index = self._model.getJointId(joint)
+        if not 0 < index < self._model.njoints or self._model.nvs[index] != 1:
+            return
+        at, size = self._model.idx_qs[index], self._model.nqs[index]
+        q = np.clip(pin.neutral(self._model), self._low, self._high)
+        low, high = (float(self._low[at]), float(self._high[at])) if size == 1 else (-np.pi, np.pi)
+        for value in (float(q[at]) if size == 1 else 0.0, *np.linspace(low, high, count)):
+            q[at : at + size] = (value,) if size == 1 else (np.cos(value), np.sin(value))
+            self.place(q)
+            yield
 
     def near(self, pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
         """The pairs whose balls touch."""
@@ -161,6 +177,32 @@ def touching_at_first(postures: SampledPostures, of: Mapping[LinkPair, list[tupl
         for pair in left:
             counts[pair] += 1
     return counts
+
+
+def folded(postures: SampledPostures, of: Mapping[LinkPair, tuple[str, list[tuple[int, int]]]]) -> set[LinkPair]:
+    """Which links that a joint joins are apart as it is at first, and deep in each other where it folds them together.
+
+    Those that touch in more than half of its range are none: their shapes overlap on purpose. Nor are those whose hulls
+    meet where their meshes do not: nothing could tell them apart.
+
+    Args:
+        postures: of the robot.
+        of: pair of links → the joint, and pairs of their shapes.
+    """
+    found: set[LinkPair] = set()
+    for pair, (joint, each) in of.items():
+        deepest, touching = -np.inf, 0
+        for k, _ in enumerate(postures.through(joint, _FOLDED_POSTURES)):
+            depth = max(postures.depth(*member) for member in each)
+            if depth <= 0.0:
+                continue
+            if k == 0 or not any(postures.meshes_touch(*member, 0.0) for member in each):
+                deepest = -np.inf
+                break
+            deepest, touching = max(deepest, depth), touching + 1
+        if deepest > _FOLDED_DEPTH and touching <= 0.5 * _FOLDED_POSTURES:
+            found.add(pair)
+    return found
 
 
 def touching_in_some(postures: SampledPostures, of: Mapping[LinkPair, list[tuple[int, int]]]) -> dict[LinkPair, int]:

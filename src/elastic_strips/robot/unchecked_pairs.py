@@ -1,8 +1,9 @@
 """Which pairs of a robot's links are not looked at, and why.
 
-Every pair of links is looked at but those that one joint of the URDF joins, those that the SRDF leaves out, and those
-that touch in every sampled posture. All three are decided by links and shapes as the file has them, before joints are
-held still and hulls joined: what holding a joint makes neighbours, or what is fixed to a neighbour, is looked at.
+Every pair of links is looked at but those that one joint of the URDF joins without folding them together, those that
+the SRDF leaves out, and those that touch in every sampled posture. All three are decided by links and shapes as the
+file has them, before joints are held still and hulls joined: what holding a joint makes neighbours, or what is fixed to
+a neighbour, is looked at.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from .sampled_postures import (
     POSTURES,
     LinkPair,
     SampledPostures,
+    folded,
     mesh_shares,
     touching_at_first,
     touching_in_some,
@@ -140,10 +142,13 @@ def left_out(
     """
     by_links = _pairs_by_links(shapes)
     between = {pair: members for pair, members in by_links.items() if len(pair) > 1}
+    postures = SampledPostures(model, shapes, meshes, rules.followers)
     pairs = _told_unchecked(between, joints_of_links(model), rules)
+    joined = {p: (out.note, between[p]) for p, out in pairs.items() if out.why is WhyUnchecked.JOINED}
+    for pair in folded(postures, {pair: joint for pair, joint in joined.items() if pair not in rules.disabled}):
+        del pairs[pair]
     asked = {pair: members for pair, members in between.items() if pair not in pairs}
     never = {p: between[p] for p, out in pairs.items() if out.why is WhyUnchecked.SRDF and out.note == _NEVER_TOUCHING}
-    postures = SampledPostures(model, shapes, meshes, rules.followers)
     always, crowded, shares = _nearly_always_touching(postures, asked, shapes, meshes, shares or {})
     pairs |= always
     hidden = frozenset(pair for pair, share in shares.items() if share < (1.0 if pair in pairs else _HIDDEN_SHARE))

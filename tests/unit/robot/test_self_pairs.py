@@ -58,6 +58,47 @@ def write(folder: Path, *parts: str, name: str = "r.urdf") -> Path:
     return path
 
 
+UPPER = link("base", box("0.4 0.4 0.2")) + joint("shoulder", "0 0 0.15", "base", "upper")
+UPPER += link("upper", box("0.06 0.06 0.34"), "0 0 0.17")
+AXIS = "0 1 0"
+
+
+@each(
+    ("at", "span", "looked_at"),
+    [
+        ("0 0 0.36", (-2.4, 2.4), True),  # 2 cm apart while straight, and flat on each other at the end
+        ("0 0 0.36", (-1.0, 1.0), False),  # it does not turn so far
+        ("0 0 0.33", (-2.4, 2.4), False),  # always in each other, about the joint
+        ("0 0 0.50", (-2.4, 2.4), False),  # never
+    ],
+)
+def test_what_a_joint_folds_together_is_kept_apart(tmp_path: Path, at: str, span: tuple[float, float], looked_at: bool):
+    fore = joint("elbow", at, "upper", "fore", AXIS, span=span) + link("fore", box("0.08 0.08 0.3"), "0 0 0.17")
+    robot = load_robot(write(tmp_path, UPPER, fore), base="omni")
+    unchecked = [pair for pair in robot.unchecked_pairs if pair.links == ("fore", "upper")]
+    assert [pair.why for pair in unchecked] == ([] if looked_at else [WhyUnchecked.JOINED])
+    straight, bent = robot.home(), robot.home(joints={"elbow": span[1]})
+    assert robot.self_collision(straight) is None
+    path = np.stack([straight, bent])
+    assert es.certify(robot, Scene(), path).certified is not looked_at
+    if looked_at:  # by the file's own shapes
+        model = pin.buildModelFromUrdf(str(tmp_path / "r.urdf"))
+        shapes = pin.buildGeomFromUrdf(model, str(tmp_path / "r.urdf"), pin.COLLISION)
+        pin.updateGeometryPlacements(model, model.createData(), shapes, data := shapes.createData(), bent[-model.nq :])
+        one, two = (shapes.getGeometryId(f"{name}_0") for name in ("upper", "fore"))
+        at = [coal.Transform3s(data.oMg[k].rotation, data.oMg[k].translation) for k in (one, two)]
+        boxes = [shapes.geometryObjects[k].geometry for k in (one, two)]
+        assert coal.collide(boxes[0], at[0], boxes[1], at[1], coal.CollisionRequest(), coal.CollisionResult())
+    told = load_robot(tmp_path / "r.urdf", base="omni", srdf=told_adjacent(tmp_path))
+    assert any(pair.links == ("fore", "upper") for pair in told.unchecked_pairs), "somebody said so"
+
+
+def told_adjacent(folder: Path) -> Path:
+    path = folder / "r.srdf"
+    path.write_text('<robot name="r"><disable_collisions link1="upper" link2="fore" reason="Adjacent"/></robot>')
+    return path
+
+
 def mast(folder: Path, *more: str) -> Path:
     """A base with a mast, and an arm that turns into it."""
     return write(
@@ -302,12 +343,13 @@ def test_defaults_of_an_srdf_count(tmp_path, text, left):
 def test_a_pair_that_an_srdf_asks_for_is_looked_at_though_a_joint_joins_it(tmp_path):
     path = write(
         tmp_path, link("base", box("0.4 0.4 0.2")), link("arm", box("0.6 0.05 0.05"), "0.35 0 0"),
-        joint("lean", "0 0 0.2", "base", "arm", axis="0 1 0"),
+        joint("lean", "0 0 0.12", "base", "arm", axis="0 1 0"),
     )  # fmt: skip
-    plain = load_robot(path, base="fixed")
+    plain = load_robot(path, base="fixed")  # it lies on its base, as it is at first
     asked = load_robot(path, base="fixed", srdf=srdf(tmp_path, '<enable_collisions link1="arm" link2="base"/>'))
     assert (len(plain.self_pairs), len(asked.self_pairs)) == (0, 1)
-    assert not certified(asked, asked.home(), asked.home(lean=1.2))
+    assert certified(asked, asked.home(lean=-0.3), asked.home(lean=-0.6))
+    assert not certified(asked, asked.home(lean=-0.3), asked.home(lean=0.0))
 
 
 @each("name", ["r", "", "another_one"])
