@@ -283,15 +283,15 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         header, parts = read(given.proof)
         spare = check(header, **parts)
-        digests = {what: digest(header[what]) for what in ("robot", "scene")}
-        digests["path"] = path_digest(parts["rows"], header["way"])
-        for what, found in digests.items():
+        names = {k: digest(header[k]) for k in ("robot", "scene")} | {"path": path_digest(parts["rows"], header["way"])}
+        for what, found in names.items():
             demand(getattr(given, what) in (None, found), f"it is about another {what}: {found}")
     except Exception as problem:  # whatever breaks the checker is no proof
         print(f"REFUSED: {problem}" if isinstance(problem, (Refused, OSError)) else f"REFUSED: {problem!r}")
         return 2 if header is None and not isinstance(problem, Refused) else 3  # 2: nothing that can be read
-    print(f"PROVEN: clear by {header['clearance']} m of obstacles and {header['self_clearance']} m of itself")
-    print(f"{len(header['scene'])} obstacles, rows of {header['robot']['columns']!a}, way: {header['way']};", digests)
+    unsaid = [f"({what} not compared)" for what in names if getattr(given, what) is None]
+    print(f"PROVEN: clear by {header['clearance']} m of obstacles and {header['self_clearance']} m of itself", *unsaid)
+    print(f"{len(header['scene'])} obstacles, rows of {header['robot']['columns']!a}, way: {header['way']};", names)
     print(f"{len(parts['rows'])} rows, {len(parts['span'])} intervals, tightest with {1e3 * spare:.3g} mm to spare")
     return 0
 

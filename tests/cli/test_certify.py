@@ -15,6 +15,7 @@ from elastic_strips.collision import certify
 from elastic_strips.collision.proof import path_digest
 from elastic_strips.io import load_path, read_scene, write_path
 from elastic_strips.robot import RobotModel
+from elastic_strips.viewer import Viewer
 
 SCENE = "obstacles:\n  - {name: post, shape: box, size: [0.3, 0.3, 1.0], at: [2.0, 0.35, 0.5]}\n"
 MOVES = """obstacles:
@@ -73,6 +74,18 @@ def test_a_path_is_drawn(folder, path):
     assert page.stat().st_size > 100_000
 
 
+def test_the_repaired_path_is_drawn_where_one_is_written(folder, monkeypatch):
+    shown = []
+    for name in ("show", "animate"):
+        monkeypatch.setattr(Viewer, name, lambda self, robot, scene, report, name=name: shown.append((name, report)))
+    for written in ([], ["--repair", folder / "free.csv"]):
+        call(folder / "through.csv", *_robot(folder), *written, "--html", folder / "page.html")
+    (given_as, given), (repaired_as, repaired) = shown
+    assert (given_as, given.status.value) == ("show", "refuted")
+    assert (repaired_as, repaired.status.value) == ("animate", "certified")
+    assert len(repaired.strip) > len(given.strip)
+
+
 def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     repaired, proof = folder / "free.csv", folder / "p.npz"
     arguments = [folder / "through.csv", *_robot(folder), "--clearance", 0.01]
@@ -84,7 +97,9 @@ def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     assert answer["repair"]["certified"]
     assert answer["proof"]["path"] == path_digest(silvermate, load_path(repaired, silvermate), "arc")
     assert proof_checker.main([str(proof), "--path", answer["proof"]["path"]]) == 0
-    assert "PROVEN: clear by 0.01 m of obstacles" in capsys.readouterr().out
+    said = capsys.readouterr().out.splitlines()[0]
+    assert "PROVEN: clear by 0.01 m of obstacles" in said
+    assert [what for what in ("robot", "scene", "path") if f"({what} " in said] == ["robot", "scene"], "not compared"
     assert proof_checker.main([str(proof), "--scene", "0" * 32]) == 3
 
 

@@ -15,7 +15,9 @@ from cases import each
 from command_line import CALL, interrupted
 
 from elastic_strips.cli import main
+from elastic_strips.cli.drive_command import laser_note
 from elastic_strips.control.process.log_stream import read_log
+from elastic_strips.perception import LaserScan, SceneEstimator
 
 SHORT = """\
 name: short
@@ -75,6 +77,17 @@ def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
     assert end_of("drive", str(short), "--fault", "scene_frozen@1:1", "--json", "d.json") == 0
     events = json.loads((tmp_path / "d.json").read_text())["events"]
     assert any(e["kind"] == "fault" and "stale scene" in e["reason"] for e in events)
+
+
+def test_a_reason_that_names_what_a_laser_has_met_says_how_high_that_is_taken_to_be() -> None:
+    estimator = SceneEstimator()
+    angles = np.linspace(-3.0, 3.0, 50)
+    estimator.update(LaserScan("laser", 0.0, np.eye(4), angles, np.full(50, 2.0), 0.05, 10.0), (0.0, 0.0, 0.0))
+    names = estimator.scene().names
+    assert len({name.count("-") for name in names}) > 1, "on both sides of the origin"
+    for name in names:
+        assert laser_note(f"all 234 configurations that were found would touch something: fore and {name}")
+    assert not laser_note("all 234 configurations that were found would touch something: fore and mapboard-3")
 
 
 def test_by_sensors(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

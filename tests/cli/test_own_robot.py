@@ -139,6 +139,10 @@ def test_a_base_that_is_assumed_is_said(folder, capsys):
     assert _call("run", folder / "free.yaml", *robot, "--base", "omni") == 0
     assert _call("run", folder / "free.yaml") == 0
     assert "--base" not in capsys.readouterr().out
+    assert _call("robot", folder / "bot.urdf", "--package-dir", folder / "far") == 0
+    assert "--base" in capsys.readouterr().out
+    assert _call("robot", "silvermate") == 0
+    assert "--base" not in capsys.readouterr().out
 
 
 def test_arguments_of_xacro_files_are_given(folder, capsys):

@@ -9,8 +9,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from elastic_strips.cli.group import cli
+from elastic_strips.errors import ParameterError
 from elastic_strips.io.scene_file import read_scenario
 from elastic_strips.robot import load_robot
+from elastic_strips.trajectory import MotionLimits
 
 URDF = """<robot name="r"><link name="base"><collision><geometry><box size="0.5 0.4 0.2"/></geometry></collision></link>
 <link name="arm"><visual><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
@@ -47,6 +49,16 @@ def test_the_card_is_said_and_written(urdf: str, tmp_path: Path) -> None:
     assert "<iframe" in text
     assert BARE in text
     assert "http://" not in text.split("<iframe")[0]
+
+
+def test_what_is_not_known_of_wheels_is_said_whole(urdf: str) -> None:
+    """With the remedy, which a narrow column would cut."""
+    done = run("robot", urdf)
+    assert done.exit_code == 0, done.output
+    line = next(line for line in done.output.splitlines() if line.startswith("Speeds and accelerations"))
+    with pytest.raises(ParameterError) as found:
+        MotionLimits.for_robot(load_robot(urdf), joint_speed={"yaw": 1.0})
+    assert str(found.value) in line
 
 
 def test_options_change_it(urdf: str, tmp_path: Path) -> None:

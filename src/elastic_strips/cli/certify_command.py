@@ -153,6 +153,7 @@ def certify(
     from elastic_strips.collision import certify as certify_path
     from elastic_strips.io import load_path, read_scene_file
     from elastic_strips.robot import load_robot
+    from elastic_strips.strip import Strip
 
     options.check_outputs(path, repaired, proof, json_file, html_file, png_file, film_file)
     model = load_robot(robot, base=base, **described)
@@ -202,19 +203,26 @@ def certify(
             done = "proof" in document
     output.write_document("answer", json_file, document)
     shown = world.at(found.time) if timed and found.time is not None else scene  # what it touches is there then
-    draw = partial(_draw, model, shown, given, found)
+    drawn, about = given.q, found
+    if repaired is not None and isinstance(outcome.path, Strip):  # what was written is shown
+        drawn = outcome.path.q
+        about = certify_path(
+            model, scene, drawn, clearance=clearance, self_clearance=self_clearance, interpolation=outcome.interpolation
+        )
+    draw = partial(_draw, model, shown, drawn, about)
     options.write_pictures(draw, html_file, png_file, film_file, title=os.path.basename(path))
     if view:
         options.serve(draw, no_browser=no_browser, title=os.path.basename(path))
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
 
 
-def _draw(robot: RobotModel, scene: Scene, given: PathFile, found: PathCertificate, viewer: Viewer) -> None:
-    """The path that was given: the robot goes along it where it is certified, else it is where it touches something."""
+def _draw(robot: RobotModel, scene: Scene, q: Array, found: PathCertificate, viewer: Viewer) -> None:
+    """The path (N, nq) that was given, or repaired: the robot goes along it where it is certified, else it is where it
+    touches something."""
     from elastic_strips.viewer.path_report import PathReport
 
-    report = PathReport.of(robot, given.q, found)
-    if found.certified and len(given.q) > 1:
+    report = PathReport.of(robot, q, found)
+    if found.certified and len(q) > 1:
         viewer.animate(robot, scene, report)
     else:
         viewer.show(robot, scene, report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from elastic_strips.viewer.dragged_goal import DraggedGoal
 
 
+_LASER_MAP = re.compile(r"\bmap--?\d+--?\d+\b")  # a tile of what lasers have met
 _STOPS_TOLD = 5
 _COMPUTING_FACTOR = (
     "ms by the wall clock; {late} late in simulated time, in which computing costs {factor:g} × its processor time"
@@ -420,10 +422,25 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     for event in result.events:
         if event.kind == "replanned" and event.reason.startswith("switched"):
             output.say(f"  at {event.time:.2f} s {event.reason}")
+    if not outcome.reached and (note := laser_note(why)):
+        output.say(("  note:", output.NOTE), f" {note}")
     for time, reason in result.stops[:_STOPS_TOLD]:
         output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
     if len(result.stops) > _STOPS_TOLD:
         output.say(f"  … and {plural(len(result.stops) - _STOPS_TOLD, 'more stop')}")
+
+
+def laser_note(reason: str) -> str:
+    """What a reason leaves unsaid that names what a laser has met; empty where it names none."""
+    met = _LASER_MAP.search(reason)
+    return (
+        ""
+        if met is None
+        else (
+            f"{met[0]} is what a laser has met. A planar laser does not tell how high that is: it is taken to reach from the "
+            "floor to above the robot; a depth camera sees over it"
+        )
+    )
 
 
 def _say_contacts(outcome: DriveOutcome) -> None:

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from elastic_strips.catalogue import is_known
 from elastic_strips.errors import ParameterError
 from elastic_strips.files import atomic_write, check_writable
 
 from . import options, output
-from .robot_options import robot_options
+from .robot_options import robot_options, say_assumed_base
 
 if TYPE_CHECKING:
     from elastic_strips.robot import LoadOptions, RobotModel
@@ -50,6 +51,7 @@ def robot(
     card = model.card()
     card = card.with_section(_motion(model, limits), after=card.titles[1])
     output.say((card.name, output.NAME), f": {card.base}")
+    say_assumed_base(model, named=is_known(name) or base is not None)
     for trouble in card.troubles:
         output.say(("  note: ", output.NOTE), trouble)
     for section in card.sections:
@@ -100,7 +102,7 @@ def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
             wheel_radius=given.wheel_radius,
         )
     except ParameterError as error:
-        return CardSection(title, columns, (("wheels", "not known", str(error)),))
+        return CardSection(title, columns, (("wheels", "not known", "see above"),), str(error))
     if model.base_kind.value == "diff_drive":
         for what, value, unit, option in (
             ("track", found.track, "m", given.track),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elastic_strips.catalogue import is_known
-from elastic_strips.errors import RobotError, plural
+from elastic_strips.errors import RobotError, listed, plural
 
 from . import output
 from .options import Finite, JointValue
@@ -129,14 +129,17 @@ def load_robot(
             + f"locked: {_list(tuple(model.locked))}"
             + (f"; {model.unproven}" if model.unproven else "")
         )
-        named = is_known(robot or problem.robot) or base or problem.base
-        if not named and model.base_kind.value == "diff_drive":
-            output.say(("note:", output.NOTE), f" {_assumed_base(model)}")
+        say_assumed_base(model, named=bool(is_known(robot or problem.robot) or base or problem.base))
     return model
 
 
+def say_assumed_base(robot: RobotModel, *, named: bool) -> None:
+    """Note how a robot's base moves, where nobody has said so."""
+    if not named and robot.base_kind.value == "diff_drive":
+        output.say(("note:", output.NOTE), f" {_assumed_base(robot)}")
+
+
 def _assumed_base(robot: RobotModel) -> str:
-    """A note about how a robot's base moves where nobody has said so."""
     said = f"the base of {robot.name} is taken to move as by a differential drive (--base diff_drive, omni or fixed)"
     try:
         return f"{said}, with the wheels of {robot.wheels.joints[0]} and {robot.wheels.joints[1]}"
@@ -145,5 +148,4 @@ def _assumed_base(robot: RobotModel) -> str:
 
 
 def _list(names: tuple[str, ...]) -> str:
-    more = f" and {len(names) - _ROBOTS_NAMED} more" if len(names) > _ROBOTS_NAMED else ""
-    return (", ".join(names[:_ROBOTS_NAMED]) or "none") + more
+    return listed(names, _ROBOTS_NAMED) or "none"

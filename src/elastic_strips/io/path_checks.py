@@ -8,7 +8,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL, ConfigurationSpace
+from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL, MOST_TURNS, ConfigurationSpace
 
 from .path_table import BASE_NAMES, Angles, PathTable, PlacedPath
 
@@ -16,7 +16,6 @@ MAX_ANGLE = 1e4
 """Largest yaw, or value of a joint without limits [rad]."""
 _LATEST_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
 _SAME_TIME = 1e-9  # [s]
-_MOST_RADIANS = 4.0 * np.pi  # [rad] what turns farther, of a file that names no unit, may be in degrees
 _WIDEST_PATH = 500.0  # [m] what goes farther, of a file that names no unit, may be in millimetres
 
 
@@ -54,7 +53,7 @@ def check_values(
         placed.doubts.append(
             f"millimetres? The base goes {wide:.6g} m, and the file names no unit. Name it (x_m, y_m or x_mm, y_mm)"
         )
-    turning = [names[i] for i in np.flatnonzero(endless & unsaid) if np.abs(values[:, i]).max() > _MOST_RADIANS]
+    turning = [names[i] for i in np.flatnonzero(endless & unsaid) if np.abs(values[:, i]).max() > MOST_TURNS]
     if turning:
         placed.doubts.append(
             f"degrees? {', '.join(turning)} turn by more than two turns, and the file names no unit. Name it "

@@ -14,6 +14,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot.inverse_kinematics import rotation_of
+from elastic_strips.robot.space import beyond_turns
 from elastic_strips.validation import Checked, Finite, check_array, check_count, check_fields
 
 if TYPE_CHECKING:
@@ -150,6 +151,8 @@ class BasePose(Checked):
     def __post_init__(self) -> None:
         check_fields(self)
         _check_box("BasePose.within", self.within, 2)
+        if self.yaw is not None and (said := beyond_turns(self.yaw)):
+            raise ParameterError(f"BasePose(...): yaw={self.yaw!r} {said}")
 
     def __str__(self) -> str:
         return f"base at ({self.x:g}, {self.y:g}) m" + ("" if self.yaw is None else f", {self.yaw:g} rad")
@@ -221,10 +224,12 @@ def by_name(goal: Mapping[str, object]) -> AllOf | Mapping[str, float]:
     """What a mapping means: coordinates by name, or poses by frame.
 
     Raises:
-        ParameterError: it has both, or a pose that is none, or is of another frame.
+        ParameterError: it has both, a pose that is none, or is of another frame, or a yaw that must be in degrees.
     """
     numbers = {name for name, value in goal.items() if not isinstance(value, HandPose) and np.ndim(value) == 0}  # type: ignore[arg-type]
     if len(numbers) == len(goal):
+        if isinstance(yaw := goal.get("yaw"), (int, float)) and (said := beyond_turns(yaw)):
+            raise ParameterError(f"goal: yaw={yaw!r} {said}")
         return goal  # type: ignore[return-value]
     if numbers:
         raise ParameterError(

@@ -21,13 +21,16 @@ from .report import PlanReport
 _log = logging.getLogger(__name__)
 _BROKEN_BEFORE_SEARCH = 0.4  # [s]
 _BETWEEN_SEARCHES, _LONGEST_SEARCH = 1.0, 1.0  # [s]
+_STRETCHED = 1.4  # how many times as long as before a strip is that something carries along, so that a path is planned
+_SHORTER = 0.8  # of its length, at most: only then that path is taken
 
 
 class StripKeeper(OneThread):
     """Workspace: keeps one strip, tick by tick.
 
     Where the strip stays broken for 0.4 s a path is replanned, in another thread, and taken where it is certified in
-    the scene of that moment and leads to the same goal. While start or goal touches something the strip waits.
+    the scene of that moment and leads to the same goal. So it is where the strip has become much longer, as somebody
+    who walks carries it along, and the path is much shorter. While start or goal touches something the strip waits.
 
     It is no `Controller`: nothing moves along the strip, and nobody has to stop for it.
 
@@ -52,6 +55,7 @@ class StripKeeper(OneThread):
         self._deformer, self._ends = Deformer(robot, params), Deformer(robot, params)
         self.report: DeformReport = self._deformer.step(strip, scene)
         self._broken_since: float | None = None
+        self._length = strip.length  # [m] as it began, or when a path was planned last
         self._searched = -np.inf
         self._search: Future[PlanReport] | None = None
         self._searches = ThreadPoolExecutor(1, thread_name_prefix="elastic-strips search")
@@ -76,11 +80,14 @@ class StripKeeper(OneThread):
         except ElasticStripsError as error:  # say start or goal touch something: the report says so as well
             _log.debug("no path: %s", error)
             return None
-        if self.report.certified or not np.array_equal(strip.q[-1], self.report.strip.q[-1]):
+        if not np.array_equal(strip.q[-1], self.report.strip.q[-1]):
+            return None
+        if self.report.certified and strip.length > _SHORTER * self.report.strip.length:
             return None
         if not self._deformer.certify(strip, scene).certified:
             return None
         self.replans += 1
+        self._length = strip.length
         return strip
 
     @exclusive
@@ -114,14 +121,14 @@ class StripKeeper(OneThread):
         return None
 
     def _look_for_path(self, now: float, scene: Scene) -> None:
-        """Replan where the strip stays broken."""
+        """Replan where the strip stays broken, or is carried along."""
         if self.report.certified:
-            self._broken_since = None
-            return
-        self._broken_since = now if self._broken_since is None else self._broken_since
-        waited = now - self._broken_since >= _BROKEN_BEFORE_SEARCH and now - self._searched >= _BETWEEN_SEARCHES
-        if waited and self._search is None:
-            self._searched = now
+            self._broken_since, needed = None, self.report.strip.length > _STRETCHED * self._length
+        else:
+            self._broken_since = now if self._broken_since is None else self._broken_since
+            needed = now - self._broken_since >= _BROKEN_BEFORE_SEARCH
+        if needed and now - self._searched >= _BETWEEN_SEARCHES and self._search is None:
+            self._searched, self._length = now, max(self._length, self.report.strip.length)
             q = self.report.strip.q
             self._search = self._searches.submit(
                 plan_report, self.robot, scene, q[0], q[-1], params=self._params, timeout=_LONGEST_SEARCH

@@ -61,6 +61,16 @@ MAX_TRAVEL = 1e4
 """Farthest [m] that a path may take a base from the origin, along x and along y."""
 
 
+MOST_TURNS = 4.0 * np.pi
+"""What turns farther [rad] may be meant in degrees."""
+
+
+def beyond_turns(angle: float) -> str:
+    """What is wrong with an angle [rad] that may be meant in degrees, to follow it; empty where it is not."""
+    wrong = abs(angle) > MOST_TURNS
+    return f"rad is beyond two turns; angles are in radians: math.radians({angle:g})" if wrong else ""
+
+
 def is_follower(joint: pin.JointModel) -> bool:
     """Whether a joint of a Pinocchio model follows another one, and has no coordinate of its own."""
     return joint.shortname() == "JointModelMimic"

@@ -18,7 +18,7 @@ from elastic_strips.summary import Summary
 from .geometry import LinkGeometry, collision_data
 from .kinematics import ControlPoints, KinematicTree, find_frame
 from .mimic import Following, carrier_name, followers_of, repaired
-from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace
+from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace, beyond_turns
 from .unchecked_pairs import UncheckedPair
 from .urdf import UrdfSource, read_urdf
 from .wheels import DrivenWheels, driven_wheels
@@ -213,10 +213,8 @@ class RobotValue(Summary):
         for name, value in [("x", x), ("y", y), ("yaw", yaw), *named.items()]:
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
                 raise ConfigurationError(f"home(...): {name}={value!r} is not a number")
-        if abs(yaw) > 4.0 * np.pi:
-            raise ConfigurationError(
-                f"home(...): yaw={yaw!r} rad is beyond two turns; angles are in radians: math.radians({yaw:g})"
-            )
+        if said := beyond_turns(yaw):
+            raise ConfigurationError(f"home(...): yaw={yaw!r} {said}")
         if self.space.planar:
             coordinates[:3] = (x, y, yaw)
         elif (x, y, yaw) != (0.0, 0.0, 0.0):

@@ -28,6 +28,14 @@ def hand(robot: RobotModel, q: np.ndarray, frame: str = "hand_frame") -> pin.SE3
     return data.oMf[robot.model.getFrameId(frame)].copy()
 
 
+def test_a_heading_in_degrees_is_asked_about(silvermate):
+    with refused(ParameterError, "yaw"):
+        BasePose(4.0, 1.0, 90.0)
+    with refused(ParameterError, "yaw"):
+        find_goals(silvermate, SCENE, silvermate.home(), {"x": 4.0, "yaw": 90.0})
+    assert BasePose(4.0, 1.0, -3.0 * np.pi).yaw == -3.0 * np.pi, "turns are counted"
+
+
 def test_a_hand_far_away_brings_the_base(silvermate):
     start = silvermate.home(x=-1.0)
     search = find_goals(silvermate, SCENE, start, HandPose("hand_frame", (4.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0)))

@@ -304,6 +304,10 @@ def test_keys_hide_and_show_and_frame(opened, live):
     assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(eye, abs=1e-6)
     page.keyboard.press("h")
     page.wait_for_function("byId('es-toast').textContent.includes('C  ')")
+    page.evaluate("toast('the strip waits')")
+    assert page.inner_text("#es-toast").count("the card, more or less") == 1
+    page.keyboard.press("h")
+    assert page.evaluate("byId('es-toast').style.display") == "none", "a second time closes it"
 
 
 def test_an_obstacle_is_moved_by_keys(opened, live):

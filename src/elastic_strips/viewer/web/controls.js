@@ -334,7 +334,8 @@ let toasting = null;
 function toast(text) {
   if (document.body.dataset.ended) return;
   const box = byId("es-toast"), said = box.style.display === "block" ? box.textContent.split("\n") : [];
-  box.textContent = [...said.filter((line) => line !== text), text].join("\n");  // what is still up stays up
+  const lines = text.split("\n");
+  box.textContent = [...said.filter((line) => !lines.includes(line)), ...lines].join("\n");  // what is still up stays up
   box.style.display = "block";
   clearTimeout(toasting);
   toasting = setTimeout(() => { box.style.display = "none"; }, Math.max(2500, 60 * box.textContent.length));

@@ -8,9 +8,14 @@ const step_time = (by) => {
 };
 const SIGNS = { " ": "Space", arrowup: "\u2191", arrowdown: "\u2193", arrowleft: "\u2190", arrowright: "\u2192" };
 const plays = () => byId("es-play").style.display === "flex";
+const show_keys = () => {
+  const box = byId("es-toast"), lines = ACTIONS.filter(([, , may]) => may()).map(([k, what]) =>
+    `${SIGNS[k] || k[0].toUpperCase() + k.slice(1)}  ${what}`).join("\n");
+  if (box.style.display === "block" && box.textContent.includes(lines)) box.style.display = "none";
+  else toast(lines);
+};
 const ACTIONS = [  // key, what it does, when it does it, how
-  ["h", "what the keys do", () => true, () => toast(ACTIONS.filter(([, , may]) => may()).map(([k, what]) =>
-    `${SIGNS[k] || k[0].toUpperCase() + k.slice(1)}  ${what}`).join("\n"))],
+  ["h", "what the keys do", () => true, show_keys],
   ["f", "all in the picture", () => !!home, () => { look(...home); viewer.set_dirty(); }],
   ["c", "the card, more or less of it", () => !!newest, () => fold(!folded)],
   [" ", "play or pause", plays, () => byId("es-toggle").click()],
