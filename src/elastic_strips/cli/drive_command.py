@@ -432,14 +432,11 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
 
 def laser_note(reason: str) -> str:
     """What a reason leaves unsaid that names what a laser has met; empty where it names none."""
-    met = _LASER_MAP.search(reason)
+    if (met := _LASER_MAP.search(reason)) is None:
+        return ""
     return (
-        ""
-        if met is None
-        else (
-            f"{met[0]} is what a laser has met. A planar laser does not tell how high that is: it is taken to reach from the "
-            "floor to above the robot; a depth camera sees over it"
-        )
+        f"{met[0]} is what a laser has met. A planar laser does not tell how high that is: it is taken to reach from the "
+        "floor to above the robot. A depth camera sees over it"
     )
 
 
