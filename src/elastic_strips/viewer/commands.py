@@ -392,7 +392,8 @@ def _packed_script() -> str:
 
 @cache
 def _packed_page() -> str:
-    return _packed("".join(map(_text, ("page.js", "controls.js", "sight.js", "keys.js"))).encode())
+    lines = "".join(map(_text, ("page.js", "controls.js", "sight.js", "keys.js"))).splitlines()
+    return _packed("\n".join(line for line in lines if not line.lstrip().startswith("//")).encode())
 
 
 def inline_frame(page: str) -> str:
