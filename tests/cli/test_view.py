@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import each
 from command_line import interrupted
 from synthetic_run import moving_world, straight_run
 
@@ -67,6 +69,17 @@ def test_a_record_is_replayed(
     text = page.read_text(encoding="utf-8")
     assert "<title>straight on</title>" in text
     assert len(text) > 500_000
+
+
+@each("options, moment", [([], math.inf), (["--begin", 0.1], None)])
+def test_a_picture_of_a_record_is_of_its_end(
+    file: Path, options: list[object], moment: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the picture of its drive is, or of where the replay is to begin."""
+    asked = []
+    monkeypatch.setattr(Viewer, "save_png", lambda self, name, time=None: asked.append(time) or name)
+    assert call("view", file, *options, "--png", file.with_name("p.png")) == 0
+    assert asked == [moment]
 
 
 def test_a_robot_that_has_moved_is_named_by_an_option(file: Path, capsys: pytest.CaptureFixture[str]) -> None:

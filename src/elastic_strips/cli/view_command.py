@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,7 +91,8 @@ def view(
             viewer.animate(model, scene, strip, duration=10.0)
 
     if html_file or png_file or film_file:
-        options.write_pictures(draw, html_file, png_file, film_file, title=title)
+        end_of_record = math.inf if kind == "a record" and begin is None else None  # as in the picture of its drive
+        options.write_pictures(draw, html_file, png_file, film_file, title=title, moment=end_of_record)
     else:
         options.serve(draw, no_browser=no_browser, title=title)
 

@@ -278,10 +278,13 @@ def test_the_robot_is_shown_where_it_is(silvermate, record):
 
 STATE = """new Promise((done) => {
   fold(false); animator.pause(); animator.seek(6.0); animator.display_progress(6.0);
+  found = 0;
+  find_robot();  // before anything is drawn
+  const looked = viewer.scene.worldToLocal(sight.esRobot.value.clone()).x;
   const at = (path) => viewer.scene_tree.find(path.split("/").filter((x) => x)).object;
   setTimeout(() => done({
     card: document.getElementById("es-card").innerText,
-    robot: at("/robot/1").position.x, person: at("/obstacles/person").position.y,
+    looked, robot: at("/robot/1").position.x, person: at("/obstacles/person").position.y,
     box: at("/obstacles/box").visible, bin: at("/obstacles/bin").visible,
     hand: at("/playback/trace/hand/<object>").count,
     strips: at("/playback/strips").children.filter((c) => c.visible).length,
@@ -297,6 +300,7 @@ def test_a_browser_plays_it(silvermate, record, tmp_path, look):
     picture = picture[150:]
     row = int(np.searchsorted(record.control.time, 6.0))
     assert state["robot"] == pytest.approx(record.control.coordinates[row, 0], abs=0.02)
+    assert state["looked"] == pytest.approx(state["robot"], abs=0.3), "what stands before the robot is looked through"
     assert state["person"] == pytest.approx(-2.4 + 0.55 * 6.0, abs=0.02)
     assert (state["box"], state["bin"], state["strips"]) == (False, True, 1)
     assert 10 < state["hand"] < 400

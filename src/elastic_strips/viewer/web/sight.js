@@ -36,6 +36,7 @@ function find_robot() {
   const box = new T.Box3(), p = new T.Vector3();
   each_mesh(node, ["robot"], (object) => {
     if (!object.geometry) return;
+    object.updateWorldMatrix(true, false);  // where it is in the picture that is about to be drawn
     if (!object.geometry.boundingSphere) object.geometry.computeBoundingSphere();
     const { center, radius } = object.geometry.boundingSphere;
     p.copy(center).applyMatrix4(object.matrixWorld);
