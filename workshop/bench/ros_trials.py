@@ -184,6 +184,7 @@ class _Run:
         self._said: list[tuple[float, str]] = []  # what diagnostics said, and when [s, monotonic]
         self._acted: float | None = None
         self._code: int | None = None
+        self._stuck = ""  # what did not end
         self._end = _LENGTH
         self.seen: Figures = {}
 
@@ -346,16 +347,18 @@ class _Run:
                 continue
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
+            try:
                 code = process.wait(_LONGEST_END)
                 self._code = code if name == "node" else self._code
+            except subprocess.TimeoutExpired:
+                self._stuck = f"the {name} did not end within {_LONGEST_END:g} s: {self._text(name)[-800:]}"
         path = self._folder / "robot.json"
         with suppress(OSError, ValueError):
             self.seen = json.loads(path.read_text())
 
     def figures(self, kind: str, trouble: str, left: list[str]) -> Figures:
         """What is to be said about it."""
-        seen = self.seen
+        seen, trouble = self.seen, trouble or self._stuck
         found = judged(
             kind, seen, self._said, code=self._code, acted=self._acted, end=self._end, log=self._text("node"),
             trouble=trouble, left=left,

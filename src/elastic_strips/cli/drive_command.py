@@ -435,8 +435,8 @@ def laser_note(reason: str) -> str:
     if (met := _LASER_MAP.search(reason)) is None:
         return ""
     return (
-        f"{met[0]} is what a laser has met. A planar laser does not tell how high that is: it is taken to reach from "
-        "the floor to above the robot. A depth camera sees over it"
+        f"{met[0]} is what a laser has met. A planar laser does not tell how high that is, so it is taken to be tall; "
+        "a depth camera sees over it"
     )
 
 

@@ -23,6 +23,7 @@ _TOUCH_DISTANCE = 1.5e-3  # [m] shapes nearer than this count as touching, where
 GRAZING_DEPTH = 1e-3  # [m] by which what is held still may overlap: closed fingers do
 _FOLDED_DEPTH = 5e-3  # [m] by which links that one joint joins are in each other where it folds them together
 _FOLDED_POSTURES = 40  # of that joint, through its range
+_FOLDED_SHARE = 0.75  # of these, at most, in which they touch
 _BODIES_WITHIN = 8  # of a mesh that are looked for inside of another one, in each of many postures
 _DOT = coal.Sphere(1e-6)  # [m]
 
@@ -182,8 +183,8 @@ def touching_at_first(postures: SampledPostures, of: Mapping[LinkPair, list[tupl
 def folded(postures: SampledPostures, of: Mapping[LinkPair, tuple[str, list[tuple[int, int]]]]) -> set[LinkPair]:
     """Which links that a joint joins are apart as it is at first, and deep in each other where it folds them together.
 
-    Those that touch in more than half of its range are none: their shapes overlap on purpose. Nor are those whose hulls
-    meet where their meshes do not: nothing could tell them apart.
+    Those that touch in more than three quarters of its range are none: their shapes overlap on purpose. Nor are those
+    whose hulls meet where their meshes do not: nothing could tell them apart.
 
     Args:
         postures: of the robot.
@@ -200,7 +201,7 @@ def folded(postures: SampledPostures, of: Mapping[LinkPair, tuple[str, list[tupl
                 deepest = -np.inf
                 break
             deepest, touching = max(deepest, depth), touching + 1
-        if deepest > _FOLDED_DEPTH and touching <= 0.5 * _FOLDED_POSTURES:
+        if deepest > _FOLDED_DEPTH and touching <= _FOLDED_SHARE * _FOLDED_POSTURES:
             found.add(pair)
     return found
 

@@ -66,7 +66,7 @@ def run_node(arguments: Sequence[str] = (), params: Ros2Params | None = None, *,
         ConfigurationError: the robot's topics do not come, or too seldom.
         ParameterError: a parameter is wrong.
     """
-    with ExitStack() as stack, _terminated():
+    with ExitStack() as stack, interrupted() as asked:
         clear_left()
         stack.callback(clear_left)  # of the executor, where that was killed
         node = Ros2Node(params, ["--ros-args", *arguments] if arguments and arguments[0] != "--ros-args" else arguments)
@@ -78,13 +78,19 @@ def run_node(arguments: Sequence[str] = (), params: Ros2Params | None = None, *,
             f"tracking error {drive.tracking_error:g} m"
         )
         run = _guard if node.params.mode == "guard" else _drive
-        return run(node, stack, start, rate, drive, goals)
+        return run(node, stack, start, rate, drive, goals, asked)
 
 
 def _drive(
-    node: Ros2Node, stack: ExitStack, start: Array, rate: float, drive: DriveParams, goals: int | None
+    node: Ros2Node,
+    stack: ExitStack,
+    start: Array,
+    rate: float,
+    drive: DriveParams,
+    goals: int | None,
+    asked: threading.Event,
 ) -> RunState:
-    """Drive to goals."""
+    """Drive to goals, until somebody has asked for the end."""
     q = node.robot.space.from_coordinates(start)
     if node.params.level is not None:
         kept = OrientationConstraint.from_configuration(node.robot, q, node.params.level)
@@ -99,12 +105,20 @@ def _drive(
     controller.warm_up()  # by what there is to plan among
     _catch_up(node, executor)
     node.telling.log("ready for goals")
-    _plan(node, controller, executor, rate, goals)
+    _plan(node, controller, executor, rate, goals, asked)
     return controller.state
 
 
-def _guard(node: Ros2Node, stack: ExitStack, start: Array, rate: float, drive: DriveParams, _: int | None) -> RunState:
-    """Guard what somebody else commands, until the process is lost."""
+def _guard(
+    node: Ros2Node,
+    stack: ExitStack,
+    start: Array,
+    rate: float,
+    drive: DriveParams,
+    _: int | None,
+    asked: threading.Event,
+) -> RunState:
+    """Guard what somebody else commands, until the process is lost or somebody has asked for the end."""
     params = node.params
     own = GuardParams(drive=drive, oldest=params.oldest_command)
     guard = GuardProcess(node.robot, node.robot.space.from_coordinates(start), own, limits=node.slower, log=params.log)
@@ -114,6 +128,7 @@ def _guard(node: Ros2Node, stack: ExitStack, start: Array, rate: float, drive: D
     _begin(node, stack, guard)
     node.telling.log(f"ready for commands on {params.cmd_vel_in} and {params.joint_velocities_in}")
     while not guard.lost or guard.run.state is not RunState.FAILED:
+        _check(asked)
         t, scene = guard.now, node.sensing.scene
         if scene is not None and scene is not seen:
             seen = scene
@@ -182,7 +197,9 @@ def _first_scene(node: Ros2Node, executor: ExecutorProcess) -> Scene:
 def _catch_up(node: Ros2Node, executor: ExecutorProcess) -> None:
     """Wait until perception, which warming up has held up, has a scene of now: an old one is a fault."""
     end = executor.now + _LONGEST_CATCHING_UP
-    while executor.now < end and executor.now - (node.sensing.scene or Scene()).time > 0.5 * node.params.oldest_scene:
+    while executor.now < end and (scene := node.sensing.scene) is not None:
+        if executor.now - scene.time <= 0.5 * node.params.oldest_scene:
+            break
         time.sleep(0.01)
     node.sensing.excuse()
 
@@ -203,16 +220,24 @@ def _see(node: Ros2Node, stack: ExitStack) -> None:
     stack.callback(lambda: (ending.set(), thread.join(2.0)))
 
 
-def _plan(node: Ros2Node, controller: Controller, executor: ExecutorProcess, rate: float, goals: int | None) -> None:
-    """Plan, until the executor is lost or the last goal is over."""
+def _plan(
+    node: Ros2Node,
+    controller: Controller,
+    executor: ExecutorProcess,
+    rate: float,
+    goals: int | None,
+    asked: threading.Event,
+) -> None:
+    """Plan, until the executor is lost, the last goal is over or somebody has asked for the end."""
     told, seen, ticks = -math.inf, None, 0
     while not executor.lost or controller.state is not RunState.FAILED:
+        _check(asked)
         t = executor.now
         node.correct(*executor.estimated)
         node.requests.do(controller, node.telling.log)
         scene = node.sensing.scene
         newer = _newer(scene, seen, t)  # one that came since t is for the next tick
-        seen = newer or seen
+        seen = seen if newer is None else newer  # which may be empty
         controller.plan(t, newer)
         node.telling.tell_state(controller)
         node.telling.tell_wait(controller, t)
@@ -238,19 +263,33 @@ def _newer(scene: Scene | None, seen: Scene | None, t: float) -> Scene | None:
     return scene if scene is not None and scene is not seen and scene.time <= t else None
 
 
+def _check(asked: threading.Event) -> None:
+    if asked.is_set():
+        raise KeyboardInterrupt
+
+
 @contextmanager
-def _terminated() -> Iterator[None]:
-    """SIGTERM and a closed terminal end as Ctrl-C does: with a stop."""
+def interrupted() -> Iterator[threading.Event]:
+    """SIGTERM and a closed terminal end as Ctrl-C does: with a stop.
+
+    Yields:
+        What is set from then on: Python drops an exception that comes while an object is finalized, Ctrl-C's as well.
+    """
+    asked = threading.Event()
 
     def end(number: int, frame: FrameType | None) -> None:
+        asked.set()
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield asked
         return
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    numbers = [signal.SIGTERM, signal.SIGHUP]
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored, or somebody else's
+        numbers.append(signal.SIGINT)
+    before = {number: signal.signal(number, end) for number in numbers}
     try:
-        yield
+        yield asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,0 +1,71 @@
+"""The node's end: what ends it, ends it, whenever it comes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+import pytest
+from cases import each
+
+from elastic_strips.ros2.running import interrupted
+
+ENDS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+
+
+class Finalized:
+    """Signals this process while it is finalized, where Python drops the exception."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+    def __del__(self) -> None:
+        os.kill(os.getpid(), self.number)
+        sum(range(1000))  # the handler runs in here
+
+
+@each("number", ENDS)
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_what_python_drops_is_not_lost(number: int):
+    before = signal.getsignal(number)
+    with interrupted() as asked:
+        assert not asked.is_set()
+        Finalized(number)
+        assert asked.is_set()
+    assert signal.getsignal(number) is before
+
+
+@each("number", ENDS)
+def test_it_is_raised_at_once_where_that_can_be(number: int):
+    def run() -> None:
+        with interrupted() as asked:
+            os.kill(os.getpid(), number)
+            asked.wait(1.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        run()
+
+
+def test_what_is_ignored_stays_ignored():
+    """As of a program in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with interrupted() as asked:
+            os.kill(os.getpid(), signal.SIGINT)
+            assert not asked.wait(0.05)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_threads_have_no_signals():
+    found = []
+
+    def enter() -> None:
+        with interrupted() as asked:
+            found.append(asked.is_set())
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert found == [False]
