@@ -30,6 +30,7 @@ from .messages import (
     fill_trajectory,
     fill_twist,
     joints_of,
+    kind_of,
     nanoseconds,
     place_of,
     transform_of,
@@ -210,7 +211,7 @@ class Ros2Driver:
                 try:
                     take(taken[0])
                 except MessageError as error:
-                    what = f"{topic}: {str(error).split(':')[0]}"
+                    what = f"{topic}: {kind_of(error)}"
                     self.counts[what] += 1
                     if len(self._notes) < _MOST_NOTES:
                         self._notes[what] = None

@@ -6,6 +6,7 @@ Nothing here needs rclpy. What cannot be used raises a `MessageError`; who reads
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -27,6 +28,14 @@ _FULL = 100  # occupancy of a cell that is certainly occupied
 _DEPTHS = {"16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3), "32FC1": ("f4", 1.0)}  # encoding → kind, unit [m]
 _Depths = npt.NDArray[np.float32]
 _OK, _WARN, _ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
+
+
+_NUMBERS = re.compile(r"-?\d[\d.]*")
+
+
+def kind_of(error: Exception) -> str:
+    """What is wrong with a message, without its numbers: what is wrong again and again is counted as one."""
+    return _NUMBERS.sub("…", str(error).split(":")[0])
 
 
 class MessageError(InputError):

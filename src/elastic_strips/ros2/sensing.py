@@ -21,7 +21,7 @@ from elastic_strips.perception.readings import NO_ANSWER, LaserScan
 from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Obstacle, Scene
 
-from .messages import MessageError, RosObject, depth_image, laser_scan, map_obstacles
+from .messages import MessageError, RosObject, depth_image, kind_of, laser_scan, map_obstacles
 from .params import Ros2Params, mount_of
 
 _LASER_PLANE = 0.3  # [m] pieces that reach below this height are in the plane of a base's laser
@@ -118,7 +118,7 @@ class Sensing:
 
     def count(self, topic: str, error: Exception) -> None:
         """Count what is wrong with a message."""
-        self.counts[f"{topic}: {str(error).split(':')[0][:_SHORT_NAME]}"] += 1
+        self.counts[f"{topic}: {kind_of(error)[:_SHORT_NAME]}"] += 1
 
     def offer(self, kind: str, topic: str, message: RosObject | tuple[RosObject, RosObject], t: float) -> None:
         """Hand over a ``"scan"`` or ``"cloud"`` of a time [s], a ``"depth"`` with its camera, or a ``"map"``; in any

@@ -79,6 +79,14 @@ def test_what_is_wrong_is_counted_and_the_rest_goes_on(sensing: Sensing, silverm
     assert sensing.scene.time == pytest.approx(times[4])
 
 
+def test_what_is_wrong_again_and_again_is_counted_as_one(sensing: Sensing):
+    """However the numbers in it differ: a topic that is out of order for hours is one line, and no list."""
+    for t in (1.0, 2.5, -3.25):
+        sensing.count("odom", MessageError(f"a message of {t:.3f} s comes after, or twice, the one of {t + 1:.3f} s"))
+    sensing.count("odom", MessageError("a pose is not finite: nan, 0, 0"))
+    assert sorted(sensing.counts.values()) == [1, 3]
+
+
 def test_what_was_not_looked_at_in_time_can_be_excused(sensing: Sensing, silvermate: RobotModel, row: np.ndarray):
     """As nobody looks while the node gets ready; what was wrong stays counted."""
     found = scans(silvermate, row, [0.05 * k for k in range(30)])
