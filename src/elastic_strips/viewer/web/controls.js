@@ -335,6 +335,7 @@ function toast(text) {
   if (document.body.dataset.ended) return;
   const box = byId("es-toast"), said = box.style.display === "block" ? box.textContent.split("\n") : [];
   const lines = text.split("\n");
+  if (box.style.display !== "block") delete box.dataset.keys;  // what H has listed is no longer up
   box.textContent = [...said.filter((line) => !lines.includes(line)), ...lines].join("\n");  // what is still up stays up
   box.style.display = "block";
   clearTimeout(toasting);

@@ -11,8 +11,11 @@ const plays = () => byId("es-play").style.display === "flex";
 const show_keys = () => {
   const box = byId("es-toast"), lines = ACTIONS.filter(([, , may]) => may()).map(([k, what]) =>
     `${SIGNS[k] || k[0].toUpperCase() + k.slice(1)}  ${what}`).join("\n");
-  if (box.style.display === "block" && box.textContent.includes(lines)) box.style.display = "none";
-  else toast(lines);
+  if (box.style.display === "block" && box.dataset.keys) box.style.display = "none";
+  else {
+    toast(lines);
+    box.dataset.keys = "yes";
+  }
 };
 const ACTIONS = [  // key, what it does, when it does it, how
   ["h", "what the keys do", () => true, show_keys],
