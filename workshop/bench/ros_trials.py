@@ -283,6 +283,8 @@ class _Run:
         if what == "kill node":
             node.kill()
         elif what == "kill executor":
+            if not self._executor:  # 0 would be all processes of this group
+                raise TimeoutError("the executor's process was not found")
             os.kill(self._executor, signal.SIGKILL)
         elif what == "kill robot":
             self._processes["robot"].kill()
