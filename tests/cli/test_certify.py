@@ -260,3 +260,8 @@ def test_the_answer_says_what_it_is_of(folder, capsys, silvermate):
     assert answer["held_still"] == pytest.approx(dict(silvermate.locked))
     said = capsys.readouterr().out
     assert all(joint in said for joint in answer["held_and_not_in_path"][:3])
+    left_out = silvermate.unchecked_pairs
+    assert [(tuple(pair["links"]), pair["why"]) for pair in answer["not_kept_apart"]] == [
+        (pair.links, pair.why.value) for pair in left_out
+    ]
+    assert left_out and f"{len(left_out)} pairs" in said

@@ -12,7 +12,8 @@ from workshop.bench.ros_trials import KINDS, Judged, judged
 
 SEEN = {
     "seed": 3,
-    "at": [6.0, 0.1, 0.0],
+    "at": [6.0, 0.4, 0.0],
+    "at_by_odometry": [6.0, 0.1, 0.0],
     "moved_from_s": 1.0,
     "moved_until_s": 9.0,
     "fast_from_s": 2.0,
@@ -56,7 +57,8 @@ def test_what_the_robot_can_do_wrong_is_what_the_trials_are_about():
     "changed",
     [
         {"seen": {**SEEN, "contacts_at_speed": 1}},
-        {"seen": {**SEEN, "at": [5.0, 0.0, 0.0]}},
+        {"seen": {**SEEN, "at_by_odometry": [5.8, 0.0, 0.0]}},
+        {"kind": "path"},
         {"code": 3},
         {"log": "Traceback (most recent call last):"},
         {"trouble": "it took too long"},

@@ -489,6 +489,7 @@ class RosRobot:
         return {
             "seed": self.params.seed,
             "at": coordinates[-1, :3].tolist(),
+            "at_by_odometry": list(self._odometry),
             "end_m": self.end,
             "way": np.round(coordinates[:: round(_WAY_STEP / _PERIOD), :3], 4).tolist(),
             "moved_from_s": first,

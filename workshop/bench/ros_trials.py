@@ -39,7 +39,8 @@ _STANDS_FIRST = 4.0  # [s] in which a robot that must not move has to stand
 _PILOT_TIME = 12.0  # [s]
 _NODE = "from elastic_strips.cli import main\nif __name__ == '__main__':\n    main()\n"
 _PROCESSES = ("node", "executor", "robot")
-_NEAR = 0.6  # [m] along and aside: the robot drives by odometry that slips
+_SILENT = 4.0  # [s] for which odometry is away in trials where it comes back
+_LONGEST_LEFT = 5.0  # [s] until what is left of shared memory is removed: what is younger than 2 s is not
 _MOVED = 0.01  # [m] more than a robot that must not move may
 _TICKS = os.sysconf("SC_CLK_TCK")
 
@@ -56,6 +57,8 @@ class Trial(NamedTuple):
         named: a regular expression, which what the diagnostics say has to match from then on, and not before; empty:
             there is nothing to say, or nobody left to say it.
         exits: the node's exit code.
+        lasts: for how long what the robot says is wrong [s].
+        near: how near it has to come to its goal, along and aside [m], by what it drives by: odometry, or localization.
     """
 
     act: str = ""
@@ -65,6 +68,8 @@ class Trial(NamedTuple):
     reaches: bool = False
     named: str = ""
     exits: int = 130
+    lasts: float = math.inf
+    near: float = 0.15
 
 
 _MAP = ("--fix", "10"), ("fix:=pose", "world_frame:=map")
@@ -82,6 +87,7 @@ KINDS: dict[str, Trial] = {
     "cancel": Trial("cancel", named="cancel"),
     "preempt": Trial("goal", reaches=True),
     **{f"odom_{how}": Trial(fault=f"odom_{how}", named="'odom'|odom:") for how in ("lost", "late", "nan")},
+    "odom_away": Trial(fault="odom_lost", lasts=_SILENT, reaches=True, named="'odom'|odom:"),
     **{f"joints_{how}": Trial(fault=f"joints_{how}", named="'joint_states'|joint_states:")
        for how in ("lost", "late", "nan")},
     **{f"scan_{how}": Trial(fault=f"scan_{how}", named="'scan'|scan:")
@@ -91,7 +97,7 @@ KINDS: dict[str, Trial] = {
     "clock": Trial(fault="clock", named="time stamp"),
     **{f"{topic}_{how}": Trial(fault=f"{topic}_{how}", reaches=True) for topic in ("odom", "joints", "scan")
        for how in ("shuffled", "twice")},
-    "map_jump": Trial("resume", "map_jump", *_MAP, reaches=True, named="fixes are"),
+    "map_jump": Trial("resume", "map_jump", *_MAP, reaches=True, named="fixes are", near=0.55),
     "emergency": Trial(fault="emergency", params=("emergency:=emergency",), named="emergency"),
     "emergency_missing": Trial(fault="emergency_missing", params=("emergency:=emergency",), named="emergency"),
 }  # fmt: skip
@@ -165,9 +171,10 @@ def _trial(folder: Path, domain: int, kind: str, seed: int, told: Sequence[str])
     with ExitStack() as stack:
         run = _Run(folder, domain, trial, seed, at, stack)
         trouble = run.go([*told, *trial.told])
-    time.sleep(0.0 if trial.reaches else 2.1)  # what is younger is not removed
-    clear_left()
-    left = [*sorted(ports(domain) - before), *running(folder)]
+    end = time.monotonic() + _LONGEST_LEFT
+    while (left := [*sorted(ports(domain) - before), *running(folder)]) and time.monotonic() < end:
+        clear_left()  # as the next node does, on its way out
+        time.sleep(0.1)
     return run.figures(kind, trouble, left)
 
 
@@ -202,7 +209,7 @@ class _Run:
 
     def _start_all(self, told: list[str]) -> None:
         trial, fault = self._trial, self._trial.fault
-        faults = ["--fault", f"{fault}:{self._at:.3f}"] if fault else []
+        faults = ["--fault", f"{fault}:{self._at:.3f}:{trial.lasts}"] if fault else []
         words = ["--seed", str(self._seed), "--length", str(_LENGTH), "--for", "150", *told, *faults]
         self._start("robot", "-m", "workshop", "ros-robot", *words, "--json", str(self._folder / "robot.json"))
         params = list(trial.params)
@@ -376,6 +383,7 @@ class _Run:
             "to_rest_s": found.to_rest,
             "drive_s": None if moved is None or seen["fast_from_s"] is None else moved - seen["moved_from_s"],
             "named": found.named,
+            "log": "" if found.fine else self._text("node"),
             "said": found.said[-4:],
             "left": left,
             "processors": {name: _share(times) for name, times in self._times.items() if len(times) > 1},
@@ -440,8 +448,8 @@ def judged(
         named = any(re.search(trial.named, text) for text in after)
         named = named and not any(re.search(trial.named, text) for text in before)
     if trial.reaches:
-        x, y = seen["at"][:2] if seen else (math.nan, math.nan)
-        done = abs(x - end) < _NEAR and abs(y) < _NEAR and code == 0
+        x, y = seen["at" if _MAP[0][0] in trial.told else "at_by_odometry"][:2] if seen else (math.nan, math.nan)
+        done = abs(x - end) < trial.near and abs(y) < trial.near and code == 0
     else:
         rests = trial.act == "kill executor" or seen.get("last_command_was_rest")
         done = (trial.act == "kill robot" or bool(seen.get("at_rest") and rests)) and code == trial.exits

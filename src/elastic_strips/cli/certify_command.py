@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from elastic_strips.errors import listed
+from elastic_strips.errors import listed, plural
 
 from . import options, output
 from .robot_options import robot_options
@@ -153,6 +153,7 @@ def certify(
     from elastic_strips.collision import certify as certify_path
     from elastic_strips.io import load_path, read_scene_file
     from elastic_strips.robot import load_robot
+    from elastic_strips.robot.unchecked_pairs import counted
     from elastic_strips.strip import Strip
 
     options.check_outputs(path, repaired, proof, json_file, html_file, png_file, film_file)
@@ -186,6 +187,7 @@ def certify(
         "held_still": dict(model.locked),
         "held_and_not_in_path": sorted(given.held),
         "carried": list(scene_file.held_names),
+        "not_kept_apart": [{"links": list(pair.links), "why": pair.why.value} for pair in model.unchecked_pairs],
         "times_s": [float(given.times[0]), float(given.times[-1])] if timed and given.times is not None else None,
     }
     done, outcome = found.certified, _Outcome(given, interpolation)
@@ -201,6 +203,10 @@ def certify(
         if proof is not None:
             document |= _prove(proof, model, scene, outcome, margins) if done else _no_proof("")
             done = "proof" in document
+    if (found.certified or done) and model.unchecked_pairs:
+        pairs = plural(len(model.unchecked_pairs), "pair")
+        said = f"{pairs} of its own links are not kept apart ({counted(model.unchecked_pairs)})"
+        output.say(("note:", output.NOTE), f" {said}; 'elastic-strips robot' names them")
     output.write_document("answer", json_file, document)
     shown = world.at(found.time) if timed and found.time is not None else scene  # what it touches is there then
     drawn, about = given.q, found

@@ -470,8 +470,10 @@ class MotionExecutor:
         cooling = cut is not None and t < max(cut, self.active.end_time) + params.monitor.motor_wait
         if cooling or not (supervisor.at_rest(t) and self.settled):
             why = self._halt
-        elif monitor.silent is not None or self.estimator.lost_for > 0.0:
+        elif monitor.silent is not None:
             why = "no measurements arrive"
+        elif self.estimator.lost_for > 0.0:
+            why = "odometry was interrupted: only a fix of the base says where the robot is now"
         elif self.estimator.doubt:
             why = self.estimator.doubt
         elif self.needed_error > max(params.monitor.largest, params.tracking_error):

@@ -84,6 +84,7 @@ class Monitor:
             self._silence(t)
             return None, (*faults, f"a measurement of time {raw.time:g} s is no newer than the last")
         span = raw.time - before
+        self._advance(t)
         drive, odometry_fault = self._odometry(raw, span)
         joints, joints_fault = self._joints(raw, before, estimate[self.robot.space.base_nv :])
         pose, covariance, fix_fault = self._fix(raw)
@@ -92,12 +93,11 @@ class Monitor:
         else:
             self.silent = None
         self._last = replace(raw, drive=drive, joints=joints, pose=pose, pose_covariance=covariance)
-        self._advance(t)
         expected = self._travel / self._span if self._span > 0.0 else self._model
         self._travel, self._span = np.zeros_like(self._model), 0.0
         if drive is not None:
             self._check_motors(t, drive / span, expected)
-            self._check_standing(t, drive - expected * span)
+            self._check_standing(t, drive - expected * span, span)
         return self._last, tuple(filter(None, (*faults, odometry_fault, joints_fault, fix_fault)))
 
     def _odometry(self, raw: Measurement, span: float) -> tuple[Array | None, str]:
@@ -107,8 +107,17 @@ class Monitor:
         if not _near(raw.drive, np.zeros_like(self._model), self.limits.drive_speed, span):
             return None, "odometry is misread"
         if span > self.params.longest_arc:
-            return None, f"odometry was silent for {span:.2f} s"
+            return self._after_a_gap(raw.drive, span)
         return raw.drive, ""
+
+    def _after_a_gap(self, travel: Array, span: float) -> tuple[Array | None, str]:
+        """How far the wheels went in ``span`` [s] of silence, None where odometry may have begun anew meanwhile."""
+        apart = np.abs(travel - self._travel)
+        i = int(apart.argmax())
+        if apart[i] < self.params.same_place:
+            return travel, ""
+        off = f"{apart[i]:.2f} {'rad' if i == 2 else 'm'}"  # of wheels, or of the base along, aside and around
+        return None, f"odometry was silent for {span:.2f} s, and is {off} from where the base ought to be"
 
     def _joints(self, raw: Measurement, before: float, estimate: Array) -> tuple[Array, str]:
         """The joints, or their estimate where they cannot have come there since they were believed; what is wrong."""
@@ -167,9 +176,10 @@ class Monitor:
                 f"motor {i} of the drive does not obey: {speed[i]:.2f} m/s where {expected[i]:.2f} are expected"
             )
 
-    def _check_standing(self, t: float, further: Array) -> None:
-        """Add up how much further (k,) [m, rad] than their model motors go that were told to stand, and ought to."""
+    def _check_standing(self, t: float, further: Array, span: float) -> None:
+        """Add up how much further (k,) [m, rad] than their model motors went in ``span`` [s] that ought to stand."""
         told = self._wanted.any() or float(np.abs(self._model).max(initial=0.0)) > _STANDS
+        told = told or span > self.params.standing_time  # it may have been told otherwise when it went
         if told or t - self._stands_since > self.params.standing_time:
             self._crept, self._stands_since = np.zeros_like(self._model), t
         if told:

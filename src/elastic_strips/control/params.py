@@ -130,6 +130,8 @@ class MonitorParams(Checked):
         clock_skew: largest time [s] by which a time stamp may be later than now.
         silence: longest time [s] without a usable measurement of wheels or joints.
         longest_arc: longest time [s] from one measurement to the next whose travel counts as one arc.
+        same_place: how far [m, rad] odometry that was silent for longer may be from where the motors were told to go,
+            to be believed again by itself; 0: only a fix says where the robot is then.
         longest_period: longest control period, by the median of the last ones; in a slower loop the robot stands. At
             12 Hz robots were up to 12 mm off their reference, at 7 Hz up to 61 mm.
         motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor.
@@ -160,6 +162,7 @@ class MonitorParams(Checked):
     clock_skew: NonNegative = 0.02
     silence: Positive = 0.05
     longest_arc: Positive = 0.3
+    same_place: NonNegative = 0.0
     longest_period: Positive = 0.075
     motor_error: Positive = 0.15
     motor_time: Positive = 0.1

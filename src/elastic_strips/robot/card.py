@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import math
-from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from .kinematics import find_frame
 from .reduced import LONGEST_SLIDE
 from .second_reader import differences, shape_differences
 from .space import UNLIMITED_SPEED
+from .unchecked_pairs import counted
 from .urdf import pinocchio_geometry, pinocchio_model
 from .value import RobotValue
 
@@ -261,9 +261,8 @@ def _bare(robot: RobotValue) -> CardSection:
 
 
 def _unchecked(robot: RobotValue) -> CardSection:
-    count = Counter(pair.why.value for pair in robot.unchecked_pairs)
     rows = tuple((*pair.links, pair.why.value, pair.note) for pair in robot.unchecked_pairs)
-    note = "; ".join([f"{len(robot.self_pairs)} are checked", *(f"{n} as {why}" for why, n in count.most_common())])
+    note = "; ".join(filter(None, (f"{len(robot.self_pairs)} are checked", counted(robot.unchecked_pairs))))
     return CardSection("Links that are not kept apart", ("one", "other", "why", "more"), rows, note)
 
 

@@ -9,6 +9,7 @@ a neighbour, is looked at.
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -64,6 +65,11 @@ class UncheckedPair:
 
     def __str__(self) -> str:
         return f"{self.links[0]} and {self.links[1]}: {self.why.value}" + (f" ({self.note})" if self.note else "")
+
+
+def counted(pairs: Sequence[UncheckedPair]) -> str:
+    """How many pairs are not checked for each reason, the most common first."""
+    return "; ".join(f"{n} as {why}" for why, n in Counter(pair.why.value for pair in pairs).most_common())
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
@@ -19,7 +18,7 @@ from .geometry import LinkGeometry, collision_data
 from .kinematics import ControlPoints, KinematicTree, find_frame
 from .mimic import Following, carrier_name, followers_of, repaired
 from .space import LIMIT_TOLERANCE, MAX_TRAVEL, BaseKind, ConfigurationSpace, beyond_turns
-from .unchecked_pairs import UncheckedPair
+from .unchecked_pairs import UncheckedPair, counted
 from .urdf import UrdfSource, read_urdf
 from .wheels import DrivenWheels, driven_wheels
 
@@ -367,5 +366,4 @@ def _counted(names: tuple[str, ...]) -> str:
 
 def _counted_reasons(pairs: tuple[UncheckedPair, ...]) -> str:
     """How many pairs are not checked, by reason."""
-    count = Counter(pair.why.value for pair in pairs)
-    return f"{len(pairs)}" + (f": {'; '.join(f'{n} as {why}' for why, n in count.items())}" if pairs else "")
+    return f"{len(pairs)}" + (f": {counted(pairs)}" if pairs else "")

@@ -22,7 +22,8 @@ TF = "/tf"
 MODES = ("drive", "guard")
 """What is driven: to goals, or what somebody else commands, as far as the guard passes it on."""
 _LOST_MESSAGES = 4.0  # so many periods of odometry may pass without one before that counts as silence
-_LONGEST_GAP = 2.0  # [s] of odometry that the robot goes on after, as it sums it up itself; later it may have restarted
+_LONGEST_GAP = 2.0  # [s] of odometry that the robot goes on after: it sums it up itself. Later it may have begun anew,
+_SAME_PLACE = 0.15  # [m, rad] unless it is as near as that to where the motors were told to go meanwhile
 _STEP = 0.005  # [m] tracking errors are multiples of this
 
 
@@ -223,7 +224,7 @@ def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> Dri
     return replace(
         usual,
         assumptions=LASER_ASSUMPTIONS,
-        monitor=replace(monitor, silence=silence, longest_arc=_LONGEST_GAP),
+        monitor=replace(monitor, silence=silence, longest_arc=_LONGEST_GAP, same_place=_SAME_PLACE),
         tracking_error=error,
         max_scene_age=params.oldest_scene,
         backward=params.backward,

@@ -153,3 +153,33 @@ def test_joints_that_were_misread_for_long_may_be_elsewhere_then(monitor, home):
     got, faults = monitor.measurement(t + DT, reading(home, t=t + DT, joints=moved), home)
     assert not faults
     np.testing.assert_array_equal(got.joints, moved)
+
+
+@pytest.mark.parametrize(
+    ("went", "believed"),
+    [((0.0, 0.0), True), ((0.1, -0.05), True), ((-1.5, -1.5), False), ((0.0, 0.4), False), ((np.nan, 0.0), False)],
+)
+def test_odometry_that_was_silent_for_long_is_believed_where_the_robot_ought_to_be(silvermate, home, went, believed):
+    """It stood meanwhile; odometry that has begun anew says something else."""
+    limits = MotionLimits.for_robot(silvermate)
+    params = MonitorParams(longest_arc=2.0, same_place=0.15)
+    for each, back in ((MonitorParams(longest_arc=2.0), False), (params, believed)):
+        monitor = Monitor(silvermate, limits, each, DT)
+        monitor.measurement(DT, reading(home, drive=np.zeros(2)), home)
+        for t in DT * np.arange(1, 400):
+            monitor.commanded(t, Command(np.zeros(2), np.zeros(7)))
+            monitor.nothing(t)
+        got, faults = monitor.measurement(4.0, reading(home, t=4.0, drive=np.array(went)), home)
+        assert (got.drive is not None) is back is (not faults)
+        assert not monitor.motor_fault
+
+
+def test_odometry_that_was_silent_is_where_the_motors_were_told_to_go(silvermate, home):
+    limits, params = MotionLimits.for_robot(silvermate), MonitorParams(longest_arc=2.0, same_place=0.15)
+    monitor = Monitor(silvermate, limits, params, DT)
+    monitor.measurement(DT, reading(home, drive=np.zeros(2)), home)
+    for t in DT * np.arange(1, 400):
+        monitor.commanded(t, Command(np.full(2, 0.5 if t < 2.0 else 0.0), np.zeros(7)))
+    assert monitor.measurement(4.0, reading(home, t=4.0, drive=np.ones(2)), home)[0].drive is not None
+    monitor.commanded(4.0, Command(np.zeros(2), np.zeros(7)))
+    assert monitor.measurement(8.0, reading(home, t=8.0, drive=np.ones(2)), home)[0].drive is None

@@ -215,20 +215,24 @@ def test_silence_and_tracking_error_follow_from_the_rate(silvermate: RobotModel)
     assert (said.monitor.silence, said.tracking_error) == (0.3, 0.04)
 
 
-@each("silence", (0.4, 1.5, 2.5))
-def test_a_robot_goes_on_after_a_silence_of_odometry(silence: float, silvermate: RobotModel):
+@each("silence", (0.4, 1.5, 2.5, 10.0))
+@pytest.mark.parametrize("anew", [False, True])
+def test_a_robot_goes_on_after_a_silence_of_odometry(silence: float, anew: bool, silvermate: RobotModel):
     """Odometry is summed up by the robot: whatever was not heard of it, the next message has it all. One that was
-    silent for long may count from zero again."""
+    silent for long may count from zero again, and is somewhere else then."""
     limits = MotionLimits.for_robot(silvermate)
     params = drive_params(Ros2Params(), limits, 0.02)
     row = silvermate.space.to_coordinates(silvermate.home())
     executor = MotionExecutor(silvermate, limits, params, row, row, params.tolerance)
     motion = reader(silvermate)
-    for k in range(400):
+    for k in range(100 * round(silence + 2.0)):
         t = 0.01 * k
         if k % 2 == 0 and not 1.0 < t < 1.0 + silence:
-            motion.note_odometry(t, at(0.0))
+            motion.note_odometry(t, at(-1.0 if anew and t > 1.0 else 0.0))
             motion.note_joints(t, dict(zip(silvermate.joint_names, row[3:].tolist(), strict=True)))
         executor.measure(t, motion.measure())
         executor.command(t)
-    assert (executor.lost_for == 0.0) is (silence < 2.0)
+    if not anew:
+        assert executor.lost_for == 0.0
+    elif silence > 2.0:
+        assert executor.lost_for > 0.0
