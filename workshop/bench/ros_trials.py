@@ -40,6 +40,7 @@ _PILOT_TIME = 12.0  # [s]
 _NODE = "from elastic_strips.cli import main\nif __name__ == '__main__':\n    main()\n"
 _PROCESSES = ("node", "executor", "robot")
 _SILENT = 4.0  # [s] for which odometry is away in trials where it comes back
+_PAUSE = 3.0  # [s] for which nothing of robot and node runs, as where a computer is overloaded or sleeps
 _LONGEST_LEFT = 5.0  # [s] until what is left of shared memory is removed: what is younger than 2 s is not
 _MOVED = 0.01  # [m] more than a robot that must not move may
 _TICKS = os.sysconf("SC_CLK_TCK")
@@ -86,6 +87,7 @@ KINDS: dict[str, Trial] = {
     "ctrl_c": Trial("interrupt"),
     "cancel": Trial("cancel", named="cancel"),
     "preempt": Trial("goal", reaches=True),
+    "paused": Trial("pause", reaches=True),
     **{f"odom_{how}": Trial(fault=f"odom_{how}", named="'odom'|odom:") for how in ("lost", "late", "nan")},
     "odom_away": Trial(fault="odom_lost", lasts=_SILENT, reaches=True, named="'odom'|odom:"),
     **{f"joints_{how}": Trial(fault=f"joints_{how}", named="'joint_states'|joint_states:")
@@ -297,6 +299,13 @@ class _Run:
             self._processes["robot"].kill()
         elif what == "interrupt":
             node.send_signal(signal.SIGINT)
+        elif what == "pause":
+            numbers = [node.pid, self._processes["robot"].pid, *filter(None, (self._executor,))]
+            for number in numbers:
+                os.kill(number, signal.SIGSTOP)
+            time.sleep(_PAUSE)
+            for number in numbers:
+                os.kill(number, signal.SIGCONT)
         elif what == "goal":
             self._end = 0.75 * _LENGTH
             ask_for_goal(self._node, [self._end, 0.0, 0.0], frame=self._frame)

@@ -13,6 +13,7 @@ from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.trajectory import MotionLimits
 
+from .driver import COMMAND_TIMEOUT
 from .estimation import StateEstimator
 from .interfaces import Command, Measurement
 from .motion_watch import MotionWatch
@@ -23,7 +24,7 @@ _TOO_FAST = 2.0
 _OLDEST_FIX = 10.0  # [s] before the measurement that it comes with
 _READING_SLACK = 0.05  # [m, rad] and what a reading may be off besides
 _SAME_PERIOD = 1e-6  # part of a step by which a period may be longer
-_MOST_STEPS = 1000  # of the motors' model at once: after that they have what they were told
+_MOST_STEPS = 1000  # of the motors' model at once: after that they stand
 _STANDS = 0.01  # [m/s, rad/s] below this the motors' model stands
 _MOST_VANISHED = 1
 """This many obstacles may vanish at once."""
@@ -59,6 +60,7 @@ class Monitor:
         self._joints_read: float | None = None  # time of the last joints that were believed
         self._model = np.zeros(len(limits.drive_speed))  # speeds that the motors ought to have
         self._wanted = self._model  # that they were told last
+        self._holds_until = -math.inf  # [s]; then the motors stop by themselves
         self._modelled: float | None = None  # [s] time of the model
         self._travel, self._span = np.zeros_like(self._model), 0.0  # by the model since the last measurement
         self._wrong_since: float | None = None
@@ -150,16 +152,18 @@ class Monitor:
         """Take note of the command for the period that begins at time ``t`` [s]."""
         self._advance(t)
         self._wanted = np.zeros_like(self._model) if command.stop else command.drive
+        self._holds_until = t + COMMAND_TIMEOUT
 
     def _advance(self, t: float) -> None:
         """Bring the motors' model to time ``t`` [s], by what they were told last."""
         span = 0.0 if self._modelled is None else t - self._modelled
         self._modelled = t
         steps = math.ceil(span / self._dt - _SAME_PERIOD)
-        for _ in range(min(steps, _MOST_STEPS)):
+        for k in range(min(steps, _MOST_STEPS)):
             step = span / steps
             push = self.limits.drive_acceleration * step
-            change = (self._wanted - self._model) * (1.0 - math.exp(-step / max(self.params.wheel_lag, 1e-9)))
+            wanted = self._wanted if t - span + k * step < self._holds_until else 0.0
+            change = (wanted - self._model) * (1.0 - math.exp(-step / max(self.params.wheel_lag, 1e-9)))
             self._model = self._model + np.clip(change, -push, push)
             self._travel, self._span = self._travel + step * self._model, self._span + step
 

@@ -318,7 +318,10 @@ class Ros2Driver:
             newest = self._reader.newest
             if t > newest + _ARM_HOLD + _LONGEST_BLIND:  # where it is now is not known; the last one ends at rest
                 return
-            here = self._reader.row(newest)[self._robot.space.base_nv :]
+            try:
+                here = self._reader.joints_at(newest)
+            except MessageError:  # after a gap they are known from now on
+                return
             ahead = here + rates * min(max(t - newest, 0.0), _ARM_HOLD)
             points = ending_at_rest(ahead, rates, self._limits.joint_acceleration, _ARM_HOLD)
             make = load("trajectory_msgs.msg").JointTrajectoryPoint

@@ -146,7 +146,7 @@ class MotionReader:
         Raises:
             MessageError: not everything is known of then.
         """
-        joints = self._joints(t)
+        joints = self.joints_at(t)
         return np.concatenate((self.odometry.at(t), joints)) if self._planar else joints
 
     def measure(self) -> Measurement | None:
@@ -156,7 +156,7 @@ class MotionReader:
         if not t > before:
             return None
         try:
-            joints, pose = self._joints(t), self.odometry.at(t) if self._planar else None
+            joints, pose = self.joints_at(t), self.odometry.at(t) if self._planar else None
         except MessageError:  # the first messages do not overlap yet
             return None
         drive = np.zeros(len(self._limits.drive_speed))
@@ -176,7 +176,12 @@ class MotionReader:
         (at, place), self._fix = self._fix, None
         return Measurement(t, drive, joints, place.pose, at, place.covariance)
 
-    def _joints(self, t: float) -> Array:
+    def joints_at(self, t: float) -> Array:
+        """Positions of the planned joints at a time [s].
+
+        Raises:
+            MessageError: they are not known of then.
+        """
         rows = {group: self.joints[group].at(t) for group in set(self._group.values())}
         return np.array([rows[self._group[n]][self._group[n].index(n)] for n in self._names])
 

@@ -183,3 +183,17 @@ def test_odometry_that_was_silent_is_where_the_motors_were_told_to_go(silvermate
     assert monitor.measurement(4.0, reading(home, t=4.0, drive=np.ones(2)), home)[0].drive is not None
     monitor.commanded(4.0, Command(np.zeros(2), np.zeros(7)))
     assert monitor.measurement(8.0, reading(home, t=8.0, drive=np.ones(2)), home)[0].drive is None
+
+
+def test_motors_stop_by_themselves_where_no_command_comes(silvermate, home):
+    """As where the computer runs nothing for a while: they go on for as long as a command holds."""
+    limits, params = MotionLimits.for_robot(silvermate), MonitorParams(longest_arc=2.0, same_place=0.15)
+    for went, believed in ((0.2, True), (2.0, False)):
+        monitor = Monitor(silvermate, limits, params, DT)
+        for t in DT * np.arange(1, 100):
+            monitor.commanded(t, Command(np.full(2, 0.5), np.zeros(7)))
+            monitor.measurement(t, reading(home, t=t), home)
+        assert not monitor.motor_fault
+        later = t + 4.0
+        got, _ = monitor.measurement(later, reading(home, t=later, drive=np.full(2, went)), home)
+        assert (got.drive is not None) is believed
