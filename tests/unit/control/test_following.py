@@ -16,6 +16,7 @@ from elastic_strips.control import Controller, DriveParams, RunState
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.scene import Box, Scene
 from elastic_strips.sim import KinematicPlant
+from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip import OrientationConstraint
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.strip.solver import System
@@ -32,9 +33,14 @@ def off_path(places):
     return np.array([np.hypot(*(dense - place).T).min() for place in places])
 
 
+def planning_at_once():
+    """Plans are there at once: how long a thread takes for them would depend on the machine."""
+    return ChargedExecutor(Computing(), lambda: 0.0)
+
+
 def followed(robot, within, scene, *, path=PATH, wait=True, seconds=60.0):
     """A controller that has followed a path until it ended or halted, and the true places of the base."""
-    controller = Controller(robot, robot.home(), robot.home(), scene(0.0))
+    controller = Controller(robot, robot.home(), robot.home(), scene(0.0), workers=planning_at_once())
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
     measured, places = None, []
@@ -101,6 +107,10 @@ class Following:
     """A robot that is asked for something while it drives, and where it was at each step."""
 
     def __init__(self, robot, scene=lambda t: Scene([], time=t), params=None):
+        self.scene = scene
+        self.controller = Controller(
+            robot, robot.home(), robot.home(), scene(0.0), params=params, workers=planning_at_once()
+        )
         self.controller, self.scene = Controller(robot, robot.home(), robot.home(), scene(0.0), params=params), scene
         self.plant = KinematicPlant(robot, self.controller.limits, seed=1)
         self.plant.reset(robot.space.to_coordinates(robot.home()))
