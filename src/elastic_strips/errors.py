@@ -144,9 +144,9 @@ def nearest_name(name: object, valid: Iterable[str]) -> str:
     return f"{hint} Valid: {shown}." if names else f"{hint} There are none."
 
 
-def listed(names: Sequence[str], most: int = 3) -> str:
+def listed(names: Sequence[str], most: int = 3, *, between: str = ", ") -> str:
     """The first few names, and how many more there are."""
-    return ", ".join(names[:most]) + f" and {len(names) - most} more" * (len(names) > most)
+    return between.join(names[:most]) + f" and {len(names) - most} more" * (len(names) > most)
 
 
 def plural(count: int, noun: str) -> str:

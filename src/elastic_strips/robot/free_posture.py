@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.errors import listed
 
 from .value import RobotValue
 
@@ -73,7 +74,7 @@ def free_posture(robot: RobotValue) -> tuple[Array, str]:
     said = _overlaps(robot, now)
     if not said and (hit := robot.self_collision(q)) is not None:  # asked anew: distances began from the last answers
         return q, f"{hit[0]!r} and {hit[1]!r}"
-    return q, ", ".join(said[:4]) + (f" and {len(said) - 4} more pairs" if len(said) > 4 else "")
+    return q, listed(said, 4)
 
 
 def _overlaps(robot: RobotValue, lacking: Array) -> list[str]:

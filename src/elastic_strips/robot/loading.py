@@ -16,7 +16,7 @@ import pinocchio as pin
 from elastic_strips.arrays import Array, ArrayLike
 from elastic_strips.catalogue import KnownRobot, find_robot, is_known, is_ours
 from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
-from elastic_strips.errors import RobotError, plural
+from elastic_strips.errors import RobotError, listed, plural
 from elastic_strips.validation import MAX_LENGTH, named_arguments
 
 from .collada import meant_turned, said_of_turned
@@ -28,8 +28,8 @@ from .planned_joints import (
     compare_states,
     following_planned,
     held_still,
-    listed,
     planned_joints,
+    quoted,
     resting_joints,
     what_to_lock,
     why_held,
@@ -180,7 +180,7 @@ def _say_many_and_bare(robot: RobotModel) -> None:
             'visual_as_collision="missing" (--visual-as-collision missing) takes the drawn shapes',
             robot.name,
             plural(len(robot.bare_links), "link"),
-            listed(robot.bare_links, 40),
+            quoted(robot.bare_links, 40),
         )
 
 
@@ -417,5 +417,4 @@ def _say_what_differs(source: UrdfSource, model: pin.Model, name: str) -> None:
     """Warn about what another reader reads differently in the file."""
     found = differences(source, model)
     if found:
-        more = f"; and {len(found) - 6} more" if len(found) > 6 else ""
-        _log.warning("%s: yourdfpy reads the file differently: %s%s", name, "; ".join(found[:6]), more)
+        _log.warning("%s: yourdfpy reads the file differently: %s", name, listed(found, 6, between="; "))

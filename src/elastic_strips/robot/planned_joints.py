@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.errors import RobotError, nearest_name
+from elastic_strips.errors import RobotError, listed, nearest_name
 from elastic_strips.validation import MAX_LENGTH
 
 from .mimic import Following, with_followers
@@ -231,8 +231,8 @@ def what_to_lock(robot: RobotModel) -> str:
     if ends:
         return f"{said}locked={{{', '.join(f'{name!r}: {0.0:g}' for name in ends[:12])}{', …' * (len(ends) > 12)}}}"
     if robot.groups:
-        return f"{said}the SRDF's groups are {listed(tuple(robot.groups), 12)}"
-    return f"{said}locked={{…}}, of {listed(names, 40)}"
+        return f"{said}the SRDF's groups are {quoted(tuple(robot.groups), 12)}"
+    return f"{said}locked={{…}}, of {quoted(names, 40)}"
 
 
 def _fingers(robot: RobotModel) -> list[str]:
@@ -276,5 +276,5 @@ def _clip(value: float, source: UrdfSource, joint: str) -> float:
     return min(max(value, low), high)
 
 
-def listed(names: tuple[str, ...], most: int = 4) -> str:
-    return ", ".join(map(repr, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+def quoted(names: Sequence[str], most: int) -> str:
+    return listed([repr(name) for name in names], most)

@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Mask
+from elastic_strips.errors import listed
 
 from .geometry import LinkGeometry
 from .sampled_postures import (
@@ -36,6 +37,7 @@ from .sampled_postures import (
 _log = logging.getLogger(__name__)
 _NEARLY_ALL_POSTURES = 50  # postures one after the other in which a pair touches that nearly always does
 _HIDDEN_SHARE = 0.9  # of postures in which the meshes of such a pair touch, at most, where its hulls hide them
+_PAIRS_NAMED = 8  # in a warning
 _NEVER_TOUCHING = "Never"  # what MoveIt's assistant writes of them
 
 
@@ -250,15 +252,13 @@ def warn_of(out: LeftOut, rules: PairRules) -> None:
     ):
         if found:
             names = [" and ".join(pair.links) + (f", {pair.note}" if pair.note else "") for pair in found]
-            more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-            _log.warning(text, len(names), "; ".join(names[:8]) + more)
+            _log.warning(text, len(names), listed(names, _PAIRS_NAMED, between="; "))
     if met:
         said = [f"{' and '.join(sorted(pair))}, in {count} of {NEVER_POSTURES}" for pair, count in met.items()]
-        more = f" and {len(said) - 8} more" if len(said) > 8 else ""
         _log.warning(
             "self-collision of %d pairs is not checked: the SRDF says that they never touch, but they do (%s)",
             len(said),
-            "; ".join(said[:8]) + more,
+            listed(said, _PAIRS_NAMED, between="; "),
         )
 
 
@@ -307,10 +307,8 @@ def held_together(
         out.pairs.setdefault(pair, grazing[pair])
     if deep:
         names = [f"{shapes[i].links[0]} and {shapes[k].links[0]}" for i, k in deep]
-        more = f" and {len(names) - 8} more" if len(names) > 8 else ""
         _log.warning(
-            "joints are held still where links collide, so nothing is free of collisions: %s%s",
-            "; ".join(names[:8]),
-            more,
+            "joints are held still where links collide, so nothing is free of collisions: %s",
+            listed(names, _PAIRS_NAMED, between="; "),
         )
     return deep

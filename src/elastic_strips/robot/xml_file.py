@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from elastic_strips.errors import RobotError
+from elastic_strips.errors import RobotError, listed
 from elastic_strips.files import read_input
 from elastic_strips.validation import MAX_LENGTH
 from elastic_strips.xacro_process import MAX_BYTES
@@ -34,8 +34,7 @@ class Mends:
     def say(self) -> None:
         """Log one warning for each kind of fault, with the names."""
         for kind, names in self._found.items():
-            more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
-            _log.warning("%s: %d %s: %s%s", self._source, len(names), kind, ", ".join(names[:_NAMES_SHOWN]), more)
+            _log.warning("%s: %d %s: %s", self._source, len(names), kind, listed(names, _NAMES_SHOWN))
 
 
 _MAX_ATTRIBUTE = 500  # characters of an attribute

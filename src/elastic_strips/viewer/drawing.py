@@ -10,7 +10,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.collision import Verdict
-from elastic_strips.errors import plural
+from elastic_strips.errors import listed, plural
 from elastic_strips.hulls import convex_hull
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
@@ -371,9 +371,7 @@ def _outermost(points: Array) -> Array:
 def _links_on(robot: RobotModel, joint: int) -> str:
     """The links that a joint carries, or the first few of them."""
     links = list(dict.fromkeys(link for piece in robot.geometries if piece.joint == joint for link in piece.links))
-    more = len(links) - _MOST_LINKS
-    named = ", ".join(links[:_MOST_LINKS]) + (f" and {more} more" if more > 0 else "")
-    return named or robot.name
+    return listed(links, _MOST_LINKS) or robot.name
 
 
 def _bad(report: Report) -> bool:
