@@ -75,11 +75,14 @@ def test_a_path_is_drawn(folder, path):
 
 
 def test_the_repaired_path_is_drawn_where_one_is_written(folder, monkeypatch):
-    shown = []
+    shown, titles = [], []
     for name in ("show", "animate"):
         monkeypatch.setattr(Viewer, name, lambda self, robot, scene, report, name=name: shown.append((name, report)))
     for written in ([], ["--repair", folder / "free.csv"]):
         call(folder / "through.csv", *_robot(folder), *written, "--html", folder / "page.html")
+        titles.append((folder / "page.html").read_text().split("<title>")[1].split("</title>")[0])
+    assert "through.csv" in titles[0]
+    assert "free.csv" in titles[1]
     (given_as, given), (repaired_as, repaired) = shown
     assert (given_as, given.status.value) == ("show", "refuted")
     assert (repaired_as, repaired.status.value) == ("animate", "certified")
@@ -264,4 +267,5 @@ def test_the_answer_says_what_it_is_of(folder, capsys, silvermate):
     assert [(tuple(pair["links"]), pair["why"]) for pair in answer["not_kept_apart"]] == [
         (pair.links, pair.why.value) for pair in left_out
     ]
-    assert left_out and f"{len(left_out)} pairs" in said
+    assert left_out
+    assert f"{len(left_out)} pairs" in said

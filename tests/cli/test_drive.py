@@ -15,7 +15,7 @@ from cases import each
 from command_line import CALL, interrupted
 
 from elastic_strips.cli import main
-from elastic_strips.cli.drive_command import laser_note
+from elastic_strips.cli.drive_command import laser_note, said_of_stops
 from elastic_strips.control.process.log_stream import read_log
 from elastic_strips.perception import LaserScan, SceneEstimator
 
@@ -233,3 +233,16 @@ def test_wrong_speeds_are_refused(
 def test_limits_of_a_run_are_those_of_its_trajectory(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert end_of("run", str(short), "--joint-speed", "arm_1=1") == 2
     assert "--trajectory" in capsys.readouterr().err
+
+
+def test_the_reasons_of_stops_are_said_however_often_others_came_before() -> None:
+    stops = [(0.1 * k, f"{k} mm off its reference") for k in range(7)]
+    stops += [(1.0 + k, "no way to the goal") for k in range(3)]
+    said = said_of_stops(stops)
+    assert len(said) == 2
+    assert "no way to the goal" in said[1]
+    assert "6 times" in said[0]
+    many = said_of_stops([(float(k), "abcdefgh"[k]) for k in range(8)])
+    assert len(many) == 6
+    assert "3" in many[-1]
+    assert said_of_stops([]) == []

@@ -199,9 +199,11 @@ def certify(
             if not done:
                 outcome, done, document["repair"] = _repair(model, scene, scene_file, given, margins)
             if done:
-                output.say(f"path    {outcome.write(repaired, model)}")
+                untimed = ", without times" if given.times is not None and isinstance(outcome.path, Strip) else ""
+                output.say(f"path    {outcome.write(repaired, model)}{untimed}")
         if proof is not None:
-            document |= _prove(proof, model, scene, outcome, margins) if done else _no_proof("")
+            about = "the repaired path" if isinstance(outcome.path, Strip) else path
+            document |= _prove(proof, model, scene, outcome, margins, about) if done else _no_proof("")
             done = "proof" in document
     if (found.certified or done) and model.unchecked_pairs:
         pairs = plural(len(model.unchecked_pairs), "pair")
@@ -209,16 +211,16 @@ def certify(
         output.say(("note:", output.NOTE), f" {said}; 'elastic-strips robot' names them")
     output.write_document("answer", json_file, document)
     shown = world.at(found.time) if timed and found.time is not None else scene  # what it touches is there then
-    drawn, about = given.q, found
+    drawn, about, title = given.q, found, os.path.basename(path)
     if repaired is not None and isinstance(outcome.path, Strip):  # what was written is shown
-        drawn = outcome.path.q
+        drawn, title = outcome.path.q, f"{os.path.basename(repaired)}, repaired" if done else title
         about = certify_path(
             model, scene, drawn, clearance=clearance, self_clearance=self_clearance, interpolation=outcome.interpolation
         )
     draw = partial(_draw, model, shown, drawn, about)
-    options.write_pictures(draw, html_file, png_file, film_file, title=os.path.basename(path))
+    options.write_pictures(draw, html_file, png_file, film_file, title=title)
     if view:
-        options.serve(draw, no_browser=no_browser, title=os.path.basename(path))
+        options.serve(draw, no_browser=no_browser, title=title)
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
 
 
@@ -324,9 +326,12 @@ def _repair(
 
 
 def _prove(
-    file: str, robot: RobotModel, scene: Scene, outcome: _Outcome, clearances: _Clearances
+    file: str, robot: RobotModel, scene: Scene, outcome: _Outcome, clearances: _Clearances, about: str
 ) -> dict[str, dict[str, object]]:
-    """Write the proof of a certified path; the document's lines about it, none where it could not be made."""
+    """Write the proof of a certified path; the document's lines about it, none where it could not be made.
+
+    ``about``: what the path is called.
+    """
     from elastic_strips.collision import prove
 
     made = prove(
@@ -339,10 +344,10 @@ def _prove(
     )
     if made is None:
         return _no_proof(", or too narrowly")
-    output.say(f"proof   {made.save(file)}, {len(made.span)} intervals, angles {made.header['way']}")
+    output.say(f"proof   {made.save(file)} of {about}, {len(made.span)} intervals, angles {made.header['way']}")
     for what, name in made.digests.items():
         output.say(f"  {what:6} {name}")
-    return {"proof": {"intervals": len(made.span), "way": made.header["way"], **made.digests}}
+    return {"proof": {"of": about, "intervals": len(made.span), "way": made.header["way"], **made.digests}}
 
 
 def _no_proof(more: str) -> dict[str, dict[str, object]]:

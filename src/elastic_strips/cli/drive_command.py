@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 
 _LASER_MAP = re.compile(r"\bmap--?\d+--?\d+\b")  # a tile of what lasers have met
-_STOPS_TOLD = 5
+_STOPS_TOLD = 5  # kinds of stops
+_NUMBER = re.compile(r"-?[0-9.]+")  # by which alone stops of one kind differ
 _COMPUTING_FACTOR = (
     "ms by the wall clock; {late} late in simulated time, in which computing costs {factor:g} × its processor time"
 )
@@ -394,6 +395,8 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         end, why = "not reached", ": the robot believes that it is at the goal, but it is not"
     else:
         end, why = "not reached", f": {result.state.label}, {reason}"
+        if result.state is RunState.STOPPED and result.reason != reason:
+            why += f"; it stands: {result.reason}"
     output.say(
         f"{outcome.scenario.name} · {outcome.robot.name} · {outcome.plant} plant: ",
         output.verdict(end, outcome.reached),
@@ -424,10 +427,21 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
             output.say(f"  at {event.time:.2f} s {event.reason}")
     if not outcome.reached and (note := laser_note(why)):
         output.say(("  note:", output.NOTE), f" {note}")
-    for time, reason in result.stops[:_STOPS_TOLD]:
-        output.say("  ", ("stopped", output.NOTE), f" at {time:.2f} s: {reason}")
-    if len(result.stops) > _STOPS_TOLD:
-        output.say(f"  … and {plural(len(result.stops) - _STOPS_TOLD, 'more stop')}")
+    for stop in said_of_stops(result.stops):
+        output.say("  ", ("stopped", output.NOTE), stop)
+
+
+def said_of_stops(stops: Sequence[tuple[float, str]]) -> list[str]:
+    """When [s] and why a robot stopped, in words: stops that differ in their numbers alone are said once."""
+    alike: dict[str, list[tuple[float, str]]] = {}
+    for stop in stops:
+        alike.setdefault(_NUMBER.sub("", stop[1]), []).append(stop)
+    said = []
+    for (time, reason), *others in alike.values():
+        again = f", and {plural(len(others), 'time')} more until {others[-1][0]:.2f} s" if others else ""
+        said.append(f" at {time:.2f} s{again}: {reason}")
+    left = sum(map(len, list(alike.values())[_STOPS_TOLD:]))
+    return [*said[:_STOPS_TOLD], *([f" {plural(left, 'more time')} for other reasons"] if left else [])]
 
 
 def laser_note(reason: str) -> str:

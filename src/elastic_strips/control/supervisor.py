@@ -12,7 +12,7 @@ from elastic_strips.trajectory import ReferenceState, Trajectory
 from .interfaces import Event, RunState
 
 _log = logging.getLogger(__name__)
-_NOTHING_NEWER = "no newer motion came"
+_NOTHING_NEWER = "its motion had ended before the next one was planned"
 _EVENT_REPEAT_TIME = 2.0  # [s] an event is not written down again within this time
 _LARGEST_JUMP = 2e-3  # [m or rad] largest one from the active trajectory to a new one; ten times that in speed
 _SPEED_ROUNDING = 0.02  # [m/s, rad/s] by rounding

@@ -56,7 +56,7 @@ def check_values(
     turning = [names[i] for i in np.flatnonzero(endless & unsaid) if np.abs(values[:, i]).max() > MOST_TURNS]
     if turning:
         placed.doubts.append(
-            f"degrees? {', '.join(turning)} turn by more than two turns, and the file names no unit. Name it "
+            f"degrees? More than two turns: {', '.join(turning)}, and the file names no unit. Name it "
             "(--angles rad or deg, angles=)"
         )
 

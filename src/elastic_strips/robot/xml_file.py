@@ -34,7 +34,8 @@ class Mends:
     def say(self) -> None:
         """Log one warning for each kind of fault, with the names."""
         for kind, names in self._found.items():
-            _log.warning("%s: %d %s: %s", self._source, len(names), kind, listed(names, _NAMES_SHOWN))
+            count = f"{len(names)} " if len(names) > 1 else ""  # kinds are in the plural
+            _log.warning("%s: %s%s: %s", self._source, count, kind, listed(names, _NAMES_SHOWN))
 
 
 _MAX_ATTRIBUTE = 500  # characters of an attribute

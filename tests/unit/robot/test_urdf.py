@@ -399,13 +399,13 @@ def test_a_mesh_with_huge_vertices_does_not_crash(tmp_path):
 
 GREY = '<material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>'
 HARMLESS = {
-    "material twice": (robot(GREY, GREY, BASE, link(), joint()), "1 materials that are defined more than once"),
-    "material without color": (robot('<material name="grey"/>', BASE, link(), joint()), "1 materials without a color"),
-    "color of 255": (robot(GREY.replace("0.5", "255"), BASE, link(), joint()), "1 materials without a color"),
-    "no effort": (GOOD.replace(' effort="1"', ""), "1 joints with a <limit> without effort, taken as unknown: 'hinge'"),
-    "no velocity": (GOOD.replace(' velocity="1"', ""), "1 joints with a <limit> without velocity"),
-    "axis without xyz": (robot(BASE, link(), joint(more=LIMIT + "<axis/>")), "1 joints with an <axis> without xyz"),
-    "version": (GOOD.replace('name="test"', 'name="test" version="2"'), "1 version of URDF that is not known"),
+    "material twice": (robot(GREY, GREY, BASE, link(), joint()), "materials that are defined more than once"),
+    "material without color": (robot('<material name="grey"/>', BASE, link(), joint()), "materials without a color"),
+    "color of 255": (robot(GREY.replace("0.5", "255"), BASE, link(), joint()), "materials without a color"),
+    "no effort": (GOOD.replace(' effort="1"', ""), "joints with a <limit> without effort, taken as unknown: 'hinge'"),
+    "no velocity": (GOOD.replace(' velocity="1"', ""), "joints with a <limit> without velocity"),
+    "axis without xyz": (robot(BASE, link(), joint(more=LIMIT + "<axis/>")), "joints with an <axis> without xyz"),
+    "version": (GOOD.replace('name="test"', 'name="test" version="2"'), "version of URDF that is not known"),
     "blanks": (GOOD.replace('"1"', '" 1 "'), None),
     "limit of a fixed joint": (
         robot(BASE, link(), joint(), link("c"), joint("f", "arm", "c", "fixed", "<limit/>")),
