@@ -102,6 +102,24 @@ def test_python_m_is_the_command_line():
     assert done.stdout.strip() == f"elastic-strips, version {es.__version__}"
 
 
+ORDER = """
+import sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        assert name not in ("coal", "pinocchio") or "numpy" in sys.modules, name
+sys.meta_path.insert(0, Finder())
+import importlib
+importlib.import_module(sys.argv[1])
+"""
+
+
+@each("package", ["collision", "robot", "scene", "strip", "planning", "control"])
+def test_numpy_is_loaded_before_what_would_crash_where_that_is_interrupted(package):
+    """Coal and Pinocchio load NumPy from C++, and a KeyboardInterrupt there is a segmentation fault."""
+    done = python(ORDER, f"elastic_strips.{package}")
+    assert done.returncode == 0, done.stderr
+
+
 HOOK = """
 import signal, sys
 class Finder:

@@ -1,6 +1,8 @@
 """Collision room: distances kept from tick to tick, bounds of motions, where moving obstacles can be, and the
 certificate: proof that segments and motions keep their clearance."""
 
+import numpy  # noqa: F401  Coal loads it, too, and crashes where Ctrl-C comes meanwhile
+
 from .bounds import BodySet, MotionBounds
 from .candidates import Forecast
 from .certificate import BrokenSegment, Certificate, SegmentState

@@ -1,5 +1,7 @@
 """Robots: URDF files and Pinocchio models become frozen :class:`RobotModel` values."""
 
+import numpy  # noqa: F401  Coal loads it, too, and crashes where Ctrl-C comes meanwhile
+
 from elastic_strips.catalogue import robot_names
 
 from .footprint import PlanarFootprint, footprint_polygon
