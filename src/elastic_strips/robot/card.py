@@ -185,6 +185,7 @@ def _troubles(robot: RobotValue) -> list[str]:
             f"{plural(len(robot.bare_links), 'link')} drawn without a collision shape, about which nothing is proven: "
             f"{', '.join(robot.bare_links)}"
         )
+    found += [f"joint {joint} is {why}" for joint, why in robot.narrowed.items()]
     hit = robot.self_collision(robot.home_q)
     if hit is not None:
         touching = free_posture(robot)[1]
@@ -211,6 +212,7 @@ def _planned(robot: RobotValue) -> CardSection:
             limits, source = f"{low:g} … {high:g} m", "assumed: none stated"
         else:
             limits, source = f"{low:.4g} … {high:.4g} {unit}", "URDF" if robot.urdf_path else "model"
+            source = "its links' shapes" if name in robot.narrowed else source
         speed = float(model.velocityLimit[joint.idx_v])
         stated = 0.0 < speed < UNLIMITED_SPEED
         rows.append(

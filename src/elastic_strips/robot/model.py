@@ -14,6 +14,7 @@ from elastic_strips.errors import RobotError
 
 from .card import RobotCard, robot_card
 from .cover import uncovered
+from .folding import narrowed_ranges
 from .geometry import LinkGeometry
 from .holding import HeldShape, attached
 from .inverse_kinematics import ReachResult, inverse_kinematics
@@ -35,6 +36,7 @@ from .urdf import UrdfSource
 from .value import RobotValue
 
 _log = logging.getLogger(__name__)
+_SAID_OTHERWISE = ". Where that is meant, an SRDF says so (disable_collisions of the two)"
 
 
 class RobotModel(RobotValue):
@@ -167,11 +169,19 @@ class RobotModel(RobotValue):
         reduced = reduced_model(model, [model.getJointId(joint) for joint in values], reference)
         bound_sliders(reduced)
         collision = carried_over(model, reduced, collision_model)
-        space = ConfigurationSpace.from_model(reduced)
         if not collision.ngeoms:
             raise RobotError(f"robot {name or model.name!r} has no collision geometry, so nothing could be certified")
         rules = _rules(disabled_pairs, enabled_pairs, followers)
         made = pieces_and_pairs(model, collision_model, reduced, collision, rules)
+        narrowed = narrowed_ranges(
+            model, collision_model, made.unchecked, movable=_alone(reduced, rules.followers), said=rules.disabled,
+            used=_used([home, *(states or {}).values()]),
+        )  # fmt: skip
+        for joint, span in narrowed.items():
+            k = reduced.joints[reduced.getJointId(joint)].idx_q
+            reduced.lowerPositionLimit[k], reduced.upperPositionLimit[k] = span.low, span.high
+            _log.warning("%s: joint %s is %s%s", name or model.name, joint, span, _SAID_OTHERWISE)
+        space = ConfigurationSpace.from_model(reduced)
         if kind.planar:
             _refuse_other_roots(reduced, made.pieces)
         check_wrapping(reduced)
@@ -210,6 +220,7 @@ class RobotModel(RobotValue):
             shapes=collision,
             description=description,
             round_wheels=frozenset(round_wheels) & frozenset(values),
+            narrowed={joint: str(span) for joint, span in narrowed.items()},
         )
 
 
@@ -239,6 +250,21 @@ def _base_kind(model: pin.Model, base: str | BaseKind | None) -> BaseKind:
     if planar and not model.jointPlacements[1].isIdentity(1e-12):
         raise RobotError("the planar root joint must sit at the origin of the world (identity placement)")
     return kind
+
+
+def _alone(model: pin.Model, followers: Mapping[str, tuple[str, float, float]]) -> set[str]:
+    """The planned joints that neither follow another one nor are followed."""
+    coupled = {*followers, *(leader for leader, _, _ in followers.values())}
+    return set(model.names[1:]) - coupled
+
+
+def _used(postures: Iterable[Mapping[str, float]]) -> dict[str, list[float]]:
+    """Values of joints in postures that somebody has named."""
+    found: dict[str, list[float]] = {}
+    for posture in postures:
+        for joint, value in posture.items():
+            found.setdefault(joint, []).append(float(value))
+    return found
 
 
 def _rules(

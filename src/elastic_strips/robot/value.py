@@ -54,6 +54,7 @@ class RobotValue(Summary):
         shapes: the collision geometry as it is described, on ``model``, before it became ``geometries``.
         description: the URDF file as it was read, where there is one. A copy from another process has neither.
         round_wheels: wheels among the locked joints that look the same however far they have turned.
+        narrowed: joint → the range that its links' shapes allow, and why, where that is less than the stated one.
         looking: locked joints that may turn at any time, to look around: what hangs on them is as large as the space
             that it passes through.
         eyes: the same robot, with these as joints like the others; read ``RobotModel.seeing``.
@@ -82,6 +83,7 @@ class RobotValue(Summary):
     shapes: pin.GeometryModel | None = None
     description: UrdfSource | None = None
     round_wheels: frozenset[str] = frozenset()
+    narrowed: Mapping[str, str] = field(default_factory=dict)
     looking: tuple[str, ...] = ()
     eyes: RobotValue | None = None
 
@@ -304,6 +306,7 @@ class RobotValue(Summary):
                 raise ConfigurationError(
                     f"{what}: joint {name!r} = {coordinates[index]:.6g} is outside its limits "
                     f"{_limits(float(coordinates[index]), self.space.lower[k], self.space.upper[k], slides=slides)}"
+                    f"{f'; {why}' if (why := self.narrowed.get(name)) else ''}"
                 )
             for k in np.flatnonzero((np.atleast_2d(beyond) > 0.0).any(axis=0)):
                 i = int(self.space.idx_q[k - self.space.base_nv])
