@@ -74,6 +74,8 @@ def narrowed_ranges(
     data, found = model.createData(), {}
     solids: dict[str, list[_Solid] | None] = {}
     for obj in collision.geometryObjects:
+        if not 0 < obj.parentFrame < model.nframes:  # a shape that belongs to no link
+            continue
         link = model.frames[obj.parentFrame].name
         solid, others = _solid(obj), solids.setdefault(link, [])
         solids[link] = None if solid is None or others is None else [*others, solid]
@@ -113,7 +115,7 @@ class _Solid:
     def holds(self, points: Array, margin: float) -> Mask:
         """Which of points (P, 3) in its frame are within it by more than a margin [m]."""
         if self.kind is ShapeKind.BOX:
-            return (np.abs(points) < np.array(self.size) - margin).all(axis=1)
+            return np.asarray((np.abs(points) < np.array(self.size) - margin).all(axis=1))
         radius, half = self.size[0] - margin, self.size[1] if len(self.size) > 1 else 0.0
         across, along = np.hypot(points[:, 0], points[:, 1]), np.abs(points[:, 2])
         if self.kind is ShapeKind.CYLINDER:

@@ -69,7 +69,7 @@ def test_what_is_drawn_can_be_taken_instead(bare: Path, caplog: pytest.LogCaptur
         caplog.clear()
         robot = load_robot(bare, base="omni", visual_as_collision=given)
         assert robot.bare_links == ()
-        assert "forearm" not in caplog.text
+        assert "'forearm'" not in caplog.text
         found = es.certify(robot, POST, [robot.home(), robot.home()])
         assert not found.certified
         assert found.broken is not None

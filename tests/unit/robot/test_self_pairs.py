@@ -93,9 +93,10 @@ def test_what_a_joint_folds_together_is_kept_apart(tmp_path: Path, at: str, span
     assert any(pair.links == ("fore", "upper") for pair in told.unchecked_pairs), "somebody said so"
 
 
-def told_adjacent(folder: Path) -> Path:
+def told_adjacent(folder: Path, one: str = "upper", two: str = "fore") -> Path:
+    """An SRDF that says of two links that they may be in each other."""
     path = folder / "r.srdf"
-    path.write_text('<robot name="r"><disable_collisions link1="upper" link2="fore" reason="Adjacent"/></robot>')
+    path.write_text(f'<robot name="r"><disable_collisions link1="{one}" link2="{two}" reason="Adjacent"/></robot>')
     return path
 
 
@@ -150,8 +151,9 @@ def three_links(folder: Path) -> Path:
 
 
 def test_holding_a_joint_certifies_nothing_that_was_refuted(tmp_path):
-    robot = load_robot(three_links(tmp_path), base="fixed")
-    held = load_robot(three_links(tmp_path), base="fixed", locked={"turn": 0.0})
+    path, told = three_links(tmp_path), told_adjacent(tmp_path, "table", "boom")
+    robot = load_robot(path, base="fixed", srdf=told)
+    held = load_robot(path, base="fixed", srdf=told, locked={"turn": 0.0})
     a, b = ({"lean": value} for value in (0.0, 2.6))
     assert not certified(robot, robot.home(joints=a), robot.home(joints=b))
     assert not certified(held, held.home(joints=a), held.home(joints=b))
@@ -191,7 +193,7 @@ def test_pairs_that_always_touch_are_left_out_and_listed(tmp_path):
         link("post", '<cylinder radius="0.05" length="0.3"/>', "0 0 0.1"), joint("spin", "0 0 0", "pad", "post"),
         link("boom", box("0.3 0.04 0.04"), "0.2 0 0"), joint("lift", "0 0 0.25", "post", "boom", axis="0 1 0"),
     )  # fmt: skip
-    robot = load_robot(path, base="fixed")
+    robot = load_robot(path, base="fixed", srdf=told_adjacent(tmp_path, "post", "boom"))
     assert reasons(robot)["base", "post"] is WhyUnchecked.ALWAYS
     assert ("base", "boom") not in reasons(robot)
     assert robot.self_collision(robot.home(lift=1.5)) is not None
