@@ -56,6 +56,7 @@ def material(
     lit: bool = True,
     roughness: float = 0.62,
     hides: bool = True,
+    hidden: bool = True,
 ) -> Document:
     """Describe a three.js material.
 
@@ -65,6 +66,7 @@ def material(
         lit: Whether light shades it.
         roughness: From 0, a mirror, to 1; where it is lit.
         hides: Whether it hides things behind it; a translucent one need not.
+        hidden: Whether what stands before it hides it; where not, it has to be translucent, which is drawn last.
     """
     r, g, b = (round(255 * float(c)) for c in np.asarray(color))
     data: Document = {
@@ -74,6 +76,7 @@ def material(
         "transparent": opacity < 1.0,
         "side": 2,
         "depthWrite": hides,
+        **({} if hidden else {"depthTest": False}),
     }
     return data | {"roughness": roughness, "metalness": 0.05} if lit else data
 

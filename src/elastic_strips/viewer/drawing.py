@@ -10,6 +10,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, ArrayLike, Document
 from elastic_strips.collision import Verdict
+from elastic_strips.collision.contact_place import contact_place
 from elastic_strips.errors import listed, plural
 from elastic_strips.hulls import convex_hull
 from elastic_strips.robot import RobotModel
@@ -118,7 +119,7 @@ class Drawing:
         out += self._ends(snapshot, coordinates, points)
         out += self._forces(snapshot.report)
         out += self._hulls(snapshot.report)
-        out += self._trouble(snapshot.report, coordinates, float(points[..., 2].max(initial=0.0)))
+        out += self._trouble(snapshot.report, coordinates, snapshot.scene, float(points[..., 2].max(initial=0.0)))
         q = snapshot.nodes[0] if snapshot.q is None else np.asarray(snapshot.q)
         poses.update(snapshot.robot.space.to_coordinates(q)[None])
         out.append(commands.transforms("/robot", self.body_paths, poses.matrices(self.joints, [0])[0]))
@@ -316,14 +317,14 @@ class Drawing:
         look = commands.material(linear(_HULL), opacity=0.07, hides=False)
         return self._many("/hulls", geometry.sphere(16), look, matrices)
 
-    def _trouble(self, report: Report | None, coordinates: Array, tall: float) -> list[Command]:
+    def _trouble(self, report: Report | None, coordinates: Array, scene: Scene, tall: float) -> list[Command]:
         """Put a pin where the strip is broken or blocked: a ball about the place, and a pole that is seen from afar.
 
         ``tall`` is how high [m] the strip's points reach.
         """
         assert self.robot is not None
         assert self.poses is not None
-        spot = None if report is None else _trouble_spot(self.robot, report, coordinates, self.poses)
+        spot = None if report is None else _trouble_spot(self.robot, report, coordinates, self.poses, scene)
         self._pin = ball = head = pole = None
         label = np.zeros((0, 3))
         if spot is not None:
@@ -333,7 +334,9 @@ class Drawing:
             ball, head = geometry.spheres(spot, scale * _SPOT_RADIUS), geometry.spheres(top, scale * _PIN_HEAD_RADIUS)
             pole = geometry.between(foot[None], top[None], scale * _POLE_RADIUS)
             label = np.array([[*top[:2], top[2] + scale * _PIN_HEAD_RADIUS]])
-        clear, solid = (commands.material(linear(_TROUBLE), opacity=o, lit=False) for o in (0.45, 0.95))
+        clear, solid = (
+            commands.material(linear(_TROUBLE), opacity=opacity, lit=False, hidden=False) for opacity in (0.45, 0.95)
+        )  # it stands inside what is touched
         reason = "" if report is None else report.reason or "not certified here"
         return [
             commands.labels("/trouble", [shortened(reason, _LONGEST_PLACE_REASON)] * len(label), label),
@@ -394,7 +397,8 @@ def _measured(report: Report, scene: Scene, live: bool) -> list[list[str]]:
     segments, clearance = report.certificate.segments, report.node_clearance if live else report.clearance
     rows = [["state", report.status.value]] if live else []
     if np.isfinite(clearance):
-        rows.append(["clearance at the nodes" if live else "clearance", f"{clearance:.3f} m"])
+        of_what = " to obstacles" if getattr(report.certificate.broken, "kind", "") == "self" else ""
+        rows.append([f"clearance{' at the nodes' * live}{of_what}", f"{clearance:.3f} m"])
     rows.append(["certified", f"{int(segments.sum())} of {plural(len(segments), 'segment')}"])
     return [*rows, ["what moves", f"as at {scene.time:g} s"]] if report.as_it_stands else rows
 
@@ -425,8 +429,10 @@ def _kind(report: Report | None) -> str:
     return "path" if isinstance(report, PathReport) else "strip"
 
 
-def _trouble_spot(robot: RobotModel, report: Report, coordinates: Array, poses: RobotPoses) -> Array | None:
-    """Where (3,) [m] the worst segment is: between the hulls that do not connect, or at the link that is not clear.
+def _trouble_spot(
+    robot: RobotModel, report: Report, coordinates: Array, poses: RobotPoses, scene: Scene
+) -> Array | None:
+    """Where (3,) [m] the worst segment is: between the hulls that do not connect, or where the link is not clear.
 
     None where nothing is known to be wrong. Leaves ``poses`` there, or in the middle of the segment.
     """
@@ -438,11 +444,14 @@ def _trouble_spot(robot: RobotModel, report: Report, coordinates: Array, poses: 
         return None
     ends = coordinates[broken.segment : broken.segment + 2]
     place = report.place if isinstance(report, PathReport) else None
-    poses.update(robot.space.interpolate(ends[:1], ends[1:], np.array([0.5 if place is None else place])))
+    there = robot.space.interpolate(ends[:1], ends[1:], np.array([0.5 if place is None else place]))
+    poses.update(there)
+    if (touched := contact_place(robot, robot.space.from_coordinates(there)[0], broken, scene)) is not None:
+        return touched
     piece = next((piece for piece in robot.geometries if piece.name == broken.link), None)
     if piece is None:
         return poses.points()[0, 0]
     middle = np.eye(4)
     middle[:3, 3] = 0.5 * (piece.capsule.a + piece.capsule.b)
-    there = poses.matrices([piece.joint])[0, 0].reshape(4, 4).T @ robot.tree.to_aligned(piece.joint, middle)
-    return np.asarray(there[:3, 3], dtype=float)
+    pose = poses.matrices([piece.joint])[0, 0].reshape(4, 4).T @ robot.tree.to_aligned(piece.joint, middle)
+    return np.asarray(pose[:3, 3], dtype=float)

@@ -513,6 +513,6 @@ def test_the_robot_stays_where_it_is_when_the_strip_is_broken_elsewhere(robot, s
                 o["matrices"].data for (p, kind), o in page.items() if kind == "transforms" and p.startswith("/robot")
             )
 
-    broken = SimpleNamespace(segment=30, link=robot.geometries[0].name)
+    broken = es.collision.BrokenSegment(30, robot.geometries[0].name, "it", -0.01, "obstacle", certain=True)
     certificate = SimpleNamespace(certified=False, segments=np.arange(39) != 30, broken=broken)
     assert at(make_report(certificate=certificate, hulls=None)) == at(make_report())
