@@ -279,13 +279,16 @@ def interrupted() -> Iterator[threading.Event]:
 
     def end(number: int, frame: FrameType | None) -> None:
         asked.set()
-        raise KeyboardInterrupt
+        if callable(theirs):  # as that of the command line, which waits for the end of an import
+            theirs(number, frame)
+        else:
+            raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return
-    numbers = [signal.SIGTERM, signal.SIGHUP]
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored, or somebody else's
+    numbers, theirs = [signal.SIGTERM, signal.SIGHUP], signal.getsignal(signal.SIGINT)
+    if callable(theirs):  # else it is ignored, as in the background
         numbers.append(signal.SIGINT)
     before = {number: signal.signal(number, end) for number in numbers}
     try:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import pytest
 from cases import each
 
+from elastic_strips.cli import unlost_interrupts
 from elastic_strips.ros2.running import interrupted
 
 
@@ -19,6 +20,13 @@ def ctrl_c() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+def signalled(number: int) -> None:
+    """Wait for a signal that comes at once."""
+    with interrupted() as asked:
+        os.kill(os.getpid(), number)
+        asked.wait(1.0)
 
 
 ENDS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
@@ -46,15 +54,23 @@ def test_what_python_drops_is_not_lost(number: int):
     assert signal.getsignal(number) is before
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_what_python_drops_is_not_lost_to_the_command_line_either():
+    """It has a handler of its own, for Ctrl-C while something is imported."""
+    with unlost_interrupts():
+        theirs = signal.getsignal(signal.SIGINT)
+        with interrupted() as asked:
+            Finalized(signal.SIGINT)
+            assert asked.is_set()
+        assert signal.getsignal(signal.SIGINT) is theirs
+        with pytest.raises(KeyboardInterrupt):
+            signalled(signal.SIGINT)
+
+
 @each("number", ENDS)
 def test_it_is_raised_at_once_where_that_can_be(number: int):
-    def run() -> None:
-        with interrupted() as asked:
-            os.kill(os.getpid(), number)
-            asked.wait(1.0)
-
     with pytest.raises(KeyboardInterrupt):
-        run()
+        signalled(number)
 
 
 def test_what_is_ignored_stays_ignored():
