@@ -23,7 +23,6 @@ from .unchecked_pairs import UncheckedPair, WhyUnchecked
 
 _INSIDE = 5e-3  # [m] by which a point of one link has to be within the other one
 _STEP = 0.1  # [rad] from one angle that is looked at to the next
-_MOST_STEPS = 100
 _POINTS_ALONG = 25  # along the longest side of a shape
 _LEAST_SPACING = 4e-3  # [m] of its points
 _AT_JOINT = 2.0  # times the half thickness of a link: as far from their joint two links are in each other when bent
@@ -189,9 +188,9 @@ def _allowed(
         return low, high
 
     def end(limit: float) -> float:
-        steps = min(math.ceil(abs(limit - first) / _STEP), _MOST_STEPS)
-        angles = np.linspace(first, limit, steps + 1).tolist()
-        for before, angle in itertools.pairwise(angles):
+        far = min(max(limit - first, -2.0 * math.pi), 2.0 * math.pi)  # after a turn it is as before
+        angles = first + np.linspace(0.0, far, math.ceil(abs(far) / _STEP) + 1)
+        for before, angle in itertools.pairwise(angles.tolist()):
             if overlap(angle) > most:
                 return before
         return limit

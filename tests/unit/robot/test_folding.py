@@ -113,3 +113,15 @@ def test_boxes_fold_as_well(tmp_path: Path):
     low, high = span_of(load_robot(arm(tmp_path, BAR, BAR), base="omni"))
     assert 2.0 < high < 2.95
     assert -2.95 < low < -2.0
+
+
+def test_a_joint_without_limits_of_its_own_may_be_folded_as_well(tmp_path: Path):
+    """Pinocchio's models may have them very far away."""
+    path = str(arm(tmp_path))
+    model = pin.buildModelFromUrdf(path, pin.JointModelPlanar())
+    shapes = pin.buildGeomFromUrdf(model, path, pin.COLLISION)
+    k = model.joints[model.getJointId("elbow")].idx_q
+    for far in (100.0, 1e9, np.inf):
+        model.lowerPositionLimit[k], model.upperPositionLimit[k] = -far, far
+        robot = RobotModel.from_pinocchio(model, shapes)
+        assert span_of(robot) == pytest.approx(span_of(load_robot(path, base="omni")), abs=0.11)
