@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from elastic_strips.arrays import Array
+from elastic_strips.coal_shapes import for_penetration
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Obstacle, Scene
 
@@ -50,8 +51,8 @@ def contact_place(robot: RobotModel, q: Array, broken: BrokenSegment, scene: Sce
     nearest: tuple[float, Array | None] = np.inf, None
     for shape, pose in others:
         result = coal.DistanceResult()
-        request = coal.DistanceRequest(True)
-        distance = coal.distance(robot.geometries[one].geometry, at(one), shape, pose, request, result)
+        link, other = for_penetration(robot.geometries[one].geometry, shape)
+        distance = coal.distance(link, at(one), other, pose, coal.DistanceRequest(True), result)
         middle = 0.5 * (np.array(result.getNearestPoint1()) + np.array(result.getNearestPoint2()))
         if distance < nearest[0] and np.isfinite(middle).all():
             nearest = distance, middle
