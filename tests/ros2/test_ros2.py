@@ -221,3 +221,37 @@ def test_somebody_elses_velocities_are_guarded(python: Path, tmp_path: Path):
     x, y = np.array(corners).T
     area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     assert 0.2 < area < 0.35
+
+
+def test_what_a_paused_robot_hears_holds_only_from_then_on(python: Path, tmp_path: Path):
+    """The simulated robot makes up the time in which its computer ran nothing: with what it had been told before."""
+    environment, result = variables(tmp_path, DOMAIN), tmp_path / "r.json"
+    topics = ("-r", "cmd_vel_in:=cmd_vel", "-r", "joint_velocities_in:=arm_velocity_controller/commands")
+    calls = (
+        ("ros-robot", "--seed", "1", "--arm", "velocity", "--json", str(result)),
+        ("ros-pilot", "--seed", "1", "--for", "60", "--ros-args", *topics),
+    )
+    with ExitStack() as stack:
+        robot, pilot = (
+            subprocess.Popen(
+                [python, "-m", "workshop", *words], env=environment, cwd=tmp_path, text=True,
+                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            ) for words in calls
+        )  # fmt: skip
+        for process in (robot, pilot):
+            stack.callback(_end, process)
+        assert robot.stderr
+        assert any("it moves fast" in line for line in robot.stderr)
+        for _ in range(3):  # where nothing of DDS ran before the steps were made up, one shows nothing
+            time.sleep(0.3)
+            robot.send_signal(signal.SIGSTOP)
+            time.sleep(1.5)
+            robot.send_signal(signal.SIGCONT)
+        time.sleep(0.3)
+        robot.send_signal(signal.SIGINT)
+        pilot.send_signal(signal.SIGINT)
+        assert robot.wait(LONGEST) == 0
+        pilot.wait(LONGEST)
+    way = np.array(json.loads(result.read_text())["way"])
+    moves = np.abs(np.diff(way, axis=0)).max(axis=1) > 1e-4
+    assert np.sum(~moves[np.argmax(moves) :]) >= 12, "it was told nothing for three times 1.5 s"

@@ -269,11 +269,11 @@ class RosRobot:
             if due <= steps:
                 time.sleep(max(0.0, (steps + 1) * _PERIOD - now))
                 continue
-            self._listen()
             while steps < due:
                 steps += 1
                 travel = self._step(began + steps * _PERIOD)
                 self._rows.append((steps * _PERIOD, self._plant.coordinates.copy(), self._plant.v.copy()))
+            self._listen()  # what comes now says nothing about the steps before
             t = steps * _PERIOD
             if self._fast_at is None and abs(self._plant.v[0]) > _FAST_SPEED:
                 self._fast_at = t
