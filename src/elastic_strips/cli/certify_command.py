@@ -186,6 +186,7 @@ def certify(
         "obstacles": len(world.scene),
         "held_still": dict(model.locked),
         "held_and_not_in_path": sorted(given.held),
+        "at_home_and_not_in_path": sorted(given.at_home),
         "carried": list(scene_file.held_names),
         "not_kept_apart": [{"links": list(pair.links), "why": pair.why.value} for pair in model.unchecked_pairs],
         "times_s": [float(given.times[0]), float(given.times[-1])] if timed and given.times is not None else None,

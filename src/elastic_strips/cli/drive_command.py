@@ -64,7 +64,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     type=options.PLANT,
     default="kinematic",
     show_default=True,
-    help="The machine: wheels with slip and lag, or MuJoCo physics (the extra sim).",
+    help="The machine: wheels with slip and lag, or MuJoCo physics (the extra sim), for differential drives.",
 )
 @options.sensors_option
 @options.goals_option

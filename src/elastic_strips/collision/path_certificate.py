@@ -169,6 +169,8 @@ def certify(
     found = work.result(when, least, said, began)
     if found.certified and not len(scene.scene if isinstance(scene, World) else scene):
         found = replace(found, reason=f"{found.reason}; the scene has no obstacles")
+    if found.certified and (still := getattr(path, "at_home", ())):
+        found = replace(found, reason=f"{found.reason}; with {listed(tuple(still))} at home, as the path does not say")
     if found.certified and robot.unproven:
         found = replace(found, reason=f"{found.reason}; {robot.unproven}")
     found = replace(found, notes=(*getattr(path, "notes", ()), *found.notes))

@@ -72,6 +72,7 @@ class PathFile(Summary):
         robot: robot of the columns, with whose held joints the file was compared; `certify` takes no other robot.
         held: joints [rad or m] that the robot holds still and that the file does not name: nothing says whether the
             file's robot has them there. Wheels do not count, which look the same wherever they are.
+        at_home: planned joints [rad or m] that the file does not name, and that are at home all along.
         rates: whether the file has velocities or accelerations, by which it may be executed as splines.
         doubts: why the file's robot may not follow ``q``; `certify` calls no such path certified.
         time_doubts: the same for ``times``; these count among obstacles that move.
@@ -85,6 +86,7 @@ class PathFile(Summary):
     rows: Array | None = None
     robot: RobotModel | None = None
     held: Mapping[str, float] = field(default_factory=dict)
+    at_home: Mapping[str, float] = field(default_factory=dict)
     rates: bool = False
 
     def _summary(self) -> dict[str, object]:
@@ -176,6 +178,7 @@ def load_path(
         rows=placed.coordinates if placed.valued else None,
         robot=robot,
         held=placed.held,
+        at_home=placed.at_home,
         rates=RATES in placed.notes,
     )
 

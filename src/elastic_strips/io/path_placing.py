@@ -147,14 +147,15 @@ def _named(
     _left_out(table, robot, columns, placed, angles)
     if ignore:
         placed.notes.append(f"ignored, as requested: {', '.join(ignore)}")
-    missing = [
-        f"{name} at {coordinates[0, b + k]:.6g}" for k, name in enumerate(robot.joint_names) if b + k not in units
-    ]
+    placed.at_home = {
+        name: float(coordinates[0, b + k]) for k, name in enumerate(robot.joint_names) if b + k not in units
+    }
     started = [c.name for c in mine if c.name in table.start]
     if started:
         placed.notes.append(f"as in the file's start state all along: {', '.join(started)}")
-    if missing:
-        placed.notes.append(f"at home, as the file does not name them: {', '.join(missing)}")
+    if placed.at_home:
+        still = ", ".join(f"{name} at {at:.6g}" for name, at in placed.at_home.items())
+        placed.notes.append(f"at home, as the file does not name them: {still}")
     _place_base(table, placed, base_at, [k for k in range(b) if k not in units])
     return units
 

@@ -63,7 +63,7 @@ class PlacedPath:
         valued: whether the file has values of angles, and not their (cos, sin).
         times: (N,) times [s], or None.
         from_start: as for `PathTable`.
-        notes, doubts, time_doubts, held: as for ``PathFile``.
+        notes, doubts, time_doubts, held, at_home: as for ``PathFile``.
     """
 
     coordinates: Array
@@ -74,3 +74,4 @@ class PlacedPath:
     time_doubts: list[str] = field(default_factory=list)
     valued: bool = True
     held: dict[str, float] = field(default_factory=dict)
+    at_home: dict[str, float] = field(default_factory=dict)

@@ -886,6 +886,22 @@ def test_joints_that_are_held_and_not_named_are_known(cart, tmp_path):
     assert not load_path(tmp_path / "p.csv", cart).held
 
 
+def test_the_answer_says_which_joints_are_at_home_as_the_path_does_not_say(cart, tmp_path):
+    def of(columns: str, row: str) -> tuple[dict[str, float], str]:
+        (tmp_path / "p.csv").write_text(f"{columns}\n0,0,0,{row}\n1,0,0,{row}\n")
+        path = load_path(tmp_path / "p.csv", cart)
+        found = certify(cart, NOTHING, path)
+        assert found.certified
+        return dict(path.at_home), found.reason
+
+    still, said = of("x,y,yaw,shoulder", "0")
+    assert set(still) == set(cart.joint_names) - {"shoulder"}
+    assert all(name in said for name in list(still)[:3])
+    still, said = of("x,y,yaw," + ",".join(cart.joint_names), ",".join("0" for _ in cart.joint_names))
+    assert still == {}
+    assert not any(name in said for name in cart.joint_names)
+
+
 @each("kind", ["csv", "json", "npz"])
 def test_velocities_are_said_to_be_left_out(panda, tmp_path, kind):
     """Who executes them goes by splines, and those leave the lines that are proven."""

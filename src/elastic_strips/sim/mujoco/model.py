@@ -223,7 +223,6 @@ def build_model(
             others.
         RobotError: MuJoCo refuses the model; the message quotes it.
     """
-    mujoco = import_mujoco()
     if robot.base_kind is not BaseKind.DIFF_DRIVE or robot.urdf_path is None:
         raise ParameterError(
             f"MujocoPlant drives robots from a URDF with a differential drive; {robot.name!r} has base "
@@ -235,6 +234,7 @@ def build_model(
             f"MujocoPlant moves no joints that follow others (<mimic>), and {robot.name!r} has "
             f"{', '.join(robot.followers)}: plan without their leaders (joints=…, --joints). KinematicPlant moves them"
         )
+    mujoco = import_mujoco()
     try:
         spec = mujoco.MjSpec.from_string(_bare_urdf(path))
         missing = [n for n in robot.joint_names if spec.joint(n) is None]

@@ -102,10 +102,10 @@ class MujocoPlant:
         self.limits: MotionLimits = limits
         self.params: PlantParams = params
         self.timestep: float = timestep
-        self._mujoco = import_mujoco()
         self._world = scene if isinstance(scene, World) else None
         self._scene = scene.scene if isinstance(scene, World) else (Scene() if scene is None else scene)
         self._layout: MujocoModel = build_model(robot, limits, self._scene, params, timestep)
+        self._mujoco = import_mujoco()
         self._model: Any = self._layout.model
         self._data: Any = self._mujoco.MjData(self._model)
         self._rng = np.random.default_rng(seed)
