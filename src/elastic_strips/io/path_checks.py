@@ -8,7 +8,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.robot import RobotModel
-from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL, MOST_TURNS, ConfigurationSpace
+from elastic_strips.robot.space import LIMIT_TOLERANCE, MAX_TRAVEL, MOST_TURNS
 
 from .path_table import BASE_NAMES, Angles, PathTable, PlacedPath
 
@@ -38,7 +38,7 @@ def check_values(
     endless = np.isinf(space.upper) & angular
     _check_unlimited(table, values, np.isinf(space.upper) & ~angular, MAX_TRAVEL, "m", names)
     _check_unlimited(table, values, endless, MAX_ANGLE, "rad", names)
-    excess = _rounded_beyond(table, values, space, angular, unsaid, names)
+    excess = _rounded_beyond(table, values, robot, angular, unsaid, names)
     clipped = np.flatnonzero((excess > 0.0).any(axis=0))
     if len(clipped):
         named = ", ".join(f"{names[i]} by {excess[:, i].max():.2g}" for i in clipped)
@@ -72,12 +72,13 @@ def _check_unlimited(
 
 
 def _rounded_beyond(
-    table: PathTable, values: Array, space: ConfigurationSpace, angular: Mask, unsaid: Mask, names: Sequence[str]
+    table: PathTable, values: Array, robot: RobotModel, angular: Mask, unsaid: Mask, names: Sequence[str]
 ) -> Array:
     """By how much values are outside their limits, (N, nv), which is refused where it is more than files round.
 
     A hint is given where they may be in another unit, which is ``unsaid`` in the file.
     """
+    space = robot.space
     excess = np.maximum(space.lower - values, values - space.upper)
     outside = excess > LIMIT_TOLERANCE
     if not outside.any():
@@ -92,12 +93,13 @@ def _rounded_beyond(
     these = outside.any(axis=0) & kind & unsaid  # all that are wrong have to fit, scaled
     scaled = values[:, these] * scale
     fits = ((scaled >= space.lower[these]) & (scaled <= space.upper[these])).all()
+    why = f"; {robot.narrowed[names[column]]}" if names[column] in robot.narrowed else ""
     hint = f". {ask}" if these[column] and fits and np.abs(values[:, these]).max() > most else ""
     table.fail(
         k,
         f"joint {names[column]!r} = {values[k, column]:.6g} is outside its limits [{space.lower[column]:.6g}, "
         f"{space.upper[column]:.6g}] by {excess[k, column]:.3g} {unit}; up to {LIMIT_TOLERANCE:g} is taken to the "
-        f"limit{hint}",
+        f"limit{why}{hint}",
     )
 
 

@@ -144,7 +144,7 @@ def load_robot(
     robot = made.robot
     _say_who_is_elsewhere(source, robot, locked)
     compare_states(robot.name, semantics, robot.followers)
-    _say_many_and_bare(robot)
+    _say_what_is_remarkable(robot)
     if made.turned:
         _log.warning("%s: %s", robot.name, said_of_turned(made.turned))
     say_what_grew(robot, source.from_visual)
@@ -165,8 +165,15 @@ def _say_whose(semantics: Srdf, source: UrdfSource) -> None:
         )
 
 
-def _say_many_and_bare(robot: RobotModel) -> None:
-    """Warn of many planned joints, and of links about which nothing is proven."""
+def _say_what_is_remarkable(robot: RobotModel) -> None:
+    """Warn of joints planned in a narrower range, of many joints, and of links about which nothing is proven."""
+    for joint, span in robot.narrowed.items():
+        _log.warning(
+            "%s: joint %s is %s. Where that is meant, an SRDF says so (disable_collisions of the two)",
+            robot.name,
+            joint,
+            span,
+        )
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning(
             "%s plans %d joints, which is many: planning and deforming will be slow. %s",

@@ -36,7 +36,6 @@ from .urdf import UrdfSource
 from .value import RobotValue
 
 _log = logging.getLogger(__name__)
-_SAID_OTHERWISE = ". Where that is meant, an SRDF says so (disable_collisions of the two)"
 
 
 class RobotModel(RobotValue):
@@ -180,7 +179,6 @@ class RobotModel(RobotValue):
         for joint, span in narrowed.items():
             k = reduced.joints[reduced.getJointId(joint)].idx_q
             reduced.lowerPositionLimit[k], reduced.upperPositionLimit[k] = span.low, span.high
-            _log.warning("%s: joint %s is %s%s", name or model.name, joint, span, _SAID_OTHERWISE)
         space = ConfigurationSpace.from_model(reduced)
         if kind.planar:
             _refuse_other_roots(reduced, made.pieces)

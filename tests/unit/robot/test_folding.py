@@ -13,6 +13,7 @@ from cases import each, refused
 
 from elastic_strips import load_robot
 from elastic_strips.errors import ConfigurationError
+from elastic_strips.io import load_path
 from elastic_strips.robot import RobotModel
 
 ROD = '<cylinder radius="0.05" length="0.4"/>'
@@ -70,8 +71,10 @@ def test_an_elbow_is_planned_until_its_links_lie_along_each_other(tmp_path: Path
     assert any("elbow" in record.getMessage() for record in caplog.records)
     assert folded_along(path, high - 0.15) < 0.4 / 3.0 < folded_along(path, high + 0.25)
     assert set(robot.narrowed) == {"elbow"}
-    with refused(ConfigurationError, "elbow"):
+    with refused(ConfigurationError, robot.narrowed["elbow"]):
         robot.home(joints={"elbow": 2.9})
+    with refused(ConfigurationError, robot.narrowed["elbow"]):
+        load_path(np.array([[0.0], [2.9]]), robot, joint_names=["elbow"], base_at=(0.0, 0.0, 0.0))
     troubles = robot.card().troubles
     assert len(troubles) == 1
     assert "elbow" in troubles[0]
