@@ -28,11 +28,14 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
+
+_NUMBERS = re.compile(r"-?\d[\d.]*")
 
 
 class ElasticStripsError(Exception):
@@ -147,6 +150,11 @@ def nearest_name(name: object, valid: Iterable[str]) -> str:
 def listed(names: Sequence[str], most: int = 3, *, between: str = ", ") -> str:
     """The first few names, and how many more there are."""
     return between.join(names[:most]) + f" and {len(names) - most} more" * (len(names) > most)
+
+
+def without_numbers(text: str) -> str:
+    """A message with "…" for its numbers: what is said again and again of one kind differs in these alone."""
+    return _NUMBERS.sub("…", text)
 
 
 def plural(count: int, noun: str) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from elastic_strips.catalogue import FAULTS
-from elastic_strips.errors import plural
+from elastic_strips.errors import plural, without_numbers
 
 from . import EXIT_INTERRUPTED, options, output
 from .robot_options import load_robot, robot_options
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 _LASER_MAP = re.compile(r"\bmap--?\d+--?\d+\b")  # a tile of what lasers have met
 _STOPS_TOLD = 5  # kinds of stops
-_NUMBER = re.compile(r"-?[0-9.]+")  # by which alone stops of one kind differ
 _COMPUTING_FACTOR = (
     "ms by the wall clock; {late} late in simulated time, in which computing costs {factor:g} × its processor time"
 )
@@ -435,7 +434,7 @@ def said_of_stops(stops: Sequence[tuple[float, str]]) -> list[str]:
     """When [s] and why a robot stopped, in words: stops that differ in their numbers alone are said once."""
     alike: dict[str, list[tuple[float, str]]] = {}
     for stop in stops:
-        alike.setdefault(_NUMBER.sub("", stop[1]), []).append(stop)
+        alike.setdefault(without_numbers(stop[1]), []).append(stop)
     said = []
     for (time, reason), *others in alike.values():
         again = f", and {plural(len(others), 'time')} more until {others[-1][0]:.2f} s" if others else ""

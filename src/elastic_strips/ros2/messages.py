@@ -6,7 +6,6 @@ Nothing here needs rclpy. What cannot be used raises a `MessageError`; who reads
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastic_strips.arrays import Array, ArrayLike, Mask
-from elastic_strips.errors import InputError
+from elastic_strips.errors import InputError, without_numbers
 from elastic_strips.io.laser_log import scan_of
 from elastic_strips.io.nav2_map import WALL_HEIGHT
 from elastic_strips.perception.readings import NO_ANSWER, NOTHING, DepthImage, LaserScan
@@ -27,15 +26,12 @@ _UNKNOWN_VARIANCE = 1e4  # [m², rad²] from there on drivers mean that they do 
 _FULL = 100  # occupancy of a cell that is certainly occupied
 _DEPTHS = {"16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3), "32FC1": ("f4", 1.0)}  # encoding → kind, unit [m]
 _Depths = npt.NDArray[np.float32]
-_OK, _WARN, _ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
-
-
-_NUMBERS = re.compile(r"-?\d[\d.]*")
+_OK, _WARN = 0, 1  # levels of diagnostic_msgs/DiagnosticStatus
 
 
 def kind_of(error: Exception) -> str:
     """What is wrong with a message, without its numbers: what is wrong again and again is counted as one."""
-    return _NUMBERS.sub("…", str(error).split(":")[0])
+    return without_numbers(str(error).split(":")[0])
 
 
 class MessageError(InputError):

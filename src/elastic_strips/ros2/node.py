@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import re
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -41,19 +40,7 @@ from .telling import Telling
 
 _log = logging.getLogger(__name__)
 NODE_NAME = "elastic_strips"
-_PLAN_PERIOD = 0.05  # [s]
-_SEE_PERIOD = 0.005  # [s] from one look at what has come to the next
-_LEAD_TIME = 0.1  # [s] from now to time 0
-_TELL_AFTER = 2.0  # [s] of waiting until it is said what is missing
-_DIAGNOSTICS_PERIOD = 1.0  # [s]
-_RATE_SPAN = 1.0  # [s] in which the rate of odometry is measured
-_PLAN_AHEAD = 30.0  # [s] of the way that is shown, and
-_PLAN_STEP = 0.2  # [s] from pose to pose
 _LAST_WORDS = 0.3  # [s] in which clients are told that their goals are over
-_NEWEST_EVENTS = 50  # that are looked at, at most
-_SAME_WARNING = 5.0  # [s] from a warning until the same is said again
-_NUMBER = re.compile(r"-?[0-9.]+")  # by which alone what is said again and again differs
-_SHOWN_EVERY = 4  # planning ticks from one shown plan to the next
 
 
 class Ros2Node:

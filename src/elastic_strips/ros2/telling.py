@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -13,6 +12,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.control.controller import Controller
 from elastic_strips.control.interfaces import Event, RunState
 from elastic_strips.control.process import ExecutorProcess
+from elastic_strips.errors import without_numbers
 from elastic_strips.robot import RobotModel, footprint_polygon
 from elastic_strips.scene import Scene
 
@@ -31,7 +31,6 @@ _MOTION_STEP = 0.1  # [s] from one posture on a motion to the next
 _MARKERS_PERIOD = 0.2  # [s] from one set of markers to the next
 _MARKERS_AHEAD = 3.0  # [s] of the motion that is shown
 _SAME_WARNING = 5.0  # [s] from a warning until the same is said again
-_NUMBER = re.compile(r"-?[0-9.]+")  # by which alone what is said again and again differs
 
 
 class Run(Protocol):
@@ -96,7 +95,7 @@ class Telling:
             event for event in events[-_NEWEST_EVENTS:] if event.time > self._warned_until and event.kind == "fault"
         ]
         for event in news:
-            same = _NUMBER.sub("", event.reason)
+            same = without_numbers(event.reason)
             if event.time > self._warned.get(same, -math.inf) + _SAME_WARNING:
                 self._warned[same] = event.time
                 self._node.get_logger().warning(event.reason)
@@ -149,7 +148,7 @@ class Telling:
         """Say why a robot that has a goal stands, once it has for a while."""
         waits = self._requests.state is GoalState.DRIVING and run.state is RunState.STOPPED
         self._stands_since = min(self._stands_since, t) if waits else math.inf
-        same = _NUMBER.sub("", run.reason)
+        same = without_numbers(run.reason)
         if t > self._stands_since + _WAIT and t > self._warned.get(same, -math.inf) + _SAME_WARNING:
             self._warned[same] = t
             self._node.get_logger().warning(f"it stands: {run.reason}{self._silent(t)}")
