@@ -73,25 +73,20 @@ def load_message(path: str | os.PathLike[str]) -> Node:
     return parse_yaml(_AFTER.sub("\n", text), Source(file))
 
 
-def read_planning_scene(path: str | os.PathLike[str], *, planes: str = "blocked") -> PlanningScene:
-    """Read a ``moveit_msgs/PlanningScene``, its world alone, or the answer of the service ``get_planning_scene``.
+def planning_scene_of(root: Node, *, planes: str = "blocked") -> PlanningScene:
+    """A ``moveit_msgs/PlanningScene``, its world alone, or the answer of the service ``get_planning_scene``.
 
     Obstacles have the objects' names; those of an object of several shapes have a number after it. The planning
     frame counts as the world. A plane has no end: it becomes a slab (`plane_slab`). Not taken over are colours,
     allowed collisions, paddings and scales of links: a warning in the log says so.
 
     Args:
-        path: a YAML or JSON file.
+        root: the document, as `load_message` reads it.
         planes: ``"blocked"``, or ``"free"``: they are left out.
 
     Raises:
-        SceneError: no such file, or one that does not fit; the message names file, line and key.
+        SceneError: it does not fit; the message names file, line and key.
     """
-    return planning_scene_of(load_message(path), planes=planes)
-
-
-def planning_scene_of(root: Node, *, planes: str = "blocked") -> PlanningScene:
-    """The same of a document that is read already."""
     check_choice("planes", planes, ("blocked", "free"), SceneError)
     if isinstance(root.value, dict) and isinstance(root.value.get("scene"), dict):
         root = root["scene"]

@@ -42,10 +42,6 @@ class Rays:
         turn = T[:3, :3].T
         return Rays(self.origin @ turn + T[:3, 3], self.direction @ turn)
 
-    def seen_from(self, rotation: Array, translation: Array) -> Rays:
-        """These rays in the frame with this pose."""
-        return Rays((self.origin - translation) @ rotation, self.direction @ rotation)
-
     def some(self, index: Indices) -> Rays:
         """The rays of these indices."""
         return Rays(self.origin if len(self.origin) == 1 else self.origin[index], self.direction[index])

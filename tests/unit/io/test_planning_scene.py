@@ -12,7 +12,8 @@ from cases import each, refused
 import elastic_strips as es
 from elastic_strips.errors import ConfigurationError, RobotError, SceneError
 from elastic_strips.io import read_scene, read_scene_file
-from elastic_strips.io.planning_message import read_planning_scene
+from elastic_strips.io.planning_message import load_message, planning_scene_of
+from elastic_strips.io.planning_scene import PlanningScene
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene.quantities import quaternion_of
 
@@ -46,6 +47,10 @@ def write(folder, *objects: dict, attached: tuple[dict, ...] = (), name: str = "
     path = folder / name
     path.write_text(json.dumps(document))
     return path
+
+
+def read_planning_scene(path, **options: str) -> PlanningScene:
+    return planning_scene_of(load_message(path), **options)
 
 
 POST = pose(0.31, 0.33, 0.46)
