@@ -216,10 +216,11 @@ def test_a_path_that_is_not_all_of_the_file_is_unknown(folder, capsys, silvermat
     assert len(answer["doubts"]) == 1
     assert not (folder / "r.csv").exists()
     assert not (folder / "p.npz").exists()
-    assert call(*arguments, "--base-at", -1, 0, 0.5) == 0
-    assert call(*arguments, "--base-at", 2, 0.35, 0) == 3
+    assert call(*arguments, "--base-at", "-1,0,0.5") == 0
+    assert call(*arguments, "--base-at", "2,0.35,0") == 3
     assert call(*arguments, "--base", "fixed") == 0
-    assert call(*arguments, "--base-at", 2e4, 0, 0) == 2
+    assert call(*arguments, "--base-at", "2e4,0,0") == 2
+    assert call(*arguments, "--base-at", -1, 0, 0.5) == 2
 
 
 def test_angles_and_columns_that_do_not_matter(folder, silvermate):

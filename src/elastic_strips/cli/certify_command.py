@@ -14,7 +14,7 @@ from elastic_strips.errors import listed, plural
 
 from . import options, output
 from .robot_options import robot_options
-from .scene_options import SCENE_FILES, scene_options
+from .scene_options import SCENE_FILES, Pose, scene_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,8 +78,8 @@ _JOINTS_LISTED = 12  # joints in a note
 )
 @click.option(
     "--base-at",
-    type=(options.Finite(), options.Finite(), options.Finite()),
-    metavar="X Y YAW",
+    type=Pose(3),
+    metavar="X,Y,YAW",
     help="Where the base stands, if the path does not say [m, m, rad].",
 )
 @click.option(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from elastic_strips.errors import plural
+
 from . import options
 
 SCENE_FILES = (
@@ -26,9 +28,12 @@ else:  # of click 8.1 it cannot be told of what
 
 
 class Pose(_PoseType):
-    """Three, four or seven numbers with commas: x,y,z; x,y,z,yaw; x,y,z,qx,qy,qz,qw."""
+    """Numbers with commas: x,y,z; x,y,z,yaw; x,y,z,qx,qy,qz,qw; or as many as ``counts`` says."""
 
     name = "pose"
+
+    def __init__(self, *counts: int) -> None:
+        self.counts: tuple[int, ...] = counts or (3, 4, 7)
 
     def convert(
         self, value: str | tuple[float, ...], param: click.Parameter | None, ctx: click.Context | None
@@ -37,8 +42,10 @@ class Pose(_PoseType):
             return value
         number = options.Finite()
         found = tuple(float(number(word.strip(), param, ctx)) for word in value.split(","))
-        if len(found) not in (3, 4, 7):
-            self.fail(f"{value!r} has {len(found)} numbers; 3, 4 or 7 are needed", param, ctx)
+        if len(found) not in self.counts:
+            *some, last = map(str, self.counts)
+            wanted = f"{', '.join(some)} or {last}" if some else last
+            self.fail(f"{value!r} has {plural(len(found), 'number')}; {wanted} with commas are needed", param, ctx)
         return found
 
 

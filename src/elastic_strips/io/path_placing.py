@@ -109,7 +109,7 @@ def _unnamed(
         except ConfigurationError as problem:
             table.source.fail(str(problem))
     elif rows.shape[1] != robot.nv:
-        base = "x, y, yaw (or --base-at X Y YAW, base_at=) and " if space.planar else ""
+        base = "x, y, yaw (or --base-at X,Y,YAW, base_at=) and " if space.planar else ""
         table.source.fail(
             f"has {rows.shape[1]} columns without names; {robot.name!r} has {robot.nv}: {base}"
             f"{', '.join(robot.joint_names)}"
@@ -171,7 +171,7 @@ def _place_base(table: PathTable, placed: PlacedPath, base_at: Sequence[float] |
     elif open_:
         placed.doubts.append(
             f"the file does not say {', '.join(BASE_NAMES[k] for k in open_)} of the base, which can move: taken for "
-            "0. Place it (--base-at X Y YAW, base_at=), or let it not move (--base fixed) where it stands at the origin"
+            "0. Place it (--base-at X,Y,YAW, base_at=), or let it not move (--base fixed) where it stands at the origin"
         )
 
 
