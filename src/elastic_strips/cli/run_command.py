@@ -135,22 +135,28 @@ def _write_timed(result: RunResult, file: str, limits: MotionLimits | None) -> b
     from elastic_strips.trajectory import RetimingError, retime
 
     if not result.certified:
-        output.say("no trajectory: the strip is not certified" + ("" if result.departure is None else " as a whole"))
+        output.say(
+            ("no trajectory", output.BAD),
+            ": the strip is not certified" + ("" if result.departure is None else " as a whole"),
+        )
         return False
     try:
         trajectory = retime(result.report.strip, limits=limits)
     except RetimingError as error:
-        output.say(f"no trajectory: {error}")
+        output.say(("no trajectory", output.BAD), f": {error}")
         return False
+    by_times = ""
     if changes(world := result.scenario.world):
+        by_times = ", certified by its times"
         met = certify(
             result.robot, world, trajectory.coordinates, clearance=result.params.clearance, times=trajectory.time
         )
         if not met.certified:
-            output.say(f"no trajectory: as it would be timed, {met.reason}; 'elastic-strips drive' gives way in time")
+            reason = f"as it would be timed, {met.reason}; 'elastic-strips drive' gives way in time"
+            output.say(("no trajectory", output.BAD), f": {reason}")
             return False
     written = write_trajectory(file, trajectory, scene=result.report.scene)
-    output.say(f"trajectory  {written}, {trajectory.duration:.2f} s, {len(trajectory)} samples")
+    output.say(f"trajectory  {written}, {trajectory.duration:.2f} s, {len(trajectory)} samples{by_times}")
     return True
 
 
@@ -161,6 +167,9 @@ def _summary(result: RunResult) -> None:
     verdict = "certified" if result.certified else report.status.value
     if result.departure is not None:
         verdict = "not certified" if result.departure.rest is None else "left contact, certified from where it is free"
+    changing = changes(result.scenario.world)
+    if changing and result.certified:
+        verdict += f" as at {result.scenario.scene.time:g} s"
     output.say(
         f"{result.scenario.name} · {result.robot.name} · preset {result.params.preset}: ",
         output.verdict(verdict, result.certified),
@@ -172,11 +181,11 @@ def _summary(result: RunResult) -> None:
         f"{plural(result.ticks, 'tick')}, first certified after {first}"
         + (f", passes {result.passing_side}" if result.passing_side else "")
     )
-    if changing := changes(result.scenario.world):
+    if changing:
         output.say(
             ("  note:", output.NOTE),
-            f" the scene changes with time ({listed(changing)}), and is taken as it is at "
-            f"{result.scenario.scene.time:g} s; 'elastic-strips drive' reckons with what changes",
+            f" the scene changes with time ({listed(changing)}), and is taken as it is then; 'elastic-strips drive' "
+            "reckons with what changes",
         )
     if not result.certified and report.certificate.broken is not None:
         output.say((f"  {report.certificate.broken}", output.BAD))
