@@ -18,6 +18,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -32,6 +33,7 @@ _KINDS = (
 )
 # without O_NONBLOCK a FIFO that takes the file's place between the two looks at it would hang the call
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+_MOST_COMPARED = 2000  # names of a folder, with that of a file that is not there
 
 
 @dataclass
@@ -134,7 +136,8 @@ def _meant(path: str | os.PathLike[str]) -> str:
     """The file of the same folder that may be meant by the name of one that is not there."""
     given = Path(path)
     try:
-        names = [entry.name for entry in os.scandir(given.parent)]
+        with os.scandir(given.parent) as entries:
+            names = [entry.name for entry in islice(entries, _MOST_COMPARED)]
     except OSError:
         return ""
     close = difflib.get_close_matches(given.name, names, n=1, cutoff=0.8)

@@ -95,6 +95,7 @@ def _drive(
     if node.params.level is not None:
         kept = OrientationConstraint.from_configuration(node.robot, q, node.params.level)
         drive = replace(drive, constraint=kept)
+        node.telling.watch(kept)
     executor = ExecutorProcess(node.robot, q, q, params=drive, limits=node.slower, log=node.params.log)
     stack.enter_context(executor)
     controller = Controller(

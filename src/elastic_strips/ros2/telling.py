@@ -15,6 +15,7 @@ from elastic_strips.control.process import ExecutorProcess
 from elastic_strips.errors import without_numbers
 from elastic_strips.robot import RobotModel, footprint_polygon
 from elastic_strips.scene import Scene
+from elastic_strips.strip.constraint import AxisConstraint, ConstraintForce
 
 from .driver import load, quality
 from .markers import Lines, boxes_near, fill_markers
@@ -77,6 +78,7 @@ class Telling:
         self._markers = node.create_publisher(markers.MarkerArray, "~/markers", quality(1, reliable=True))
         self._lines = Lines(robot, params.hand)
         self._footprint_due = self._markers_due = -math.inf
+        self._level: ConstraintForce | None = None
         self._told_state = ""
         self._stands_since = math.inf  # [s]
         self._warned: dict[str, float] = {}  # what was said, without numbers, and when it happened [s]
@@ -84,6 +86,10 @@ class Telling:
 
     def _now(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)
+
+    def watch(self, level: AxisConstraint) -> None:
+        """Tell from now on how level what is to stay level is."""
+        self._level = ConstraintForce(self._robot, level)
 
     def log(self, text: str) -> None:
         """Say something in ROS' log."""
@@ -95,15 +101,19 @@ class Telling:
             event for event in events[-_NEWEST_EVENTS:] if event.time > self._warned_until and event.kind == "fault"
         ]
         for event in news:
-            same = without_numbers(event.reason)
-            if event.time > self._warned.get(same, -math.inf) + _SAME_WARNING:
-                self._warned[same] = event.time
-                self._node.get_logger().warning(event.reason)
+            self._warn_again(event.reason, event.time)
         if news:
             self._warned_until = news[-1].time
         for what in [what for what in list(self._sensing.counts) if what not in self._warned]:
             self._warned[what] = math.inf  # it is counted from now on
             self._node.get_logger().warning(f"left out: {what}")
+
+    def _warn_again(self, text: str, t: float) -> None:
+        """Say what is wrong, unless the same, but for its numbers, was said a while ago."""
+        same = without_numbers(text)
+        if t > self._warned.get(same, -math.inf) + _SAME_WARNING:
+            self._warned[same] = t
+            self._node.get_logger().warning(text)
 
     def show(self, rows: Array) -> None:
         """Publish the way ahead: coordinate rows (K, nv) of a robot whose base moves."""
@@ -148,10 +158,8 @@ class Telling:
         """Say why a robot that has a goal stands, once it has for a while."""
         waits = self._requests.state is GoalState.DRIVING and run.state is RunState.STOPPED
         self._stands_since = min(self._stands_since, t) if waits else math.inf
-        same = without_numbers(run.reason)
-        if t > self._stands_since + _WAIT and t > self._warned.get(same, -math.inf) + _SAME_WARNING:
-            self._warned[same] = t
-            self._node.get_logger().warning(f"it stands: {run.reason}{self._silent(t)}")
+        if t > self._stands_since + _WAIT:
+            self._warn_again(f"it stands: {run.reason}{self._silent(t)}", t)
 
     def _silent(self, t: float) -> str:
         """Which topics of the robot's motion are silent, to be added to a sentence."""
@@ -178,22 +186,34 @@ class Telling:
         fine = run.state in (RunState.MOVING, RunState.REACHED) or (guards and not executor.waits)
         faults = [event.reason for event in list(run.events)[-20:] if event.kind == "fault"]
         goal = self._requests
+        tilt, tilted = (0.0, "") if self._level is None else tilt_of(self._level, executor.estimate)
         values: dict[str, object] = {
             "state": run.state.label,
             **({"pilot": executor.pilot} if guards else {"goal": f"{goal.number}: {goal.state.value}: {goal.reason}"}),
             "odometry_hz": f"{rate:.1f}",
             "executor": executor.priority,
+            **({} if self._level is None else {"tilt_rad": f"{tilt:.3f}"}),
             "last_fault": faults[-1] if faults else "",
             **{f"age_of_{topic}_s": f"{age:.2f}" for topic, age in self._ages(now).items()},
             **{f"age_of_{topic}_s": f"{self._sensing.age(topic, now):.2f}" for topic in self._params.seen},
             **{f"dropped: {what}": count for what, count in self._sensing.counts.most_common(8)},
         }
-        trouble = executor.lost or ("" if fine else f"{run.reason}{self._silent(now)}")
+        trouble = executor.lost or ("" if fine else f"{run.reason}{self._silent(now)}") or tilted
+        if tilted:
+            self._warn_again(tilted, now)
         said = executor.pilot if guards else run.reason
         fill_status(status, diagnostic.KeyValue, str(self._node.get_name()), trouble, said, values)
         array.header.stamp = self._node.get_clock().now().to_msg()
         array.status.append(status)
         self._diagnostics.publish(array)
+
+
+def tilt_of(level: ConstraintForce, row: Array) -> tuple[float, str]:
+    """By how much a frame that is to stay level is tilted [rad] at a coordinate row (nv,), and what to say of it; empty
+    within its tolerance."""
+    tilt, most = float(level.errors_at(row[None])[0]), level.constraint.tolerance
+    said = f"{level.constraint.frame!r} is tilted by {tilt:.2f} rad; at most {most:g} are wanted"
+    return tilt, said if tilt > most else ""
 
 
 def _motion(executor: ExecutorProcess, seconds: float) -> list[Array]:
