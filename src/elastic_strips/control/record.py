@@ -18,6 +18,7 @@ from elastic_strips.scene import Scene, World
 from elastic_strips.summary import Summary
 
 from .interfaces import Event, GoalReached, RunState
+from .seen_rows import SeenLog, SeenRows
 
 _Array = TypeVar("_Array", bound=np.ndarray)
 
@@ -124,6 +125,7 @@ class Record(Summary):
         events: in order of time.
         world: the true obstacles over time; in a record from a file they follow the recorded poses.
         goal: (nv,) coordinate row of the goal, or None.
+        seen: what sensors made of the world, where the robot drove by them.
         states: names of the codes in ``control.state``.
         metadata: further plain JSON values: scenario, seed, ….
     """
@@ -138,6 +140,7 @@ class Record(Summary):
     events: tuple[Event, ...]
     world: World
     goal: Array | None
+    seen: SeenRows = field(default_factory=lambda: SeenLog().rows(0.0))
     states: tuple[str, ...] = STATES
     metadata: Mapping[str, object] = field(default_factory=dict)
 
@@ -218,6 +221,7 @@ class Recorder:
         self._ticks: list[tuple[float, float, Mapping[str, float], str, bool, float, float, str]] = []
         self._strips: list[Array] = []
         self._events: list[Event] = []
+        self._seen = SeenLog()
         self._last = -np.inf
 
     def __len__(self) -> int:
@@ -292,6 +296,10 @@ class Recorder:
         """Add an event at a time [s]: its kind in one word, and a reason."""
         self._events.append(Event(float(time), str(kind), str(reason)))
 
+    def seen(self, time: float, scene: Scene) -> None:
+        """Add what sensors make of the world at a time [s]; what comes within 0.25 s of the last is not kept."""
+        self._seen.look(time, scene)
+
     def finish(self) -> Record:
         """Return the record so far; recording may go on.
 
@@ -316,6 +324,7 @@ class Recorder:
             events=tuple(sorted(self._events, key=lambda e: e.time)),
             world=self._world.copied(),  # later runs do not change it
             goal=self._goal,
+            seen=self._seen.rows(float(control.time[-1])),
             metadata=dict(self._metadata),
         )
 

@@ -25,6 +25,7 @@ from elastic_strips.arrays import Array, Document
 from elastic_strips.catalogue import recorded_robot
 from elastic_strips.control.interfaces import Event
 from elastic_strips.control.record import DRIVE_NAMES, ControlRows, PlanningRows, Record, RecordError, frozen
+from elastic_strips.control.seen_rows import SEEN_SHAPES, SeenLog, SeenRows
 from elastic_strips.errors import InputError, RobotError, missing_extra
 from elastic_strips.files import atomic_write, check_writable, open_input
 from elastic_strips.robot import BaseKind, RobotModel, load_robot
@@ -113,6 +114,7 @@ def _key(name: str) -> str:
     return "chart" if name == "coordinates" else name
 
 
+_SEEN = {f.name: () for f in fields(SeenRows)} | {"size": (3,), "position": (3,), "quaternion": (4,)}
 _TABLES = ("phases", "statuses", "reasons")
 _Arrays: TypeAlias = Mapping[str, npt.NDArray[np.generic]]
 
@@ -200,6 +202,7 @@ def _packed(record: Record) -> bytes:
         **{f"planning_{name}": getattr(record.planning, name) for name in _PLANNING},
         "track_position": position,
         "track_quaternion": quaternion,
+        **{f"seen_{name}": getattr(record.seen, name) for name in _SEEN if len(record.seen)},
     }
     size = sum(array.nbytes for array in arrays.values())
     if size > MAX_ARRAY_BYTES or len(text) > MAX_TEXT:
@@ -297,9 +300,27 @@ def _unpacked(document: Document, loaded: _Arrays) -> Record:
         events=tuple(map(_event, root["events"])),
         world=world_from_documents(pieces, control.time, position, quaternion),
         goal=None if goal is None else frozen(goal),
+        seen=_seen(loaded),
         states=states,
         metadata={key: entry.value for key, entry in root["metadata"].mapping().items()},
     )
+
+
+def _seen(loaded: _Arrays) -> SeenRows:
+    """What was seen, where the robot drove by sensors."""
+    if "seen_begin" not in loaded:
+        return SeenLog().rows(0.0)
+    count = _array(loaded, "seen_begin", (None,)).shape[0]
+    seen = SeenRows(**{name: _array(loaded, f"seen_{name}", (count, *width)) for name, width in _SEEN.items()})
+    if len(seen) and seen.shape.max() >= len(SEEN_SHAPES):
+        raise RecordError(
+            f"'seen_shape' goes to {seen.shape.max()}; there are {len(SEEN_SHAPES)}: {', '.join(SEEN_SHAPES)}"
+        )
+    if (seen.end < seen.begin).any() or (seen.size < 0.0).any():
+        raise RecordError("'seen_end' must not be before 'seen_begin', and 'seen_size' not below 0")
+    if not np.allclose(np.linalg.norm(seen.quaternion, axis=1), 1.0, atol=1e-6):
+        raise RecordError("'seen_quaternion' must hold unit quaternions")
+    return seen
 
 
 def _event(node: Node) -> Event:
@@ -315,7 +336,9 @@ def _names(node: Node) -> tuple[str, ...]:
     return tuple(node.value)
 
 
-_KINDS = {"state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i"}
+_KINDS = {
+    "state": "u", "status": "u", "certified": "b", "node_offset": "i", "reason": "i", "shape": "u", "moves": "b",
+}  # fmt: skip
 _MAY_BE_NAN = {
     "reference", "reference_v", "estimate", "drive", "joints", "motors", "tick_ms", "phase_ms", "clearance",
     "horizon_end",

@@ -206,6 +206,9 @@ class Simulation(Generic[_Driver]):
             strip=tick.strip,
             reason=tick.reason,
         )
+        seen = getattr(self.perception, "sensed", None)  # of what faults are wrapped about, too
+        if isinstance(seen, Scene):
+            self.recorder.seen(tick.time, seen)
         if self.watch is not None:
             try:
                 self.watch(self)

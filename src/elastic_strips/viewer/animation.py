@@ -33,9 +33,10 @@ from .drawing import (
     bare_legend,
     segment_colors,
 )
-from .drawing_obstacles import MOVING, MOVING_COLOR
+from .drawing_obstacles import MOVING, MOVING_COLOR, estimated_legend
 from .geometry import Floats, RobotPoses, linear
 from .path_report import PathReport
+from .seen_replay import draw_seen
 
 STATE_COLORS = {
     "moving": "#2b6cb0",
@@ -263,6 +264,7 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out.append(commands.transforms("/robot", drawing.body_paths, matrices[0]))
     tracks = _robot_tracks(drawing, matrices)
     out += _obstacles(drawing, record, scene, times, tracks)
+    out += draw_seen(record.seen, times, tracks)
     out += _traces(play, coordinates, state, points[:, -1], tracks)
     out += _ring(play, coordinates, state, tracks)
     shown = _recorded_strips(drawing, play, times, tracks)
@@ -402,6 +404,8 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
         legend.append(["goal", HAND_THREAD])
     legend += bare_legend(play.robot)
     legend += drawing.obstacles.legend()
+    if len(record.seen):
+        legend += estimated_legend()
     if drawing.obstacles.moving(record.world.scene.at(play.begin)):
         legend.append(["where it was just now", f"color-mix(in srgb, {MOVING_COLOR} 40%, white)"])
     cards: list[Document] = []

@@ -18,7 +18,7 @@ from elastic_strips.scene import Scene
 from elastic_strips.strip.report import DeformReport, DeformStatus
 from elastic_strips.summary import shortened
 
-from . import commands, geometry
+from . import commands, geometry, seen_replay
 from .commands import Command
 from .drawing_obstacles import NONE, ObstacleDrawing
 from .geometry import Body, Floats, MeshData, RobotPoses, linear
@@ -168,7 +168,8 @@ class Drawing:
         self.playing, self.hidden = False, ()
         shown = [commands.visible(path, True) for path in STATIC]
         self._made -= {path for path in self._made if path.startswith("/playback")}
-        return [commands.no_animation(), commands.captions([], [], {}), commands.delete("/playback"), *shown]
+        played = [commands.delete(path) for path in ("/playback", seen_replay.PATH)]
+        return [commands.no_animation(), commands.captions([], [], {}), *played, *shown]
 
     def strip(
         self, path: str, coordinates: Array, points: Array, colors: Array, *, light: bool = False

@@ -96,7 +96,11 @@ class ObstacleDrawing:
                 mesh = geometry.obstacle_mesh(obstacle)
                 if mesh is None:
                     continue
-                out.append(commands.mesh(path, mesh, self._look(kind), cast=not (self._estimated or unseen)))
+                out.append(
+                    commands.mesh(
+                        path, mesh, _look(kind, estimated=self._estimated), cast=not (self._estimated or unseen)
+                    )
+                )
                 out.append(commands.names(path, [path], [str(obstacle.name)]))
             seen.add(path)
             if pose is None or not np.array_equal(pose, obstacle.pose):
@@ -136,12 +140,6 @@ class ObstacleDrawing:
         inner = "estimated " if self._estimated else ""
         return f"/{branch}/{inner}" + str(obstacle.name).replace("/", "\N{DIVISION SLASH}").replace("\0", "")
 
-    def _look(self, kind: str) -> Document:
-        opacity = _UNSEEN_OPACITY if kind == UNSEEN_LAYER else _ESTIMATED_OPACITY if self._estimated else 1.0
-        lit = kind != UNSEEN_LAYER
-        look = commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0, lit=lit)
-        return look if lit else look | {"side": 0}  # its outside alone: much of it lies in a row
-
     def moving(self, scene: Scene) -> list[Obstacle]:
         """Obstacles that have an object of their own because they move."""
         return [o for o in scene if o.motion is not None and self.path(o) in self._own]
@@ -159,6 +157,23 @@ class ObstacleDrawing:
             self._shared[shape] = matrices
             out.append(commands.instances(path, matrices, names=titles[shape]))
         return out
+
+
+def _look(kind: str, *, estimated: bool) -> Document:
+    opacity = _UNSEEN_OPACITY if kind == UNSEEN_LAYER else _ESTIMATED_OPACITY if estimated else 1.0
+    lit = kind != UNSEEN_LAYER
+    look = commands.material(linear(_KINDS[kind][1]), opacity=opacity, hides=opacity == 1.0, lit=lit)
+    return look if lit else look | {"side": 0}  # its outside alone: much of it lies in a row
+
+
+def estimated_look(*, moves: bool) -> Document:
+    """The look of what sensors made of the world: of what moves, or of what stands."""
+    return _look("estimated" if moves else "voxels", estimated=True)
+
+
+def estimated_legend() -> list[list[str]]:
+    """The meaning of these two colours."""
+    return [list(_KINDS["voxels"]), list(_KINDS["estimated"])]
 
 
 def _is_unseen(obstacle: Obstacle) -> bool:

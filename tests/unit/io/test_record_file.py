@@ -75,6 +75,45 @@ def test_a_record_reads_back_to_the_last_bit(record, file):
     np.testing.assert_array_equal(record.goal, again.goal)
 
 
+def seen_record(robot) -> Record:
+    recorder = Recorder(robot, Scene())
+    coordinates = robot.space.to_coordinates(robot.home_q)
+    for k in range(200):
+        recorder.control(0.01 * k, coordinates=coordinates, v=0.0 * coordinates)
+        posts = [Sphere(0.1, at=(0.1 * (k // 50), 1.0, 1.0), name="post"), Box((1.0, 0.1, 1.0), name="wall")]
+        recorder.seen(0.01 * k, Scene(posts, time=0.01 * k))
+    return recorder.finish()
+
+
+def test_what_was_seen_reads_back(record, silvermate, tmp_path):
+    seen = seen_record(silvermate)
+    again = read_record(write_record(seen, tmp_path / "run.npz"))
+    assert len(seen.seen) == 5
+    for field in dataclasses.fields(seen.seen):
+        one, two = (getattr(r.seen, field.name) for r in (seen, again))
+        np.testing.assert_array_equal(one, two, err_msg=field.name)
+        assert one.dtype == two.dtype
+    assert len(record.seen) == 0
+    assert len(read_record(write_record(record, tmp_path / "known.npz")).seen) == 0
+
+
+def test_what_was_seen_has_to_make_sense(silvermate, tmp_path):
+    file, target = write_record(seen_record(silvermate), tmp_path / "run.npz"), tmp_path / "x.npz"
+    rows = read_record(file).seen
+    for name, array in (
+        ("shape", np.full_like(rows.shape, 3)),
+        ("end", rows.begin - 1.0),
+        ("size", -rows.size),
+        ("quaternion", 2.0 * rows.quaternion),
+        ("position", rows.position[:-1]),
+        ("position", np.where(rows.position == 1.0, np.nan, rows.position)),
+        ("moves", rows.shape),
+        ("size", None),
+    ):
+        with refused(RecordError, f"seen_{name}"):
+            read_record(changed(file, target, **{f"seen_{name}": array}))
+
+
 def test_obstacles_are_where_they_were(record, file):
     world = read_record(file).world
     assert world.scene.names == record.world.scene.names

@@ -10,13 +10,15 @@ from synthetic_run import moving_world, straight_run
 
 from elastic_strips.control.interfaces import RunState
 from elastic_strips.control.record import Recorder, RecordError
+from elastic_strips.control.seen_rows import SeenLog
 from elastic_strips.errors import InputError
 from elastic_strips.io.record_file import read_record, record_robot, write_record
-from elastic_strips.scene import Capsule, Scene, Twist, World
+from elastic_strips.scene import Box, Capsule, Cylinder, Scene, Twist, Voxels, World
 from elastic_strips.strip import Strip
-from elastic_strips.viewer import Viewer
+from elastic_strips.viewer import Viewer, seen_replay
 from elastic_strips.viewer.animation import STATE_COLORS
 from elastic_strips.viewer.drawing import ObstacleDrawing
+from elastic_strips.viewer.seen_replay import PATH
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +148,49 @@ def test_the_traces_grow_to_where_the_robot_is(played, record):
                 np.interp(5.0, record.control.time, record.control.coordinates[:, 0]), abs=0.03
             )
     assert "/playback/trace/reference" in played.objects
+
+
+def test_what_was_seen_is_shown_while_it_was_there(silvermate):
+    recorder = Recorder(silvermate, Scene())
+    coordinates = silvermate.space.to_coordinates(silvermate.home_q)
+    wall = Box((2.0, 0.1, 1.0), at=(1.0, 2.0, 0.5), name="wall")
+    for k in range(400):
+        t = 0.01 * k
+        recorder.control(t, coordinates=coordinates, v=0.0 * coordinates)
+        seen = [wall] if t < 2.0 else [wall, Cylinder(0.25, 1.6, at=(0.0, t, 0.8), name="person")]
+        recorder.seen(t, Scene(seen, time=t))
+    with Viewer(server=False) as viewer:
+        played = Played(viewer.replay(silvermate, recorder.finish()))
+        shown = {path for path in played.objects if path.startswith(PATH)}
+
+        def there(t: float) -> list[np.ndarray]:
+            """(4, 4), transposed, of what is shown at a time."""
+            paths = [path for path in shown if played.at(path, "visible", t)]
+            all_of = [np.frombuffer(played.commands[p + "\0instances"]["matrices"].data, "<f4") for p in paths]
+            return [T for each in all_of for T in each.reshape(-1, 4, 4)]
+
+        (only,) = there(1.0)
+        np.testing.assert_allclose(np.diag(only), (2.0, 0.1, 1.0, 1.0), rtol=1e-3)
+        np.testing.assert_allclose(only[3, :3], (1.0, 2.0, 0.5), rtol=1e-3)
+        for t in (2.4, 3.1, 3.9):
+            (who,) = [T for T in there(t) if T[3, 0] == 0.0]
+            np.testing.assert_allclose(np.diag(who)[:3], (0.25, 0.25, 1.6), rtol=1e-3)
+            assert who[3, 1] == pytest.approx(t, abs=0.3)
+        viewer.show(silvermate, Scene(), Strip(silvermate, np.tile(silvermate.home_q, (2, 1))))
+        viewer._flush()
+        assert not [key for key in dict(viewer._log.items()) if key.startswith(PATH) and key.endswith("object")]
+
+
+def test_of_much_that_was_seen_fewer_moments_are_shown(silvermate, rng, monkeypatch):
+    monkeypatch.setattr(seen_replay, "_MOST_SHAPES", 200)
+    log = SeenLog()
+    for k in range(60):
+        log.look(0.5 * k, Scene([Voxels(rng.integers(0, 9, (12, 3)) * 0.1, 0.1, name="map")], time=0.5 * k))
+    tracks, times = [], np.linspace(0.0, 30.0, 301)
+    drawn = seen_replay.draw_seen(log.rows(30.0), times, tracks)
+    sent = [umsgpack.unpackb(payload) for key, payload in drawn if key.endswith("instances")]
+    assert sum(len(command["matrices"].data) // 64 for command in sent) <= 200
+    assert 3 < len(tracks) < 30
 
 
 def test_speed_begin_and_end(silvermate, record):
