@@ -22,7 +22,13 @@ if TYPE_CHECKING:
 
 
 _TAKES = {"a scenario": ("--base", "--seed"), "a result": (), "a record": ("--speed", "--begin", "--end")}
-_KINDS = {".json": "a result", ".npz": "a record", ".csv": "a record"}
+_ELSEWHERE = {
+    ".csv": "a path, or the rows of a record without its world: 'elastic-strips certify {} --robot … --scene … --view' "
+    "shows a path, and 'elastic-strips view' the .npz file of a record",
+    ".urdf": "a robot: 'elastic-strips robot {}' says what is known of it, also with --html and --png",
+}
+_ELSEWHERE[".xacro"] = _ELSEWHERE[".urdf"]
+_KINDS = {".json": "a result", ".npz": "a record"}
 
 
 @click.command()
@@ -65,7 +71,10 @@ def view(
     from elastic_strips.strip import Strip
 
     options.check_outputs(what, html_file, png_file, film_file)
-    kind = _KINDS.get(Path(what).suffix.lower(), "a scenario")
+    suffix = Path(what).suffix.lower()
+    if suffix in _ELSEWHERE:
+        raise InputError(f"{what} is {_ELSEWHERE[suffix].format(what)}")
+    kind = _KINDS.get(suffix, "a scenario")
     given = {"--base": base, "--seed": seed, "--speed": speed, "--begin": begin, "--end": end}
     for option, value in given.items():
         if value is not None and option not in _TAKES[kind]:
