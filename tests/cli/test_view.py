@@ -103,8 +103,8 @@ def test_what_cannot_be_replayed_is_one_message(file: Path, capsys: pytest.Captu
     for arguments, message in (
         (["cut.npz"], "cut.npz: is damaged or cut off"),
         (["words.npz"], "words.npz: is"),
-        (["rows.csv"], "certify rows.csv"),
-        (["my.urdf"], "elastic-strips robot my.urdf"),
+        (["rows.csv"], "elastic-strips certify"),
+        (["my.urdf"], "elastic-strips robot"),
         (["gone.npz"], "gone.npz: cannot read the record: No such file"),
         (["folder.npz"], "folder.npz: is a folder, not a record"),
         (["next.npz"], "next.npz: has format version 2"),
