@@ -85,6 +85,23 @@ def test_a_fault_has_to_be_named_after_it_began_and_not_before():
     assert found.to_rest == pytest.approx(0.6)
 
 
+def test_a_trial_before_whose_fault_the_robot_was_not_run_says_nothing():
+    about = "stale scene: nothing has arrived from 'scan' since 2.9 s"
+    said = [(102.0, about), (103.5, about)]
+    seen = {**SEEN, "fault_at_s": 3.0, "moved_until_s": 3.6}
+    early, late = {"not_run_s": [[1.6, 1.93]]}, {"not_run_s": [[3.2, 3.53]]}
+    assert Trialled("scan_lost", {**seen, **early}, said, code=130).judge().disturbed
+    assert not Trialled("scan_lost", seen, said, code=130).judge().disturbed
+    assert not Trialled("scan_lost", {**seen, **late}, said, code=130).judge().disturbed
+    assert not Trialled("scan_lost", {**seen, **early}, said[1:], code=130).judge().disturbed, "it is as it should be"
+    for wrong in ({"contacts_at_speed": 1}, {"at_rest": False}):
+        found = Trialled("scan_lost", {**seen, **early, **wrong}, said, code=130).judge()
+        assert not found.fine
+        assert not found.disturbed
+    assert not Trialled("scan_lost", {**seen, **early}, said, code=130, left=["fastdds_port7400"]).judge().disturbed
+    assert not Trialled("drive", {**SEEN, **early}, code=3).judge().disturbed, "drives have to bear that"
+
+
 def test_who_is_killed_need_not_say_farewell():
     seen = {**SEEN, "last_command_was_rest": False}
     for kind, code, fine in (("executor_killed", 3, True), ("ctrl_c", 130, False), ("executor_killed", 0, False)):

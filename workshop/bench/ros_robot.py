@@ -42,6 +42,7 @@ from .measure import Figures
 _PERIOD = 0.005  # [s] of the simulated motors
 _CAMERA = "camera_optical"  # frame of the depth camera
 _WAY_STEP = 0.1  # [s] from one place that is told to the next
+_NOT_RUN = 0.15  # [s] from which on it is told that its computer has not run it
 _REST_SPEED = 0.01  # [m/s, rad/s]
 _FAST_SPEED = 0.3  # [m/s]
 _FULL_HEIGHT = 1.5  # [m] of what stands in the corridor: a laser says nothing of heights
@@ -209,7 +210,8 @@ class RosRobot:
         self._ending = False
         self._began = math.nan  # on the monotonic clock [s]
         self._fast_at: float | None = None
-        self._stood_at: float | None = None  # for the first time after that
+        self._stood_at: float | None = None  # for the first time after that, and after what goes wrong has begun
+        self._not_run: list[tuple[float, float]] = []  # from when until when [s]
         self.context, self.node = open_node("robot", arguments)
         self._kinds = {name: load(f"{name}_msgs.msg") for name in ("nav", "sensor", "geometry", "std", "trajectory")}
         kinds, sensed = self._kinds, quality(5, reliable=params.reliable)
@@ -258,9 +260,12 @@ class RosRobot:
         steps, params = 0, self.params
         next_odometry = next_joints = next_fix = 0.0
         travel = Measurement(0.0, None, self._plant.coordinates)
-        stop_at = math.inf
+        stop_at, last = math.inf, 0.0
         while True:
             now = time.monotonic() - began
+            if now > last + _NOT_RUN:
+                self._not_run.append((last, now))
+            last = now
             if now > params.seconds or self._ending:
                 stop_at = min(stop_at, now + 1.0)  # its motors stop by themselves
             if now > stop_at:
@@ -279,7 +284,10 @@ class RosRobot:
                 self._fast_at = t
                 note("it moves fast")
             stands = float(np.abs(self._plant.v).max()) < _REST_SPEED
-            if self._fast_at is not None and self._stood_at is None and stands:
+            wrong_at = (
+                math.inf if self._fast_at is None else self._fast_at + (params.faults[0].at if params.faults else 0)
+            )
+            if t >= wrong_at and self._stood_at is None and stands:
                 self._stood_at = t
                 note("it stands again")
             stamp = self.node.get_clock().now().nanoseconds
@@ -511,6 +519,7 @@ class RosRobot:
             "least_clearance_m": seen.min_clearance_m,
             "commands": len(self._heard.times),
             "last_command_was_rest": bool(self._heard.speeds and self._heard.speeds[-1] == 0.0),
+            "not_run_s": [[round(t, 3) for t in span] for span in self._not_run],
             "fault_at_s": None
             if self._fast_at is None or not self.params.faults
             else self._fast_at + self.params.faults[0].at,

@@ -43,6 +43,8 @@ _SILENT = 4.0  # [s] for which odometry is away in trials where it comes back
 _PAUSE = 3.0  # [s] for which nothing of robot and node runs, as where a computer is overloaded or sleeps
 _LONGEST_LEFT = 5.0  # [s] until what is left of shared memory is removed: what is younger than 2 s is not
 _MOVED = 0.01  # [m] more than a robot that must not move may
+_BEFORE_IT_MOVED = 1.5  # [s] in which what is said may still be said when it drives
+_MOST_TRIES = 3  # of a trial that the machine has disturbed
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -138,6 +140,12 @@ def bench_ros_trials(
             step(f"{kind}, seed {seed}")
             with tempfile.TemporaryDirectory(prefix="elastic-strips-") as folder:
                 rows.append(_trial(Path(folder), domain, kind, int(seed), told))
+            for _ in range(_MOST_TRIES - 1):
+                if not rows[-1]["disturbed"]:
+                    break
+                step(f"{kind}, seed {seed}, again: the robot was not run for a while")
+                with tempfile.TemporaryDirectory(prefix="elastic-strips-") as folder:
+                    rows[-1] = _trial(Path(folder), domain, kind, int(seed), told) | {"tries": rows[-1]["tries"] + 1}
     return head("ros_trials", kinds={kind: _summary([row for row in rows if row["kind"] == kind]) for kind in kinds},
                 odometry_hz=odometry, reliable=reliable, rows=rows)  # fmt: skip
 
@@ -153,6 +161,7 @@ def _summary(rows: list[Figures]) -> Figures:
     return {
         "count": len(rows),
         "as_it_should": sum(row["as_it_should"] for row in rows),
+        "made_anew": sum(row["tries"] - 1 for row in rows),
         "contacts_at_speed": sum(row.get("contacts_at_speed", 0) for row in rows),
         "longest_to_rest_s": max(values("to_rest_s"), default=None),
         "named": sum(values("named")) if values("named") else None,
@@ -386,6 +395,8 @@ class _Run:
             "kind": kind,
             "seed": self._seed,
             "as_it_should": found.fine,
+            "disturbed": found.disturbed,
+            "tries": 1,
             "trouble": trouble,
             "exit_code": self._code,
             "at_s": self._at,
@@ -409,12 +420,15 @@ class Judged(NamedTuple):
         to_rest: time from when something went wrong until the robot stood [s]; None where that is not the question.
         named: whether the diagnostics named it, from then on and not before; None where there is nothing to name.
         said: what they said from then on.
+        disturbed: whether it says nothing, and has to be made anew: only what was named is not as it should be, and the
+            computer did not run the robot for a while before something went wrong, so that its topics were silent then.
     """
 
     fine: bool
     to_rest: float | None
     named: bool | None
     said: list[str]
+    disturbed: bool = False
 
 
 def judged(
@@ -464,7 +478,10 @@ def judged(
         done = (trial.act == "kill robot" or bool(seen.get("at_rest") and rests)) and code == trial.exits
     moved = trial.fault == "emergency_missing" and (seen.get("path_m") or 0.0) > _MOVED
     wrong = bool(seen.get("contacts_at_speed")) or "Traceback" in log or bool(trouble or left) or moved
-    return Judged(done and named is not False and not wrong, to_rest, named, after)
+    fine = done and named is not False and not wrong
+    moves = seen.get("moved_from_s") or 0.0
+    silent = [t for t, _ in seen.get("not_run_s", ()) if begin is not None and moves - _BEFORE_IT_MOVED < t < begin]
+    return Judged(fine, to_rest, named, after, bool(silent) and done and not wrong and named is False)
 
 
 def swinging_path(length: float, count: int = 40) -> Array:

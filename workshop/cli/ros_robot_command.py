@@ -102,6 +102,7 @@ def ros_trials(
         parts = [
             f"{some['as_it_should']} of {some['count']} as they should be",
             f"{some['contacts_at_speed']} contacts at speed",
+            f"{some['made_anew']} made anew, as the robot was not run for a while before" if some["made_anew"] else "",
             "" if rest is None else f"at rest after {rest:.2f} s at most",
             "" if named is None else f"{named} named",
             "" if off is None else f"{off:.2f} m off at most",
