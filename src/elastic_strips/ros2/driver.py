@@ -46,6 +46,7 @@ TF_DEPTH = 50
 TF_AHEAD = 2.0
 """Time [s] by which a transform's stamp may be ahead: localization stamps until when it holds."""
 _LONGEST_DISCOVERY = 15.0  # [s] until something of the robot has come: now and then discovery takes 3 s
+_LONGEST_UNHEARD = 5.0  # [s] for which it is waited for the emergency stop when all else is there
 _AT_ONCE = 20  # messages of a topic that are taken in one period
 _LONGEST_BLIND = 0.1  # [s] besides, for which joint states may be missing
 _ARM_PERIOD = 0.02  # [s] from one trajectory of the arm to the next
@@ -178,9 +179,17 @@ class Ros2Driver:
         began = time.monotonic()
         self._clock.epoch = began
         listeners = [publisher for publisher in (self._base, self._arm) if publisher is not None]
-        while self._reader.missing or not all(p.get_subscription_count() for p in listeners):
+        there: float | None = None  # when all was there but perhaps the emergency stop [s]
+        while True:
             self._listen()
-            if time.monotonic() - began > _LONGEST_DISCOVERY:
+            missing, now = self._reader.missing, time.monotonic()
+            if not missing and all(p.get_subscription_count() for p in listeners):
+                there = now if there is None else there
+                # until it is heard of it counts as pressed, and what was pressed waits for somebody to resume
+                heard = self._params.emergency is None or self._emergency is not None
+                if heard or now > there + _LONGEST_UNHEARD:
+                    return
+            elif now - began > _LONGEST_DISCOVERY:
                 deaf = [p.topic_name for p in listeners if not p.get_subscription_count()]
                 why = (
                     f"no message has arrived of {self._reader.missing}"
