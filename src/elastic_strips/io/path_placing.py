@@ -5,6 +5,7 @@ What a file says and the robot does not follow is a *doubt*: what is proven then
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -263,7 +264,10 @@ def _compare_other(
     changes = bool(np.ptp(values) > LIMIT_TOLERANCE)
     if not column.of:
         if changes:
-            apart["other"].append(f"{column.name} ({_span(values)})")
+            alike = {name.lower(): name for name in missing}
+            near = difflib.get_close_matches(column.name.lower(), alike, n=1, cutoff=_ALIKE)
+            meant = f"; did you mean {alike[near[0]]!r}?" if near else ""
+            apart["other"].append(f"{column.name} ({_span(values)}{meant})")
             return
         if namesake(column.name, {*robot.joint_names, *robot.locked, *robot.followers}):
             return  # the joint that it is called after has a column of its own
@@ -298,6 +302,7 @@ def _unlike(table: PathTable, robot: RobotModel, column: Column, placed: PlacedP
 
 
 _NAMED = 3  # joints, in a message
+_ALIKE = 0.6  # of two names, from which on one is asked whether the other was meant
 _UNLIKE = {
     "held": "held still elsewhere than in the file: {}. Hold them there (--lock NAME=VALUE, locked=), or plan those "
     "that move (--joints, joints=)",

@@ -930,3 +930,13 @@ def test_velocities_are_said_to_be_left_out(panda, tmp_path, kind):
         assert path.rates == rates
         said.append("splines" in certify(panda, NOTHING, path).reason)
     assert said == [False, True]
+
+
+def test_a_column_that_moves_and_is_nearly_a_joints_asks_for_that(cart, tmp_path):
+    (tmp_path / "p.csv").write_text("x,y,yaw,shuolde,turntable\n0,0,0,0,0\n1,0,0,0.5,0\n")
+    (doubt,) = load_path(tmp_path / "p.csv", cart).doubts
+    assert "'shoulder'" in doubt
+    (tmp_path / "p.csv").write_text("x,y,yaw,lamp,turntable\n0,0,0,0,0\n1,0,0,0.5,0\n")
+    (doubt,) = load_path(tmp_path / "p.csv", cart).doubts
+    assert "lamp" in doubt
+    assert not any(name in doubt for name in cart.joint_names)

@@ -325,3 +325,12 @@ def test_unwritable_places_and_motions_are_refused(tmp_path):
     with refused(SceneError, "Wobble"):
         write_scene(Scene([Sphere(1, motion=Wobble())]), tmp_path / "out.yaml")
     assert os.listdir(tmp_path) == []
+
+
+def test_a_scenario_given_as_a_scene_says_which_file_its_scene_is(tmp_path):
+    (tmp_path / "kitchen.yaml").write_text("robot: panda\nscene: room.yaml\nstart: {}\ngoal: {}\n")
+    with refused(SceneError, "room.yaml"):
+        read_scene(tmp_path / "kitchen.yaml")
+    (tmp_path / "own.yaml").write_text("robot: panda\nscene: {obstacles: []}\n")
+    with refused(SceneError, "scenario"):
+        read_scene(tmp_path / "own.yaml")
