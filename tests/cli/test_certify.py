@@ -98,6 +98,9 @@ def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     assert certify(silvermate, read_scene(folder / "scene.yaml"), q, clearance=0.01).certified
     answer = json.loads((folder / "a.json").read_text())
     assert answer["repair"]["certified"]
+    least = certify(silvermate, read_scene(folder / "scene.yaml"), load_path(repaired, silvermate)).least
+    assert answer["repair"]["least_m"] == pytest.approx(least, abs=1e-3)
+    assert answer["repair"]["least_m"] > 0.0099
     assert answer["proof"]["path"] == path_digest(silvermate, load_path(repaired, silvermate), "arc")
     assert proof_checker.main([str(proof), "--path", answer["proof"]["path"]]) == 0
     said = capsys.readouterr().out.splitlines()[0]
@@ -111,6 +114,7 @@ def test_what_cannot_be_repaired_is_not_written(folder, silvermate):
     assert call(folder / "into.csv", *_robot(folder), "--repair", folder / "r.csv", "--json", folder / "a.json") == 3
     assert not (folder / "r.csv").exists()
     assert not json.loads((folder / "a.json").read_text())["repair"]["certified"]
+    assert json.loads((folder / "a.json").read_text())["repair"]["least_m"] is None
 
 
 @each("name", ["pan", "shoulder_joint", "arm_1_joint"])

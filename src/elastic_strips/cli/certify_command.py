@@ -303,17 +303,20 @@ def _repair(
     robot: RobotModel, scene: Scene, scene_file: SceneFile, given: PathFile, clearances: _Clearances
 ) -> tuple[_Outcome, bool, dict[str, object]]:
     """The path pushed free, whether it is certified, and the document's lines about it."""
+    from elastic_strips.collision import certify as certify_path
     from elastic_strips.strip import DeformParams, repair
 
     params = DeformParams(clearance=clearances.from_obstacles, self_clearance=clearances.from_itself)
     mended = repair(robot, scene, given, params=params)
     left = _left_map(robot, scene_file, mended.strip.q)
     done = mended.certified and left is None
+    least = certify_path(robot, scene, mended.strip).least if done else None
     if done:
+        near = "" if least is None or not len(scene) else f", {least:.3f} m at the nearest place"
         output.say(
             "repaired: ",
             output.verdict("certified", done),
-            f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations"
+            f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations{near}"
             f"{', angles the shorter way' * bool(robot.space.turning.any())}",
         )
     else:
@@ -322,7 +325,7 @@ def _repair(
             f": {left or mended.reason}. Nothing is written; another way may be found between its ends: "
             "'elastic-strips run'",
         )
-    said = {"certified": done, "moved_m": mended.moved, "reason": mended.reason}
+    said = {"certified": done, "moved_m": mended.moved, "least_m": least, "reason": mended.reason}
     return _Outcome(mended.strip, "arc"), done, said
 
 
