@@ -24,6 +24,7 @@ from .strip import Strip
 _COMPARED_PLACES = 200  # of the path, where two are compared
 _BOW = 2e-3  # [m] by which a base on arcs may leave the lines of a path
 _SPACING = 0.2  # [m or rad] between two nodes of a path's strip
+_ROUGH = 1.2  # times as far as the given one goes a path that is certified, and still to be relaxed
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -66,7 +67,8 @@ def repair(
             certified where it has doubts. Rows go linearly, by their values. Between configurations that are far apart
             it gets nodes. A differential drive's are first moved, as little as possible, until wheels can follow them.
         params: parameters of the deformation; the default preset where None.
-        max_ticks: largest number of ticks.
+        max_ticks: largest number of ticks until it is certified; where a control point goes a fifth farther than before
+            then, as many again relax it, with the certificate.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
@@ -87,6 +89,9 @@ def repair(
     report = deformer.assess(start, scene)
     if not report.usable:
         report = deformer.settle(start, scene, max_ticks=max_ticks, until="certified")
+        if report.usable and _way(report.strip) > _ROUGH * _way(before):
+            smoother = deformer.settle(report.strip, scene, max_ticks=max_ticks)
+            report = smoother if smoother.usable else report
     reasons = [*getattr(path, "doubts", ()), *([] if report.usable else [report.reason])]
     return RepairReport(report.strip, not reasons, displacement(before, report.strip), report, "; ".join(reasons))
 
@@ -122,6 +127,11 @@ def displacement(one: Strip, two: Strip) -> float:
         count = max(len(a), len(b), _COMPARED_PLACES)
         a, b = _resampled(a, count), _resampled(b, count)
     return float(np.linalg.norm(a - b, axis=2).max())
+
+
+def _way(strip: Strip) -> float:
+    """How far that control point goes that goes farthest [m]."""
+    return float(np.linalg.norm(np.diff(_points(strip), axis=0), axis=2).sum(axis=0).max(initial=0.0))
 
 
 def _points(strip: Strip) -> Array:
