@@ -174,7 +174,7 @@ _SCENARIOS: tuple[tuple[str, str, str, type[InputError], tuple[str, ...]], ...] 
     ("with a scene that is missing", SCENARIO[SCENARIO.index("scene") : SCENARIO.index("start")], "scene: gone.yaml\n",
      ScenarioError, ("gone.yaml", "No such file")),
     ("with itself as the scene", SCENARIO[SCENARIO.index("scene") : SCENARIO.index("start")], "scene: bad.yaml\n",
-     ScenarioError, ("unknown key 'robot'",)),
+     ScenarioError, ("is a scenario file",)),
     ("with a scene that is a number", SCENARIO[SCENARIO.index("scene") : SCENARIO.index("start")], "scene: 4\n",
      ScenarioError, ("scene", "4")),
     ("with an obstacle that is wrong", "size: [1, 1, 1]", "size: [1, 1, -1]", ScenarioError, ("scene.obstacles[0]", "-1")),

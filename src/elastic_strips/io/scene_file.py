@@ -213,8 +213,9 @@ def _warn_of_millimetres(path: Path, scene: Scene) -> None:
 def _scene_from_node(node: Node, reading: Reading) -> SceneFile:
     """What a mapping node says, as a scene file or a scenario's ``scene`` holds it; no boxes around maps yet."""
     if not node.key and isinstance(node.value, dict) and node.value.keys() & {"robot", "start", "goal"}:
-        named = node.value.get("scene")
-        its = repr(named) if isinstance(named, str) else "what follows 'scene:', as a file of its own"
+        given = node.value.get("scene")
+        own = not isinstance(given, str) or given == node.source.path.name
+        its = "what follows 'scene:', as a file of its own" if own else repr(given)
         node.source.fail(f"is a scenario file, which 'run', 'drag' and 'drive' take; give its scene here: {its}")
     entries = node.mapping(("version", "time", "obstacles", "sources"), what="a scene")
     for key in ("obstacles", "sources"):
