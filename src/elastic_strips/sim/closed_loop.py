@@ -207,7 +207,7 @@ class Simulation(Generic[_Driver]):
             reason=tick.reason,
         )
         seen = getattr(self.perception, "sensed", None)  # of what faults are wrapped about, too
-        if isinstance(seen, Scene):
+        if self._recording and isinstance(seen, Scene):
             self.recorder.seen(tick.time, seen)
         if self.watch is not None:
             try:

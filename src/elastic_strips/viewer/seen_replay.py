@@ -26,11 +26,11 @@ def draw_seen(seen: SeenRows, times: Array, tracks: list[Track]) -> list[Command
         return []
     first, last = _at_moments(seen, times)
     out: list[Command] = []
-    spans, which = np.unique(np.column_stack((first, last, seen.shape, seen.moves)), axis=0, return_inverse=True)
-    matrices = _matrices(seen)
+    shown = first < last  # of many, few are
+    kinds = np.column_stack((first, last, seen.shape, seen.moves))[shown]
+    spans, which = np.unique(kinds, axis=0, return_inverse=True)
+    matrices = _matrices(seen)[shown]
     for k, (begin, end, shape, moves) in enumerate(spans.tolist()):
-        if begin >= end:
-            continue
         path, these = f"{PATH}/{k}", matrices[which.ravel() == k]
         mesh = geometry.UNIT_MESHES[SEEN_SHAPES[int(shape)]]()
         out.append(commands.mesh(path, mesh, estimated_look(moves=bool(moves)), instances=len(these), cast=False))
