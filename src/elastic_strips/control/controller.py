@@ -229,7 +229,7 @@ class Controller:
         self.keeper: GoalKeeper = GoalKeeper(
             self.start,
             goal_q,
-            first,
+            goal_q if looks else first,  # for now it is to stay where it is
             following,
             executor,
             self.planner,

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import each, refused
+from simulated_time import planning_at_once
 
 from elastic_strips.control import Command, Controller, DriveParams, Measurement, RunState, replanning
 from elastic_strips.control.evasion import motion_to
@@ -19,7 +20,6 @@ from elastic_strips.io import load_path
 from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant
-from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip import Strip, repair
 from elastic_strips.trajectory import MotionLimits
 from elastic_strips.trajectory.trajectory import stationary
@@ -64,8 +64,7 @@ def still(*obstacles):
 
 def test_it_drives_a_machine_of_ones_own_to_its_goals(silvermate):
     goals = [silvermate.home(x=2.5), silvermate.home(x=2.5, yaw=1.0)]
-    at_once = ChargedExecutor(Computing(), lambda: 0.0)  # these steps are over before a thread has planned
-    with Controller(silvermate, silvermate.home(), goals, Scene([CRATE]), workers=at_once) as controller:
+    with Controller(silvermate, silvermate.home(), goals, Scene([CRATE]), workers=planning_at_once()) as controller:
         wheels = Wheels(silvermate)
         drive(controller, wheels, 3000, still(CRATE))
         assert controller.state is RunState.REACHED, controller.reason
@@ -274,7 +273,7 @@ def test_a_goal_that_nobody_can_reach_is_a_fault_and_no_crash(silvermate):
             silvermate.home(),
             silvermate.home(x=1.0),
             Scene([CRATE]),
-            workers=ChargedExecutor(Computing(), lambda: 0.0),
+            workers=planning_at_once(),
         ),
         Wheels(silvermate),
     )
@@ -294,7 +293,7 @@ def test_whatever_fails_on_the_way_to_a_new_goal_it_does_not_go_back_to_the_old_
         silvermate.home(),
         silvermate.home(x=1.0),
         Scene([CRATE]),
-        workers=ChargedExecutor(Computing(), lambda: 0.0),
+        workers=planning_at_once(),
     )
     wheels = Wheels(silvermate)
     k = drive(controller, wheels, 2000, still(CRATE))
@@ -340,7 +339,7 @@ def test_a_contact_between_two_planning_ticks_counts(silvermate):
 
 def test_a_stop_can_be_taken_back(silvermate):
     controller, wheels = (
-        Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([])),
+        Controller(silvermate, silvermate.home(), silvermate.home(x=2.0), Scene([]), workers=planning_at_once()),
         Wheels(silvermate),
     )
     k = drive(controller, wheels, 100, still())
@@ -357,7 +356,9 @@ def test_a_stop_can_be_taken_back(silvermate):
 @each("rate, unstamped", list(itertools.product([20.0, 50.0, 100.0, 200.0], [True, False])))
 def test_a_loop_at_any_rate_with_a_map_that_never_changes(silvermate, rate, unstamped):
     """The period is measured; a map needs no time, whether it is handed over at every step or only once."""
-    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]))
+    controller = Controller(
+        silvermate, silvermate.home(), silvermate.home(x=1.0), Scene([CRATE]), workers=planning_at_once()
+    )
     plant = KinematicPlant(silvermate, controller.limits, seed=2)
     plant.reset(silvermate.space.to_coordinates(silvermate.home()))
     measurement, t = None, 0.0
@@ -407,7 +408,9 @@ def test_a_scene_in_which_something_moves_is_no_map(silvermate):
 
 def test_an_emergency_stop_stays_the_reason_until_it_is_resumed(silvermate):
     """Its wheels are cut while the button is pressed, so that the robot stops beside its reference."""
-    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    controller = Controller(
+        silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]), workers=planning_at_once()
+    )
     plant, reasons = KinematicPlant(silvermate, controller.limits, seed=3), {}
     plant.reset(silvermate.space.to_coordinates(silvermate.home()))
     measurement = None
@@ -434,9 +437,8 @@ def test_a_goal_that_is_walled_in_is_said_once_and_by_what(silvermate, monkeypat
     walls = [Box((0.1, 2.4, 2.0), at=(x, 0.0, 1.0), name=f"wall {x:g}") for x in (1.8, 4.2)]
     walls += [Box((2.4, 0.1, 2.0), at=(3.0, y, 1.0), name=f"wall {y:g}") for y in (-1.2, 1.2)]
     params = DriveParams(replan_after=0.2, replan_time=0.1)
-    at_once = ChargedExecutor(Computing(), lambda: 0.0)
     home, goal = silvermate.home(), silvermate.home(x=3.0)
-    with Controller(silvermate, home, goal, Scene(walls), params=params, workers=at_once) as controller:
+    with Controller(silvermate, home, goal, Scene(walls), params=params, workers=planning_at_once()) as controller:
         drive(controller, Wheels(silvermate), 400, lambda t: None)
         assert controller.state is RunState.STOPPED
         assert all(wall.name in controller.reason for wall in walls)

@@ -10,13 +10,13 @@ import pytest
 from cases import each, refused
 from hypothesis import example, given
 from hypothesis import strategies as st
+from simulated_time import planning_at_once
 
 from elastic_strips import load_robot
 from elastic_strips.control import Controller, DriveParams, RunState
 from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.scene import Box, Scene
 from elastic_strips.sim import KinematicPlant
-from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip import OrientationConstraint
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.strip.solver import System
@@ -31,11 +31,6 @@ def off_path(places):
     """Distance of places (N, 2) from the path, by looking at it every millimetre."""
     dense = np.vstack([np.linspace(a, b, 1500) for a, b in pairwise(PATH)])
     return np.array([np.hypot(*(dense - place).T).min() for place in places])
-
-
-def planning_at_once():
-    """Plans are there at once: how long a thread takes for them would depend on the machine."""
-    return ChargedExecutor(Computing(), lambda: 0.0)
 
 
 def followed(robot, within, scene, *, path=PATH, wait=True, seconds=60.0):
@@ -111,7 +106,6 @@ class Following:
         self.controller = Controller(
             robot, robot.home(), robot.home(), scene(0.0), params=params, workers=planning_at_once()
         )
-        self.controller, self.scene = Controller(robot, robot.home(), robot.home(), scene(0.0), params=params), scene
         self.plant = KinematicPlant(robot, self.controller.limits, seed=1)
         self.plant.reset(robot.space.to_coordinates(robot.home()))
         self.k, self.measured, self.rows, self.speeds = 0, None, [], []

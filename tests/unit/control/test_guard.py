@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cases import each, refused
 from guarded_drive import DT, FAR, WALL, GuardedDrive
+from simulated_time import planning_at_once
 
 from elastic_strips.control import Controller, Desired, Guard, GuardOutcome, GuardParams, RunState
 from elastic_strips.control.params import ObstacleAssumptions
@@ -17,7 +18,6 @@ from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, World
 from elastic_strips.sim import KinematicPlant
 from elastic_strips.sim.closed_loop import MACHINE
-from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.trajectory import MotionLimits, ReferenceState, TrajectoryCertifier
 from elastic_strips.trajectory.holding import fastest_towards, hold_and_brake
 
@@ -319,8 +319,9 @@ def test_an_action_of_a_policy_is_made_safe(silvermate):
 
 
 def test_a_controllers_robot_is_taken_over_and_handed_back_in_motion(silvermate):
-    at_once = ChargedExecutor(Computing(), lambda: 0.0)
-    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([FAR]), workers=at_once)
+    controller = Controller(
+        silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([FAR]), workers=planning_at_once()
+    )
     drive = GuardedDrive(silvermate, [FAR], guard=Guard(silvermate))
 
     def follow(seconds):

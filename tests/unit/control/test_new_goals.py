@@ -9,6 +9,7 @@ from itertools import islice
 import numpy as np
 import pytest
 from cases import each, refused
+from simulated_time import planning_at_once
 
 from elastic_strips import load_robot
 from elastic_strips.control import Controller, DriveParams, RunState
@@ -19,7 +20,6 @@ from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, straight_line
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant, simulation
-from elastic_strips.sim.computing import ChargedExecutor, Computing
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.trajectory import MotionLimits, Retimer, RetimingError
 from elastic_strips.trajectory.trajectory import ReferenceState
@@ -36,7 +36,7 @@ def panda():
 
 def ride(robot, goal, **options):
     """A controller whose plans are made at once, and a simulated robot at its start."""
-    workers = options.pop("workers", None) or ChargedExecutor(Computing(), lambda: 0.0)
+    workers = options.pop("workers", None) or planning_at_once()
     controller = Controller(robot, robot.home(), goal, Scene([PILLAR]), workers=workers, **options)
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
@@ -481,7 +481,7 @@ def test_a_goal_that_is_taken_in_every_way_is_waited_for(silvermate):
 def test_where_no_way_leads_to_one_way_to_be_there_one_to_another_is_planned(silvermate):
     """A low wall comes up around where the base was to stand; the hand reaches its goal from beside that, too."""
     hand = HandPose("hand_frame", (4.0, 0.0, 0.8))
-    controller = Controller(silvermate, silvermate.home(), hand, Scene([], time=0.0))
+    controller = Controller(silvermate, silvermate.home(), hand, Scene([], time=0.0), workers=planning_at_once())
     x, y = controller.goal[:2]
     walls = [Box((1.5, 0.1, 0.3), at=(x, y + side * 0.7, 0.15), name=f"along{side:+d}") for side in (-1, 1)]
     walls += [Box((0.1, 1.5, 0.3), at=(x + side * 0.7, y, 0.15), name=f"across{side:+d}") for side in (-1, 1)]

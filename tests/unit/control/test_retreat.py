@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from brute_force import configuration, link_distances
+from simulated_time import planning_at_once
 
 from elastic_strips.control import Controller, RunState
 from elastic_strips.control.vantage import Vantage
@@ -23,7 +24,7 @@ UNSEEN = 1.2  # [m] where a bumper is pressed
 
 def driven(robot, scene, seconds, *, bumper=lambda t, x: x > UNSEEN):
     """A controller, and the places x [m] of the base over time, of a drive onto something that nobody sees."""
-    controller = Controller(robot, robot.home(), robot.home(x=3.0), scene(0.0))
+    controller = Controller(robot, robot.home(), robot.home(x=3.0), scene(0.0), workers=planning_at_once())
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
     measured, places, touching = None, [], []
@@ -125,7 +126,9 @@ def test_from_what_is_too_near_it_moves_away_where_it_can(silvermate):
 
 
 def test_an_emergency_stop_is_no_touch(silvermate):
-    controller = Controller(silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]))
+    controller = Controller(
+        silvermate, silvermate.home(), silvermate.home(x=3.0), Scene([]), workers=planning_at_once()
+    )
     plant = KinematicPlant(silvermate, controller.limits, seed=1)
     plant.reset(silvermate.space.to_coordinates(silvermate.home()))
     measured = None
@@ -146,7 +149,7 @@ def before_unseen(
     block = Box((0.4, wide, 1.5), at=(2.0, 0.0, 0.75), name=name)
     beside = [Box((8.0, 0.1, 1.0), at=(1.0, y, 0.5), name=f"wall{k}") for k, y in enumerate((-room, room))]
     beside += [Box((0.1, 4.0, 1.0), at=(-1.5, 0.0, 0.5), name="end"), *others]
-    controller = Controller(robot, robot.home(), robot.home(x=3.0), Scene(beside))
+    controller = Controller(robot, robot.home(), robot.home(x=3.0), Scene(beside), workers=planning_at_once())
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
     measured, places, there, touched = None, [], True, 0.0
@@ -217,7 +220,8 @@ def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None, goal=None):
     shown = Box((0.3, 0.3, 0.3), at=(4.0, 0.0, 0.3) if goal else hand, name="volume-1-0-0")
     goal = HandPose("hand_frame", hand) if goal is None else goal(robot)
     first = Scene([shown, elsewhere] if since <= 0.0 else [elsewhere], time=0.0, held_up=held_up)
-    controller = Controller(robot, robot.home(), goal if asked is None else robot.home(x=-1.5), first)
+    first_goal = goal if asked is None else robot.home(x=-1.5)
+    controller = Controller(robot, robot.home(), first_goal, first, workers=planning_at_once())
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
     measured, there, nearest, states = None, True, np.inf, []
