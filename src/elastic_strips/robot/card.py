@@ -14,6 +14,7 @@ from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError, plural
 from elastic_strips.summary import Summary, shortened
 
+from .blocked_joints import blocked_joints
 from .collada import meant_turned, said_of_turned
 from .cover import sticks_out
 from .free_posture import free_posture
@@ -186,6 +187,7 @@ def _troubles(robot: RobotValue) -> list[str]:
             f"{', '.join(robot.bare_links)}"
         )
     found += [f"joint {joint} is {why}" for joint, why in robot.narrowed.items()]
+    found += [f"joint {blocked.joint} is {blocked}" for blocked in blocked_joints(robot)]
     hit = robot.self_collision(robot.home_q)
     if hit is not None:
         touching = free_posture(robot)[1]

@@ -19,6 +19,7 @@ from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError, listed, plural
 from elastic_strips.validation import MAX_LENGTH, named_arguments
 
+from .blocked_joints import blocked_joints
 from .collada import meant_turned, said_of_turned
 from .free_posture import free_posture
 from .holes import bare_links, drawn_alone, say_what_grew, thicken
@@ -173,6 +174,13 @@ def _say_what_is_remarkable(robot: RobotModel) -> None:
             robot.name,
             joint,
             span,
+        )
+    for blocked in blocked_joints(robot):
+        _log.warning(
+            "%s: joint %s is %s. Where the two may touch, an SRDF says so (disable_collisions of the two)",
+            robot.name,
+            blocked.joint,
+            blocked,
         )
     if len(robot.joint_names) > _MANY_JOINTS:
         _log.warning(

@@ -1,8 +1,10 @@
-"""Folding: a joint is planned as far as its links' shapes allow, where it would lay one of them along the other."""
+"""How far a joint bends: it is planned as far as its links' shapes allow, where it would lay one along the other; where
+the two are kept apart, and touch in much of its range, that is said."""
 
 from __future__ import annotations
 
 import logging
+import math
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +17,12 @@ from elastic_strips import load_robot
 from elastic_strips.errors import ConfigurationError
 from elastic_strips.io import load_path
 from elastic_strips.robot import RobotModel
+from elastic_strips.robot.blocked_joints import blocked_joints
 
 ROD = '<cylinder radius="0.05" length="0.4"/>'
 BAR = '<box size="0.1 0.1 0.4"/>'
+GAP = 0.04  # [m] between the two rods, at their joint: the corner of one turns into the end of the other
+FREE = math.asin(GAP / 0.05)  # [rad]
 
 
 def arm(folder: Path, upper: str = ROD, fore: str = ROD, *, at: str = "0 0 0.4", span: float = 3.0) -> Path:
@@ -128,3 +133,47 @@ def test_a_joint_without_limits_of_its_own_may_be_folded_as_well(tmp_path: Path)
         model.lowerPositionLimit[k], model.upperPositionLimit[k] = -far, far
         robot = RobotModel.from_pinocchio(model, shapes)
         assert span_of(robot) == pytest.approx(span_of(load_robot(path, base="omni")), abs=0.11)
+
+
+def test_an_elbow_whose_links_touch_in_much_of_its_range_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    with caplog.at_level(logging.WARNING, logger="elastic_strips"):
+        robot = load_robot(arm(tmp_path, at=f"0 0 {0.4 + GAP}"), base="omni")
+    (blocked,) = blocked_joints(robot)
+    assert blocked.joint == "elbow"
+    assert blocked.free == pytest.approx((-FREE, FREE), abs=0.07)
+    assert set(blocked.links) == {"upper", "fore"}
+    (said,) = (record.getMessage() for record in caplog.records if str(blocked) in record.getMessage())
+    assert "elbow" in said
+    assert str(blocked) in "".join(robot.card().troubles)
+    elbow = robot.joint_names.index("elbow") + robot.space.base_nv
+    for angle, free in ((blocked.free[1] - 0.01, True), (blocked.free[1] + 0.1, False)):
+        row = robot.space.to_coordinates(robot.home_q)
+        row[elbow] = angle
+        assert (robot.self_collision(robot.space.from_coordinates(row)) is None) is free
+
+
+@each(
+    "changed",
+    [
+        {"at": "0 0 0.5"},  # apart far enough: it folds nearly all the way
+        {"at": f"0 0 {0.4 + GAP}", "span": 1.2},  # little of so short a range
+        {"at": f"0 0 {0.4 + GAP}", "upper": BAR, "fore": '<sphere radius="0.05"/>'},
+        {},  # drawn into each other: not kept apart
+    ],
+)
+def test_of_what_can_bend_nothing_is_said(tmp_path: Path, changed: dict[str, object]):
+    assert not blocked_joints(load_robot(arm(tmp_path, **changed), base="omni"))  # type: ignore[arg-type]
+
+
+def test_where_an_srdf_says_that_they_may_touch_nothing_is_said(tmp_path: Path):
+    srdf = tmp_path / "arm.srdf"
+    srdf.write_text('<robot name="arm"><disable_collisions link1="upper" link2="fore" reason="Adjacent"/></robot>')
+    assert not blocked_joints(load_robot(arm(tmp_path, at=f"0 0 {0.4 + GAP}"), base="omni", srdf=srdf))
+
+
+def test_one_way_of_it_may_be_blocked_alone(tmp_path: Path):
+    """A bar that hangs in front of the upper one, and touches it when it turns one way."""
+    robot = load_robot(arm(tmp_path, BAR, BAR, at="0.11 0 0.2"), base="omni")
+    (blocked,) = blocked_joints(robot)
+    low, high = blocked.free
+    assert (low == pytest.approx(-3.0) and high < 2.9) or (high == pytest.approx(3.0) and low > -2.9)
