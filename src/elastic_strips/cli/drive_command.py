@@ -410,6 +410,13 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         f"  {evaluation.time_s:.1f} s, {evaluation.path_m:.2f} m, {plural(len(evaluation.collisions), 'collision')}, "
         f"least clearance {clearance}, {plural(len(result.stops), 'stop')}, replanned {plural(result.replans, 'time')}"
     )
+    if outcome.reached and result.goals:
+        goal, off = result.goals[-1], []
+        if outcome.robot.space.planar:
+            off = [f"its base {1e3 * goal.position:.1f} mm and {goal.yaw:.4f} rad"]
+        if outcome.robot.joint_names:
+            off.append(f"its hand {1e3 * goal.hand:.1f} mm")
+        output.say(f"  off the goal, by its own estimate: {', '.join(off)}")
     clocks = _COMPUTING.get(str(result.compute), _COMPUTING_FACTOR).format(
         late=f"{result.statistics.misses} of {len(result.statistics.seconds)}", factor=result.compute
     )

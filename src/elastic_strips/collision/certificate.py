@@ -56,6 +56,7 @@ class BrokenSegment:
             allowed.
         certain: True where a configuration below the required clearance was found, False where the depth floor was met.
         labels: names of link and obstacle in messages; a link that is one piece has the URDF's name there.
+        required: the clearance that was to be kept [m]; None where that is not known here.
     """
 
     segment: int
@@ -65,6 +66,7 @@ class BrokenSegment:
     kind: str
     certain: bool
     labels: tuple[str, str] | None = field(default=None, repr=False, compare=False)
+    required: float | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
         link, obstacle = self.labels or (self.link, self.obstacle)
@@ -75,8 +77,10 @@ class BrokenSegment:
             return f"segment {self.segment}: {link} is up to {said} further from {obstacle} than allowed"
         if not self.certain:
             return f"segment {self.segment}: {link} could not be proven clear of {obstacle} ({said})"
-        how = f"is {said} deep in" if self.clearance < 0.0 else f"comes within {said} of"
-        return f"segment {self.segment}: {link} {how} {obstacle}"
+        if self.clearance < 0.0:
+            return f"segment {self.segment}: {link} is {said} deep in {obstacle}"
+        asked = f", nearer than the {self.required * 1000:g} mm to be kept" if self.required else ""
+        return f"segment {self.segment}: {link} comes within {said} of {obstacle}{asked}"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

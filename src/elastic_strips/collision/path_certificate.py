@@ -485,8 +485,11 @@ class _Work:
             why = _undecided(found, worst.scene)
             return answer(Verdict.UNKNOWN, f"segment {segment}: {why}{others}", broken, found)
         one, two = found.labels
-        deep = f"{_mm(-found.distance)} deep in" if found.distance < 0.0 else f"{_mm(found.distance)} from"
-        reason = f"segment {segment}, {place - segment:.3f} of the way along it: {one} is {deep} {two}{others}"
+        required = self.self_clearance if found.kind == "self" else self.clearance
+        deep = f"{_mm(-found.distance)} deep in {two}"
+        if found.distance >= 0.0:
+            deep = f"{_mm(found.distance)} from {two}, nearer than the {_mm(required)} to be kept"
+        reason = f"segment {segment}, {place - segment:.3f} of the way along it: {one} is {deep}{others}"
         return answer(Verdict.REFUTED, reason, broken, found, place)
 
     def _worst(self, when: Array | None) -> tuple[_Broken | None, _Found | None]:

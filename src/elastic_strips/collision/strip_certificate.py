@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -108,7 +108,7 @@ class Certifier(OneThread):
         )
         native = self._certify_native(kin, v, searches, states)
         if native is not None:
-            return _certificate(clearance, states, worst, looked + native)
+            return _certificate(clearance, self_clearance, states, worst, looked + native)
         self._colliding_nodes(kin, searches[0])
         todos = self._open_obstacles(kin, v, travel, clearance, states), self._open_self(kin, v, self_clearance, states)
         bisection = Bisection(kin, v, self._between)
@@ -120,7 +120,7 @@ class Certifier(OneThread):
             left = bisection.run(search.pairs, todo, search, self.max_depth)
             if len(left):
                 search.report(left.low, left.pair, np.minimum(left.d_low, left.d_high), certain=False)
-        return _certificate(clearance, states, worst, looked + bisection.checks)
+        return _certificate(clearance, self_clearance, states, worst, looked + bisection.checks)
 
     def _certify_native(
         self, kin: Kinematics, v: Array, searches: tuple[_StripSearch, _StripSearch], states: npt.NDArray[np.int8]
@@ -244,11 +244,18 @@ class Certifier(OneThread):
 
 
 def _certificate(
-    clearance: float, states: npt.NDArray[np.int8], worst: list[BrokenSegment], checks: int
+    clearance: float,
+    self_clearance: float,
+    states: npt.NDArray[np.int8],
+    worst: list[BrokenSegment],
+    checks: int,
 ) -> Certificate:
     worst.sort(key=lambda b: (not b.certain, b.clearance))
     states[states == _KNOWN] = SegmentState.CERTIFIED
-    return Certificate(clearance, states == 0, states, worst[0] if worst else None, checks)
+    broken = None
+    if worst:
+        broken = replace(worst[0], required=self_clearance if worst[0].kind == "self" else clearance)
+    return Certificate(clearance, states == 0, states, broken, checks)
 
 
 class _StripSearch:

@@ -324,7 +324,11 @@ class GoalKeeper:
             return
         self._looked_from = []
         position, yaw, joints = off_goal(self._robot, at[None], self.goal)[0].tolist()
-        self.reached.append(GoalReached(t, self.goal, position, yaw, joints, passed))
+        there, here = (
+            self._robot.control_points(self._robot.space.from_coordinates(row))[-1] for row in (self.goal, at)
+        )
+        hand = float(np.linalg.norm(here - there))
+        self.reached.append(GoalReached(t, self.goal, position, yaw, joints, hand, passed))
         if passed:
             self._executor.log("passed", f"goal {len(self.reached)}, {1e3 * position:.0f} mm off")
 

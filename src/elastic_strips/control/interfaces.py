@@ -112,6 +112,7 @@ class GoalReached:
         goal: (nv,) coordinate row of the goal.
         position, yaw, joints: how far from it the reference came, or the robot came to rest, by its estimate: the base
             [m], its heading [rad], the joint that is furthest off [rad or m].
+        hand: how far the last control point was from where it is at the goal [m].
         passed: whether the robot went on without a stop.
     """
 
@@ -120,4 +121,5 @@ class GoalReached:
     position: float
     yaw: float
     joints: float
+    hand: float
     passed: bool

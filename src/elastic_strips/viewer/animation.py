@@ -271,6 +271,9 @@ def draw_run(drawing: Drawing, play: RunReplay) -> list[Command]:
     out += shown
     goal = coordinates[-1] if record.goal is None else record.goal
     out += drawing.markers(np.stack((record.control.coordinates[0], goal)))
+    if robot.joint_names:
+        poses.update(goal[None])
+        out += drawing.hand_ball(poses.points()[0])
     out += [*drawing.hide(), commands.visible("/hulls", False)]
     drawing.playing = True
     out.append(drawing.camera(np.concatenate((coordinates, goal[None])), scene, height=_CAMERA_HEIGHT))
@@ -402,6 +405,8 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
         legend.append(THREADS)
     if play.robot.space.planar:
         legend.append(["goal", HAND_THREAD])
+        if play.robot.joint_names:
+            legend.append(["thin line: way of the hand", STATE_COLORS.get("moving", UNCHECKED)])
     legend += bare_legend(play.robot)
     legend += drawing.obstacles.legend()
     if len(record.seen):
@@ -409,6 +414,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
     if drawing.obstacles.moving(record.world.scene.at(play.begin)):
         legend.append(["where it was just now", f"color-mix(in srgb, {MOVING_COLOR} 40%, white)"])
     cards: list[Document] = []
+    median = float(np.median(planning.tick_ms[np.isfinite(planning.tick_ms)])) if len(planning.tick_ms) else 0.0
     for t in moments.tolist():
         code = int(codes[np.searchsorted(record.control.time, t + 1e-9, side="right") - 1])
         rows = [["time", f"{t:.1f} s"], ["fastest point", f"{np.interp(t, times, speed):.2f} m/s"]]
@@ -419,7 +425,7 @@ def _captions(drawing: Drawing, play: RunReplay, times: Array, points: Array, st
             if np.isfinite(planning.clearance[row]):
                 rows.append(["clearance at the nodes", f"{planning.clearance[row]:.3f} m"])
             if np.isfinite(planning.tick_ms[row]):
-                rows.append(["tick", f"{planning.tick_ms[row]:.1f} ms"])
+                rows.append(["tick", f"{planning.tick_ms[row]:.1f} ms, median {median:.1f} ms"])  # one at rest is short
         chip = [record.states[code], _color(record, code)]
         cards.append({"chip": chip, "rows": rows, "note": _note(record, t, row)})
     at = (moments - play.begin) / play.speed

@@ -287,11 +287,11 @@ class Drawing:
             ends[1] = snapshot.robot.space.to_coordinates(np.asarray(snapshot.goal))
             self.poses.update(ends[1:])
             hand = self.poses.points()[0]
-        return self.markers(ends) + self._hand_ball(hand)
+        return self.markers(ends) + (self.hand_ball(hand) if self.hand else [])
 
-    def _hand_ball(self, points: Array) -> list[Command]:
-        """A ball about the last of places (C, 3), by which the goal's hand is dragged; none without joints."""
-        if not self.hand or not len(points):
+    def hand_ball(self, points: Array) -> list[Command]:
+        """A ball about the last of places (C, 3) at the goal, where the hand is to be; none without places."""
+        if not len(points):
             return []
         out, path = [], "/markers/hand"
         if self._first("hand"):

@@ -367,6 +367,17 @@ def test_a_broken_segment_is_said_in_words(clearance, certain, says):
     assert str(plain) == says.replace("base_link", "base_link_0")
 
 
+@each("y, says", [(0.3, False), (0.59, True)])
+def test_what_was_to_be_kept_is_said_where_nothing_touches(silvermate, y, says):
+    """A post beside the way: in it, or 1 or 2 cm from it where 5 cm are asked for."""
+    certificate = certify(drive(silvermate, 0.0, 2.0), Scene([Box((0.2, 0.6, 1.0), at=(1.0, y, 0.5))]), clearance=0.05)
+    broken = certificate.broken
+    assert broken is not None
+    assert broken.required == 0.05
+    assert ("50 mm" in str(broken)) is says
+    assert (broken.clearance > 0.0) is says
+
+
 def test_messages_name_the_links_of_the_urdf(gantry):
     """A link of several pieces keeps their names, as does a hull of several links."""
     labels = dict(zip(BodySet.links(gantry).names, BodySet.links(gantry).labels, strict=True))

@@ -70,6 +70,9 @@ def test_it_drives_a_machine_of_ones_own_to_its_goals(silvermate):
         assert controller.state is RunState.REACHED, controller.reason
         assert not controller.goals
         np.testing.assert_allclose(wheels.coordinates[:3], (2.5, 0.0, 1.0), atol=0.02)
+        at_last = silvermate.space.from_coordinates(wheels.coordinates)
+        here, there = (silvermate.frame_pose(q, "hand_frame")[:3, 3] for q in (at_last, goals[-1]))
+        assert controller.goals_reached[-1].hand == pytest.approx(np.linalg.norm(here - there), abs=0.005)
         assert [e.kind for e in controller.events if e.kind in ("goal", "fault")] == ["goal"]
 
 

@@ -76,6 +76,13 @@ def test_the_robot_is_where_it_truly_was(played, record):
         assert z == pytest.approx(0.0, abs=1e-6)
 
 
+def test_where_the_hand_is_to_be_is_marked(silvermate, played, record):
+    goal = record.control.coordinates[-1] if record.goal is None else record.goal
+    ball = np.frombuffer(played.commands["/markers/hand\0transforms"]["matrices"].data, "<f4").reshape(4, 4)[3, :3]
+    hand = silvermate.control_points(silvermate.space.from_coordinates(goal))[-1]
+    assert ball == pytest.approx(hand, abs=1e-3)
+
+
 def test_obstacles_move_exist_and_leave_trails(played, record):
     world = record.world
     for t in (0.0, 3.21, 7.7):
