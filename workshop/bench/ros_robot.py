@@ -290,7 +290,8 @@ class RosRobot:
             if t >= wrong_at and self._stood_at is None and stands:
                 self._stood_at = t
                 note("it stands again")
-            stamp = self.node.get_clock().now().nanoseconds
+            behind = time.monotonic() - began - t  # it may not have been run since
+            stamp = self.node.get_clock().now().nanoseconds - round(1e9 * behind)
             if self._wrong("clock", t):
                 stamp -= 5_000_000_000
             self._tell_emergency(t)

@@ -107,6 +107,8 @@ class Monitor:
         if raw.drive is None:
             return None, ""
         if not _near(raw.drive, np.zeros_like(self._model), self.limits.drive_speed, span):
+            if np.shape(raw.drive) == self._travel.shape and self._apart(raw.drive).max() < self.params.same_place:
+                return raw.drive, ""  # the stamp of this message, or of the one before, was late
             return None, "odometry is misread"
         if span > self.params.longest_arc:
             return self._after_a_gap(raw.drive, span)
@@ -114,12 +116,16 @@ class Monitor:
 
     def _after_a_gap(self, travel: Array, span: float) -> tuple[Array | None, str]:
         """How far the wheels went in ``span`` [s] of silence, None where odometry may have begun anew meanwhile."""
-        apart = np.abs(travel - self._travel)
+        apart = self._apart(travel)
         i = int(apart.argmax())
         if apart[i] < self.params.same_place:
             return travel, ""
         off = f"{apart[i]:.2f} {'rad' if i == 2 else 'm'}"  # of wheels, or of the base along, aside and around
         return None, f"odometry was silent for {span:.2f} s, and is {off} from where the base ought to be"
+
+    def _apart(self, travel: Array) -> Array:
+        """How far (k,) a travel since the last measurement [m, rad] is from what the motors were told meanwhile."""
+        return np.abs(np.asarray(travel) - self._travel)
 
     def _joints(self, raw: Measurement, before: float, estimate: Array) -> tuple[Array, str]:
         """The joints, or their estimate where they cannot have come there since they were believed; what is wrong."""

@@ -130,8 +130,9 @@ class MonitorParams(Checked):
         clock_skew: largest time [s] by which a time stamp may be later than now.
         silence: longest time [s] without a usable measurement of wheels or joints.
         longest_arc: longest time [s] from one measurement to the next whose travel counts as one arc.
-        same_place: how far [m, rad] odometry that was silent for longer may be from where the motors were told to go,
-            to be believed again by itself; 0: only a fix says where the robot is then.
+        same_place: how far [m, rad] odometry that was silent for longer, or went faster than the motors can by its
+            stamps, may be from where the motors were told to go, to be believed all the same; 0: only a fix says where
+            the robot is then.
         longest_period: longest control period, by the median of the last ones; in a slower loop the robot stands. At
             12 Hz robots were up to 12 mm off their reference, at 7 Hz up to 61 mm.
         motor_error: speed [m/s, rad/s] by which a drive coordinate may differ from the model of its motor.

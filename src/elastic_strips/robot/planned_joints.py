@@ -22,6 +22,8 @@ from .urdf import UrdfSource
 from .wheels import wheel_joints
 
 _log = logging.getLogger(__name__)
+_LONGEST_FINGER_WAY = 0.15  # [m] of a joint that slides a finger
+_FINGER_WORDS = ("finger", "jaw", "gripper")
 _LARGEST_RATIO = 1e6  # of a follower's speed and its leader's, or the other way round
 _SELDOM_PLANNED = (
     "wheel", "caster", "roller", "finger", "thumb", "gripper", "knuckle", "palm", "jaw", "hand_", "index", "middle",
@@ -97,6 +99,7 @@ def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
     """The joints that are held still where the caller says nothing about any.
 
     Joints that others mimic are held if they carry no more than these: grippers. A lift that carries an arm is planned.
+    Fingers that move each by itself are held, too.
     """
     wheels, following = wheel_joints(model, source), source.following()
     resting, movable = wheels | source.mimic, {*source.joint_limits, *source.continuous}
@@ -110,8 +113,23 @@ def resting_joints(model: pin.Model, source: UrdfSource) -> frozenset[str]:
             _log.warning("%s: joint %r is held still: %s", source.path, leader, why)
         if why or not carries:
             held.add(leader)
-    resting = resting | held
+    resting = resting | held | _fingers_alone(model, source)
     return frozenset(joint for joint in resting if model.existJointName(joint))
+
+
+def _fingers_alone(model: pin.Model, source: UrdfSource) -> set[str]:
+    """The fingers of grippers of which none mimics another: two or more joints at the end of an arm that carry no
+    further joint, hang on one link, and slide a little or are called fingers or jaws."""
+    at: dict[int, list[str]] = {}
+    for name, (low, high) in source.joint_limits.items():
+        i = model.getJointId(name) if model.existJointName(name) else 0
+        on = model.parents[i] if i else 0
+        if not on or model.joints[on].shortname() == "JointModelPlanar" or len(model.subtrees[i]) > 1:
+            continue
+        slides = model.joints[i].shortname().startswith("JointModelP") and high - low <= _LONGEST_FINGER_WAY
+        if slides or any(word in name.lower() for word in _FINGER_WORDS):
+            at.setdefault(on, []).append(name)
+    return {name for fingers in at.values() if len(fingers) > 1 for name in fingers}
 
 
 def _cannot_lead(source: UrdfSource, leader: str) -> str:
@@ -266,7 +284,7 @@ def why_held(
             return "mimics a joint that is not there"
         if followers := [name for name, follower in source.following().items() if follower.leader == joint]:
             return f"mimicked by {', '.join(followers)}"
-        return "not among the joints to plan" if planned is not None else "held still"
+        return "not among the joints to plan" if planned is not None else "a finger of a gripper"
 
     return {joint: why(joint) for joint in still}
 

@@ -185,6 +185,23 @@ def test_odometry_that_was_silent_is_where_the_motors_were_told_to_go(silvermate
     assert monitor.measurement(8.0, reading(home, t=8.0, drive=np.ones(2)), home)[0].drive is None
 
 
+@pytest.mark.parametrize(
+    "jump, within, believed", [(0.12, 0.15, True), (0.12, 0.0, False), (0.3, 0.15, False), (np.nan, 0.15, False)]
+)
+def test_odometry_whose_stamps_are_uneven_is_believed_where_the_motors_were_told_to_go(
+    silvermate, home, jump, within, believed
+):
+    """A message with a late stamp: from it to the next one the robot seems faster than its motors can be."""
+    limits = MotionLimits.for_robot(silvermate)
+    monitor = Monitor(silvermate, limits, MonitorParams(longest_arc=2.0, same_place=within), DT)
+    for t in DT * np.arange(1, 100):
+        monitor.commanded(t, Command(np.full(2, 0.5), np.zeros(7)))
+        monitor.measurement(t, reading(home, t=t, drive=np.full(2, 0.5 * DT)), home)
+    monitor.commanded(t + DT, Command(np.full(2, 0.5), np.zeros(7)))
+    got, faults = monitor.measurement(t + DT, reading(home, t=t + DT, drive=np.full(2, jump)), home)
+    assert (got.drive is not None) is believed is (not faults)
+
+
 def test_motors_stop_by_themselves_where_no_command_comes(silvermate, home):
     """As where the computer runs nothing for a while: they go on for as long as a command holds."""
     limits, params = MotionLimits.for_robot(silvermate), MonitorParams(longest_arc=2.0, same_place=0.15)
