@@ -67,6 +67,15 @@ def test_a_path_through_something_is_refuted(folder, capsys, silvermate):
     assert len(broken["q"]) == silvermate.nq
 
 
+@each("size, answer", [([400, 400, 1000], 3), ([4, 4, 10], 0)])
+def test_a_scene_in_millimetres_certifies_nothing(folder, size, answer):
+    """A warning alone would not stop who looks at the exit code; what is far away and small may well be."""
+    far = f"obstacles:\n  - {{name: post, shape: box, size: {size}, at: [3000, 350, 500]}}\n"
+    (folder / "far.yaml").write_text(far)
+    assert call(folder / "beside.csv", *_robot(folder, "far.yaml"), "--json", folder / "a.json") == answer
+    assert (json.loads((folder / "a.json").read_text())["verdict"] == "certified") is (answer == 0)
+
+
 @each("path", ["through.csv", "beside.csv"])
 def test_a_path_is_drawn(folder, path):
     page = folder / "page.html"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import time
@@ -17,10 +16,11 @@ import pytest
 import ros_environment
 
 from elastic_strips.ros2.shared_memory import clear_left
-from workshop.bench.ros_loopback import ports, running, variables
+from workshop.bench.ros_loopback import own_domain, ports, running, variables
 
 ASK = ("-m", "workshop.bench.ros_ask")
-DOMAIN = 1 + os.getpid() % 100
+HELD = ExitStack()  # until this process ends
+DOMAIN = HELD.enter_context(own_domain())
 LONGEST = 60.0  # [s] until something happens that is waited for
 EXAMPLE = Path(__file__).parents[2] / "scripts" / "examples" / "18_ros_node.py"
 NODE = "from elastic_strips.cli import main\nif __name__ == '__main__':\n    main()\n"

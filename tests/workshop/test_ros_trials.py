@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import pytest
 from cases import each
 
+from workshop.bench.ros_loopback import own_domain
 from workshop.bench.ros_robot import FAULTS, TimedFault
 from workshop.bench.ros_trials import KINDS, Judged, judged
 
@@ -108,3 +109,12 @@ def test_who_is_killed_need_not_say_farewell():
         assert Trialled(kind, seen, code=code, acted=108.5).judge().fine is fine
     assert Trialled("robot_killed", {}, [(101.0, "from 'odom' and 'joint_states'")], code=130, acted=100.0).judge().fine
     assert not Trialled("node_killed", {}, code=-9, acted=100.0).judge().fine, "the robot has said nothing"
+
+
+def test_who_asks_at_the_same_time_gets_another_domain():
+    """Two in one domain hear each other's robots."""
+    with own_domain() as one, own_domain() as two:
+        assert one != two
+        assert {one, two} <= set(range(1, 233))
+    with own_domain() as again:
+        assert again == one

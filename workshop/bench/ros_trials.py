@@ -5,6 +5,7 @@ What the robot did is judged by the robot, from its true states; what was said a
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -28,7 +29,7 @@ from elastic_strips.ros2.shared_memory import clear_left
 from .measure import Figures, Note, head, silent
 from .pilots import PILOTS
 from .ros_ask import ask_for_goal, ask_for_path, call
-from .ros_loopback import ports, running, variables
+from .ros_loopback import own_domain, ports, running, variables
 
 _LENGTH = 6.0  # [m] of the corridor
 _SWING = 0.25  # [m] to each side, of the path that is to be followed
@@ -133,19 +134,17 @@ def bench_ros_trials(
     load("rclpy")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background; all who are started would have that
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    domain, rows = 101 + os.getpid() % 100, []
+    rows: list[Figures] = []
     told = ("--odometry", str(odometry), "--joint-states", str(odometry), "--reliable" if reliable else "--best-effort")
-    for kind in kinds:
-        for seed in seeds:
+    with own_domain() as domain:
+        for kind, seed in itertools.product(kinds, seeds):
             step(f"{kind}, seed {seed}")
-            with tempfile.TemporaryDirectory(prefix="elastic-strips-") as folder:
-                rows.append(_trial(Path(folder), domain, kind, int(seed), told))
+            rows.append(_in_its_folder(domain, kind, int(seed), told))
             for _ in range(_MOST_TRIES - 1):
                 if not rows[-1]["disturbed"]:
                     break
                 step(f"{kind}, seed {seed}, again: the robot was not run for a while")
-                with tempfile.TemporaryDirectory(prefix="elastic-strips-") as folder:
-                    rows[-1] = _trial(Path(folder), domain, kind, int(seed), told) | {"tries": rows[-1]["tries"] + 1}
+                rows[-1] = _in_its_folder(domain, kind, int(seed), told) | {"tries": rows[-1]["tries"] + 1}
     return head("ros_trials", kinds={kind: _summary([row for row in rows if row["kind"] == kind]) for kind in kinds},
                 odometry_hz=odometry, reliable=reliable, rows=rows)  # fmt: skip
 
@@ -173,6 +172,12 @@ def _summary(rows: list[Figures]) -> Figures:
         else None,
         "processors": {name: round(float(np.mean(some)), 2) for name, some in shares.items() if some},
     }
+
+
+def _in_its_folder(domain: int, kind: str, seed: int, told: Sequence[str]) -> Figures:
+    """A trial with a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="elastic-strips-") as folder:
+        return _trial(Path(folder), domain, kind, seed, told)
 
 
 def _trial(folder: Path, domain: int, kind: str, seed: int, told: Sequence[str]) -> Figures:

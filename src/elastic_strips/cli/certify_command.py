@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from elastic_strips.strip import Strip
     from elastic_strips.viewer import Viewer
 
+_FAR_OFF = 50.0  # [m] from a path, a scene in which all is large may be in millimetres
 _JOINTS_LISTED = 12  # joints in a note
 
 
@@ -173,7 +174,7 @@ def certify(
         interpolation=interpolation,
         times=given.times if timed else None,
     )
-    if found.certified and (left := _left_map(model, scene_file, given.q)):
+    if found.certified and (left := _left_map(model, scene_file, given.q) or _far_off(world.scene, found.least)):
         found = replace(found, verdict=Verdict.UNKNOWN, reason=left)
     doubts = (*given.doubts, *(given.time_doubts if timed else ()))
     _say_notes(given, doubts if found.broken else ())  # else the doubts are the reason
@@ -317,15 +318,27 @@ def _repair(
             "repaired: ",
             output.verdict("certified", done),
             f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations{near}"
-            f"{', angles the shorter way' * bool(robot.space.turning.any())}",
+            f"{', joints turn the shorter way' * bool(robot.space.turning.any())}",
         )
+        if mended.relaxed:
+            output.say(
+                ("note:", output.NOTE),
+                " it had to be pushed far, and was relaxed: between its ends it may go, and bend the arm, in other "
+                "ways than yours; 'elastic-strips run' plans another",
+            )
     else:
         output.say(
             output.verdict("not repaired", done),
             f": {left or mended.reason}. Nothing is written; another way may be found between its ends: "
             "'elastic-strips run'",
         )
-    said = {"certified": done, "moved_m": mended.moved, "least_m": least, "reason": mended.reason}
+    said = {
+        "certified": done,
+        "moved_m": mended.moved,
+        "least_m": least,
+        "relaxed": mended.relaxed,
+        "reason": mended.reason,
+    }
     return _Outcome(mended.strip, "arc"), done, said
 
 
@@ -348,7 +361,7 @@ def _prove(
     )
     if made is None:
         return _no_proof(", or too narrowly")
-    output.say(f"proof   {made.save(file)} of {about}, {len(made.span)} intervals, angles {made.header['way']}")
+    output.say(f"proof   {made.save(file)} of {about}, {len(made.span)} intervals, interpolation {made.header['way']}")
     for what, name in made.digests.items():
         output.say(f"  {what:6} {name}")
     return {"proof": {"of": about, "intervals": len(made.span), "way": made.header["way"], **made.digests}}
@@ -367,6 +380,14 @@ def _left_map(robot: RobotModel, scene: SceneFile, q: Array) -> str | None:
         return None
     x, y = base[beyond[0]]
     return f"configuration {beyond[0]} at ({x:.3g}, {y:.3g}) is outside the map, where nothing is known"
+
+
+def _far_off(scene: Scene, least: float | None) -> str | None:
+    """Why a scene that is far from all of a path may be meant in another unit; None where it may not."""
+    from elastic_strips.io.scene_file import seem_millimetres
+
+    doubt = seem_millimetres(scene) if least is not None and least > _FAR_OFF else ""
+    return f"the path is {least:.0f} m or more from all of the scene, and {doubt}" if doubt else None
 
 
 def _document(

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.errors import ParameterError, RobotError, SceneError, listed
 from elastic_strips.robot import BaseKind, Kinematics, RobotModel
+from elastic_strips.robot.floor import below_floor
 from elastic_strips.scene import Obstacle, Scene, UnknownMotion, World
 from elastic_strips.scene.motion import MAX_SPEED
 from elastic_strips.summary import Summary
@@ -171,6 +172,8 @@ def certify(
         found = replace(found, reason=f"{found.reason}; the scene has no obstacles")
     if found.certified and (still := getattr(path, "at_home", ())):
         found = replace(found, reason=f"{found.reason}; with {listed(tuple(still))} at home, as the path does not say")
+    if found.certified and (below := below_floor(robot, arcs.rows)):
+        found = replace(found, reason=f"{found.reason}; {below}")
     if found.certified and robot.unproven:
         found = replace(found, reason=f"{found.reason}; {robot.unproven}")
     found = replace(found, notes=(*getattr(path, "notes", ()), *found.notes))
@@ -637,4 +640,4 @@ def _every(segments: int) -> str:
 
 
 def _mm(distance: float) -> str:
-    return f"{1e3 * distance:.1f} mm" if abs(distance) < 0.1 else f"{distance:.3f} m"
+    return f"{round(1e3 * distance, 1) + 0.0:.1f} mm" if abs(distance) < 0.1 else f"{distance:.3f} m"  # no −0.0

@@ -196,18 +196,22 @@ def _part(path: Path, kind: str, root: Node | None, options: SceneOptions, readi
     return found
 
 
-def _warn_of_millimetres(path: Path, scene: Scene) -> None:
-    """Say in the log that all that is in a scene is thick, and something as large as a street."""
+def seem_millimetres(scene: Scene) -> str:
+    """Why the lengths of a scene seem to be in millimetres: all that is in it is thick, and something as large as a
+    street; empty where they do not."""
     lengths = [np.ravel(np.asarray(v, dtype=float)) for o in scene if o.shape in _SIZED for v in o.spec.values()]
     least, most = (f(np.concatenate(lengths)) if lengths else 0.0 for f in (np.min, np.max))
-    if least >= _THICK_METRES and most >= _LONG_METRES:
-        _log.warning(
-            "%s: nothing in it is thinner than %.4g m, and something is %.4g m large: lengths are in metres; are these "
-            "millimetres?",
-            path,
-            least,
-            most,
-        )
+    if least < _THICK_METRES or most < _LONG_METRES:
+        return ""
+    return (
+        f"nothing in it is thinner than {least:.4g} m, and something is {most:.4g} m large: lengths are in metres; are "
+        "these millimetres?"
+    )
+
+
+def _warn_of_millimetres(path: Path, scene: Scene) -> None:
+    if doubt := seem_millimetres(scene):
+        _log.warning("%s: %s", path, doubt)
 
 
 def _scene_from_node(node: Node, reading: Reading) -> SceneFile:

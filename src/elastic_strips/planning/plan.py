@@ -28,7 +28,7 @@ from .goals import Goal, is_goal_region
 from .homotopy.alternatives import AlternativesSearch
 from .initial_strip import rows_along
 from .leaving import MOST_DEPTH, Departure, joined, leave_contact
-from .problem import ARM, Deadline, PlanningProblem, check_kinds, one_configuration
+from .problem import ARM, Deadline, PlanningProblem, check_kinds, one_configuration, warn_of_floor
 from .report import PlanReport
 from .search import PlanSearch
 
@@ -165,7 +165,9 @@ def plan_report(
     )
     if count > 1:
         return _several(problem, count, line=line, path=path, grid=grid, watch=watch)
-    return _one(problem, line=line, path=path, grid=grid, watch=watch)
+    report = _one(problem, line=line, path=path, grid=grid, watch=watch)
+    warn_of_floor(robot, report.strip.coordinates)
+    return report
 
 
 def _in_turns(plan_to: Callable[..., PlanReport], goals: Array, deadline: Deadline) -> PlanReport:

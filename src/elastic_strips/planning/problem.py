@@ -17,6 +17,7 @@ from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, ParameterError, RobotError, SceneError
 from elastic_strips.ownership import exclusive
 from elastic_strips.robot import PlanarFootprint, RobotModel
+from elastic_strips.robot.floor import below_floor
 from elastic_strips.scene import Scene
 from elastic_strips.strip import AxisConstraint, Strip
 from elastic_strips.strip.constraint import ConstraintForce
@@ -429,6 +430,16 @@ def _warn_of_size(scene: Scene) -> None:
         if name.startswith("outside-of-map"):  # it is made so, and is the largest there is
             return
         _warn_once(f"obstacle {name!r} is {x:.6g} m × {y:.6g} m × {z:.6g} m large: lengths are in metres")
+
+
+def warn_of_floor(robot: RobotModel, rows: Array) -> None:
+    """Say in the log, once for each link, that rows (N, nv) of a plan lead it into the floor."""
+    below = below_floor(robot, rows)
+    if below is not None:
+        _warn_once(
+            f"{robot.name}: {below.link} is planned below the floor on which the robot stands ({below.height}): "
+            "the floor is an obstacle only where the scene has one"
+        )
 
 
 @lru_cache(maxsize=64)

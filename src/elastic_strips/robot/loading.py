@@ -46,6 +46,7 @@ from .wheels import round_wheels, wheel_joints
 from .xacro_file import expand_xacro
 
 _log = logging.getLogger(__name__)
+_MOST_TURNED, _MOST_DEGREES = 4.0 * np.pi, 720.0  # a joint that turns further, and no further, may have degrees
 _MANY_JOINTS = 20  # more planned joints than these are warned about
 # No part of a robot is longer [m]; in a mesh of millimetres that is read as metres, one of 2 cm is.
 _LARGEST_MESH = 20.0
@@ -175,6 +176,16 @@ def _say_what_is_remarkable(robot: RobotModel) -> None:
             joint,
             span,
         )
+    for joint, low, high in _turning(robot):
+        if _MOST_TURNED < max(-low, high) <= _MOST_DEGREES:
+            _log.warning(
+                "%s: joint %s may turn from %g to %g rad, which is %.0f times around: are its limits in degrees?",
+                robot.name,
+                joint,
+                low,
+                high,
+                (high - low) / (2.0 * np.pi),
+            )
     for blocked in blocked_joints(robot):
         _log.warning(
             "%s: joint %s is %s. Where the two may touch, an SRDF says so (disable_collisions of the two)",
@@ -197,6 +208,13 @@ def _say_what_is_remarkable(robot: RobotModel) -> None:
             plural(len(robot.bare_links), "link"),
             quoted(robot.bare_links, 40),
         )
+
+
+def _turning(robot: RobotModel) -> Iterator[tuple[str, float, float]]:
+    """The planned joints that turn within limits, with these [rad]."""
+    for column, joint in enumerate(robot.joint_names, robot.space.base_nv):
+        if robot.model.joints[robot.model.getJointId(joint)].shortname().startswith("JointModelR"):
+            yield joint, float(robot.space.lower[column]), float(robot.space.upper[column])
 
 
 def _is_xacro(name_or_path: str | Path) -> bool:

@@ -25,6 +25,7 @@ _COMPARED_PLACES = 200  # of the path, where two are compared
 _BOW = 2e-3  # [m] by which a base on arcs may leave the lines of a path
 _SPACING = 0.2  # [m or rad] between two nodes of a path's strip
 _ROUGH = 1.2  # times as far as the given one goes a path that is certified, and still to be relaxed
+_RELAXED_TICKS = 4  # from one look at how far it goes to the next: no more is to be lost of it than need be
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -37,6 +38,8 @@ class RepairReport(Summary):
         moved: largest displacement [m] of any control point, at the same share of the path.
         report: report of the last tick.
         reason: why it is not certified, or empty.
+        relaxed: whether it went much farther once it was certified, and was relaxed: between its ends it may have lost
+            what was particular to the given path.
     """
 
     strip: Strip
@@ -44,6 +47,7 @@ class RepairReport(Summary):
     moved: float
     report: DeformReport
     reason: str
+    relaxed: bool
 
     def _summary(self) -> dict[str, object]:
         return {"certified": self.certified, "moved": f"{self.moved:.3f} m", "reason": self.reason}
@@ -67,8 +71,8 @@ def repair(
             certified where it has doubts. Rows go linearly, by their values. Between configurations that are far apart
             it gets nodes. A differential drive's are first moved, as little as possible, until wheels can follow them.
         params: parameters of the deformation; the default preset where None.
-        max_ticks: largest number of ticks until it is certified; where a control point goes a fifth farther than before
-            then, as many again relax it, with the certificate.
+        max_ticks: largest number of ticks until it is certified; while a control point goes a fifth farther than before
+            then, at most as many again relax it, with the certificate.
 
     Raises:
         RobotError, SceneError: not a robot, or not a scene.
@@ -86,14 +90,20 @@ def repair(
         rows, _ = project_rolling(robot.space, before.coordinates)
         start = Strip.from_coordinates(robot, rows, ends=before.q[[0, -1]])
     deformer = Deformer(robot, params)
-    report = deformer.assess(start, scene)
+    report, relaxed = deformer.assess(start, scene), 0
     if not report.usable:
         report = deformer.settle(start, scene, max_ticks=max_ticks, until="certified")
-        if report.usable and _way(report.strip) > _ROUGH * _way(before):
-            smoother = deformer.settle(report.strip, scene, max_ticks=max_ticks)
-            report = smoother if smoother.usable else report
+        rough = _ROUGH * _way(before)
+        while report.usable and relaxed < max_ticks and _way(report.strip) > rough:
+            smoother = deformer.settle(report.strip, scene, max_ticks=_RELAXED_TICKS)
+            relaxed += _RELAXED_TICKS
+            if not smoother.usable:
+                break
+            report = smoother
     reasons = [*getattr(path, "doubts", ()), *([] if report.usable else [report.reason])]
-    return RepairReport(report.strip, not reasons, displacement(before, report.strip), report, "; ".join(reasons))
+    return RepairReport(
+        report.strip, not reasons, displacement(before, report.strip), report, "; ".join(reasons), relaxed > 0
+    )
 
 
 def _as_strip(robot: RobotModel, path: PathLike, most: int) -> Strip:

@@ -267,6 +267,49 @@ def test_a_joint_that_others_mimic_is_planned_with_them_where_it_is_named(tmp_pa
         load_robot(path, joints=["hinge", "finger"])
 
 
+def two_fingers(
+    kind: str, names: tuple[str, str], limit: str = '<limit lower="0" upper="0.04" velocity="1" effort="1"/>'
+):
+    """A hand at the end of the arm, and two fingers on it that move each by itself."""
+    hand = link("hand") + joint("mount", "arm", "hand", kind="fixed", more="")
+    return hand + "".join(link(f"f{n}") + joint(n, "hand", f"f{n}", kind=kind, more=limit) for n in names)
+
+
+@each(
+    "kind, names, held",
+    [
+        ("prismatic", ("a", "b"), True),
+        ("revolute", ("left_finger", "right_finger"), True),
+        ("revolute", ("pan", "tilt"), False),  # whatever that is
+    ],
+)
+def test_fingers_of_which_none_mimics_another_are_held(tmp_path, kind, names, held):
+    path = write(tmp_path, robot(BASE, link(), joint(), two_fingers(kind, names)))
+    loaded = load_robot(path)
+    assert set(loaded.joint_names) == ({"hinge"} if held else {"hinge", *names})
+    assert set(loaded.locked) == (set(names) if held else set())
+    assert all(loaded.held[name] for name in loaded.locked)
+    assert set(load_robot(path, joints=["hinge", *names]).joint_names) == {"hinge", *names}
+
+
+def test_what_slides_far_or_alone_is_no_finger(tmp_path):
+    long = '<limit lower="0" upper="0.4" velocity="1" effort="1"/>'
+    lifts = write(tmp_path, robot(BASE, link(), joint(), two_fingers("prismatic", ("a", "b"), long)))
+    assert set(load_robot(lifts).joint_names) == {"hinge", "a", "b"}
+    on_base = "".join(
+        link(f"l{n}") + joint(n, "base", f"l{n}", kind="prismatic", more=long.replace("0.4", "0.1")) for n in ("a", "b")
+    )
+    legs = write(tmp_path, robot(BASE, link(), joint(), on_base), "legs.urdf")
+    assert set(load_robot(legs, base="omni").joint_names) == {"hinge", "a", "b"}
+
+
+@each("span, warned", [(90.0, True), (9.0, False), (1e5, False)])
+def test_limits_in_degrees_are_asked_about(tmp_path, caplog, span, warned):
+    limit = f'<limit lower="{-span}" upper="{span}" velocity="1" effort="1"/>'
+    load_robot(write(tmp_path, robot(BASE, link(), joint(more=limit))))
+    assert ("hinge" in caplog.text and "degrees" in caplog.text) is warned
+
+
 def test_joints_that_mimic_in_a_ring_are_refused(tmp_path):
     ring = link("t") + link("f") + "".join(
         joint(a, "arm", c, more=LIMIT + f'<mimic joint="{b}"/>') for a, b, c in (("x", "y", "t"), ("y", "x", "f"))

@@ -29,6 +29,7 @@ def test_what_was_pushed_far_is_relaxed(tiago_omni):
     report = repair(tiago_omni, scene, [tiago_omni.home(), tiago_omni.home(x=4.0)])
     assert report.certified
     assert certify(tiago_omni, scene, report.strip).certified
+    assert report.relaxed
     base = report.strip.coordinates[:, :2]
     assert np.linalg.norm(np.diff(base, axis=0), axis=1).sum() < 1.3 * 4.0
 
@@ -38,6 +39,7 @@ def test_what_is_free_stays(silvermate):
     report = repair(silvermate, Scene([]), strip)
     assert report.certified
     assert report.moved == 0.0
+    assert not report.relaxed
 
 
 def test_what_cannot_be_mended_says_why(silvermate):
