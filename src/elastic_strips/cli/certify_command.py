@@ -318,7 +318,7 @@ def _repair(
             "repaired: ",
             output.verdict("certified", done),
             f"; moved by at most {mended.moved:.3f} m, {len(mended.strip)} configurations{near}"
-            f"{', joints turn the shorter way' * bool(robot.space.turning.any())}",
+            f"{', which turns the shorter way' * bool(robot.space.turning.any())}",
         )
         if mended.relaxed:
             output.say(
