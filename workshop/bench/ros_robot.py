@@ -257,7 +257,7 @@ class RosRobot:
         return self._judged()
 
     def _live(self, began: float, note: Callable[[str], object]) -> None:
-        steps, params = 0, self.params
+        steps, params, epoch = 0, self.params, self._epoch(began)
         next_odometry = next_joints = next_fix = 0.0
         travel = Measurement(0.0, None, self._plant.coordinates)
         stop_at, last = math.inf, 0.0
@@ -290,8 +290,7 @@ class RosRobot:
             if t >= wrong_at and self._stood_at is None and stands:
                 self._stood_at = t
                 note("it stands again")
-            behind = time.monotonic() - began - t  # it may not have been run since
-            stamp = self.node.get_clock().now().nanoseconds - round(1e9 * behind)
+            stamp = epoch + round(1e9 * t)  # of its own time: it may not have been run since
             if self._wrong("clock", t):
                 stamp -= 5_000_000_000
             self._tell_emergency(t)
@@ -314,6 +313,15 @@ class RosRobot:
             while self._late and self._late[0][0] <= now:
                 _, _, publisher, message = heapq.heappop(self._late)
                 publisher.publish(message)
+
+    def _epoch(self, began: float) -> int:
+        """The time [ns] of ROS at a time on the monotonic clock [s], by the two readings that are nearest to each
+        other."""
+        readings = []
+        for _ in range(10):
+            before, stamp = time.monotonic(), self.node.get_clock().now().nanoseconds
+            readings.append((time.monotonic() - before, stamp - round(1e9 * (before - began))))
+        return min(readings)[1]
 
     def _step(self, now: float) -> Measurement:
         heard, n = self._heard, len(self.robot.joint_names)
