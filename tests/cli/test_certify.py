@@ -95,7 +95,7 @@ def test_the_repaired_path_is_drawn_where_one_is_written(folder, monkeypatch):
     (given_as, given), (repaired_as, repaired) = shown
     assert (given_as, given.status.value) == ("show", "refuted")
     assert (repaired_as, repaired.status.value) == ("animate", "certified")
-    assert len(repaired.strip) > len(given.strip)
+    assert repaired.segments[1] > given.segments[1]
 
 
 def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):

@@ -213,11 +213,16 @@ def certify(
         output.say(("note:", output.NOTE), f" {said}; 'elastic-strips robot' names them")
     output.write_document("answer", json_file, document)
     shown = world.at(found.time) if timed and found.time is not None else scene  # what it touches is there then
-    drawn, about, title = given.q, found, os.path.basename(path)
+    drawn, about, title = _Outcome(given, interpolation), found, os.path.basename(path)
     if repaired is not None and isinstance(outcome.path, Strip):  # what was written is shown
-        drawn, title = outcome.path.q, f"{os.path.basename(repaired)}, repaired" if done else title
+        drawn, title = outcome, f"{os.path.basename(repaired)}, repaired" if done else title
         about = certify_path(
-            model, scene, drawn, clearance=clearance, self_clearance=self_clearance, interpolation=outcome.interpolation
+            model,
+            scene,
+            outcome.path,
+            clearance=clearance,
+            self_clearance=self_clearance,
+            interpolation=outcome.interpolation,
         )
     draw = partial(_draw, model, shown, drawn, about)
     options.write_pictures(draw, html_file, png_file, film_file, title=title)
@@ -226,13 +231,13 @@ def certify(
     return options.EXIT_DONE if done else options.EXIT_NOT_DONE
 
 
-def _draw(robot: RobotModel, scene: Scene, q: Array, found: PathCertificate, viewer: Viewer) -> None:
-    """The path (N, nq) that was given, or repaired: the robot goes along it where it is certified, else it is where it
-    touches something."""
+def _draw(robot: RobotModel, scene: Scene, drawn: _Outcome, found: PathCertificate, viewer: Viewer) -> None:
+    """The path that was given, or repaired: the robot goes along it where it is certified, else it is where it touches
+    something."""
     from elastic_strips.viewer.path_report import PathReport
 
-    report = PathReport.of(robot, q, found)
-    if found.certified and len(q) > 1:
+    report = PathReport.of(robot, drawn.path, found, interpolation=drawn.interpolation)
+    if found.certified and len(drawn.path.q) > 1:
         viewer.animate(robot, scene, report)
     else:
         viewer.show(robot, scene, report)

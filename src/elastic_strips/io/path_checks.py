@@ -56,8 +56,8 @@ def check_values(
     turning = [names[i] for i in np.flatnonzero(endless & unsaid) if np.abs(values[:, i]).max() > MOST_TURNS]
     if turning:
         placed.doubts.append(
-            f"degrees? More than two turns: {', '.join(turning)}, and the file names no unit. Name it "
-            "(--angles rad or deg, angles=)"
+            f"degrees? More than two turns: {', '.join(turning)}, and the file names no unit. Name it in the column "
+            f"({turning[0]}_deg or {turning[0]}_rad), or for all angles of the file (--angles rad or deg, angles=)"
         )
 
 
@@ -86,7 +86,10 @@ def _rounded_beyond(
     k, column = (int(i) for i in np.argwhere(outside)[0])
     if angular[column]:
         unit, kind, scale, most = "rad", angular, np.pi / 180.0, 2.0 * np.pi
-        ask = "Are these degrees? Name the unit (--angles deg, angles='deg')"
+        ask = (
+            f"Are these degrees? Name the unit in the column ({names[column]}_deg), or for all angles of the file "
+            "(--angles deg, angles='deg')"
+        )
     else:
         unit, kind, scale, most = "m", ~angular, 1e-3, 2.0
         ask = f"Are these millimetres? Name the unit ({names[column]}_mm)"

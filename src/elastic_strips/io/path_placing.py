@@ -143,6 +143,10 @@ def _named(
         factor = _factor(table, column, "angle" if angular[column.number] else "length", angles)
         coordinates[:, column.number] = table.rows[:, column.index] * factor
         units[column.number] = column.unit
+    turned = [c.name for c in mine if c.unit is None and angular[c.number]]
+    if angles is not None and turned:
+        unit = "degrees" if angles == "deg" else "radians"
+        placed.notes.append(f"taken in {unit}, as requested of all angles: {', '.join(turned)}")
     placed.coordinates = coordinates
     _clock(table, columns, placed)
     _left_out(table, robot, columns, placed, angles)

@@ -400,7 +400,8 @@ def _measured(report: Report, scene: Scene, live: bool) -> list[list[str]]:
     if np.isfinite(clearance):
         of_what = " to obstacles" if getattr(report.certificate.broken, "kind", "") == "self" else ""
         rows.append([f"clearance{' at the nodes' * live}{of_what}", f"{clearance:.3f} m"])
-    rows.append(["certified", f"{int(segments.sum())} of {plural(len(segments), 'segment')}"])
+    done, of = report.segments if isinstance(report, PathReport) else (int(segments.sum()), len(segments))
+    rows.append(["certified", f"{done} of {plural(of, 'segment')}"])
     return [*rows, ["what moves", f"as at {scene.time:g} s"]] if report.as_it_stands else rows
 
 

@@ -516,3 +516,28 @@ def test_the_robot_stays_where_it_is_when_the_strip_is_broken_elsewhere(robot, s
     broken = es.collision.BrokenSegment(30, robot.geometries[0].name, "it", -0.01, "obstacle", certain=True)
     certificate = SimpleNamespace(certified=False, segments=np.arange(39) != 30, broken=broken)
     assert at(make_report(certificate=certificate, hulls=None)) == at(make_report())
+
+
+@pytest.mark.parametrize("interpolation", ["line", "arc"])
+def test_a_path_is_drawn_the_way_that_was_certified(tiago_omni, interpolation):
+    """From one configuration to the next the base turns: on a line, or on an arc."""
+    q = np.stack([tiago_omni.home(), tiago_omni.home(x=4.0, yaw=2.5)])
+    scene = es.Scene([es.Box((0.3, 0.3, 0.3), at=(2.0, 0.0, 0.15), name="strut")])
+    found = es.certify(tiago_omni, scene, q, interpolation=interpolation)
+    report = PathReport.of(tiago_omni, q, found, interpolation=interpolation)
+    dense = tiago_omni.space.to_coordinates(report.strip.q)[:, :2]
+    chord = np.abs(dense[:, 1]).max()
+    if interpolation == "line":
+        assert chord < 0.005
+        assert found.verdict.value == "refuted"
+        broken = report.certificate.broken
+        a, b = report.strip.coordinates[broken.segment], report.strip.coordinates[broken.segment + 1]
+        shown = tiago_omni.space.interpolate(a[None], b[None], np.array([report.place]))[0]
+        np.testing.assert_allclose(shown, tiago_omni.space.to_coordinates(found.q), atol=0.01)
+        assert report.segments == (0, 1)
+        assert not report.certificate.segments.any()
+    else:
+        assert chord > 1.0
+        assert found.certified
+        assert report.segments == (1, 1)
+        assert report.certificate.segments.all()
