@@ -77,6 +77,13 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     help="How many strips to keep on different sides of the obstacles; where one is given up, another is followed.",
 )
 @options.level_option
+@click.option(
+    "--goal-within",
+    type=options.Finite(0.001, 1.0),
+    metavar="METRES",
+    help="How near counts as reached: the base by so many metres, heading and joints by as many radians. Default: 0.05; "
+    "a hand that is to grip something may want 0.005.",
+)
 @options.compute_option
 @click.option(
     "--realtime",
@@ -130,6 +137,7 @@ def drive(
     evade: bool | None,
     alternatives: int,
     level: str,
+    goal_within: float | None,
     compute: str | None,
     realtime: bool,
     log: str | None,
@@ -169,6 +177,7 @@ def drive(
         sensors=options.sensors_of(sensors, model.name),
         alternatives=alternatives,
         level=level,
+        goal_within=goal_within,
         compute="free" if realtime else compute or "1",
         goals=goals,
     )

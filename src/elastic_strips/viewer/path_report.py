@@ -69,7 +69,9 @@ class PathReport:
         parts = [np.arange(n) / n for n in count.tolist()]
         ends = zip(rows[:-1], rows[1:], parts, strict=True)
         drawn = np.vstack([*(space.interpolate(a[None], b[None], part) for a, b, part in ends), rows[-1:]])
-        at = np.concatenate([*(whole[k] + part * (whole[k + 1] - whole[k]) for k, part in enumerate(parts)), whole[-1:]])
+        at = np.concatenate(
+            [*(whole[k] + part * (whole[k + 1] - whole[k]) for k, part in enumerate(parts)), whole[-1:]]
+        )
         given = max(round(float(whole[-1])), 0)
         proven = np.full(given, found.certified or bool(found.segments))
         proven[list(found.segments)] = False

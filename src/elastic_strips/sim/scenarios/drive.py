@@ -131,6 +131,8 @@ class DriveSetup:
         perception: noise and delay of a known scene.
         compute: what computing costs; see :func:`~elastic_strips.sim.simulation`.
         goals: goals in place of the scenario's, one after the other.
+        goal_within: how near counts as reached: base [m], and heading and joints [rad or m]; as ``params`` say where
+            None.
 
     Raises:
         InputError: a value of another type, an unknown plant, a negative seed.
@@ -149,6 +151,7 @@ class DriveSetup:
     perception: PerceptionParams | None = None
     compute: str | float = "free"
     goals: Sequence[Goal] = ()
+    goal_within: float | None = None
 
     def __post_init__(self) -> None:
         check_type("robot", self.robot, RobotModel, RobotError, none=True)
@@ -355,6 +358,8 @@ class DrivenProblem:
         params = setup.params or drive_params(scenario, evade=setup.evade, sensors=setup.sensors, robot=robot)
         if setup.level:
             params = replace(params, constraint=OrientationConstraint.from_configuration(robot, start, setup.level))
+        if setup.goal_within is not None:
+            params = replace(params, goal_position=setup.goal_within, goal_angle=setup.goal_within)
         metadata: dict[str, object] = {"scenario": scenario.name, "seed": seed, "plant": setup.plant}
         return cls(setup, robot, scenario.world, start, goals, limits, machine, seed, params, metadata)
 

@@ -34,6 +34,16 @@ def scenario(*obstacles: Obstacle) -> Scenario:
     )
 
 
+def test_how_near_counts_as_reached_may_be_said(silvermate):
+    assert make_simulation(scenario(), robot=silvermate, goal_within=0.004).params.goal_position == 0.004
+    assert make_simulation(scenario(), robot=silvermate).params.goal_position == DriveParams().goal_position
+    driven = drive_scenario(scenario(PILLAR), robot=silvermate, goal_within=0.004)
+    assert driven.reached
+    (goal,) = driven.result.goals
+    assert goal.position <= 0.004
+    assert goal.joints <= 0.004
+
+
 def test_the_laser_is_all_that_the_planner_knows(silvermate):
     driven = make_simulation(scenario(PILLAR), robot=silvermate, sensors=LASER)
     assert isinstance(driven.perception, SensorPerception)
