@@ -218,7 +218,10 @@ def test_speeds_that_a_urdf_does_not_state_are_given(
         (("--joint-speed", "turret_joint=0"), "range"),
         (("--joint-speed", "turret_joint=nan"), "NaN|nan|range"),
         (("--joint-speed", "turrt_joint=1"), "did you mean 'turret_joint'"),
-        (("--base", "omni", "--wheel-speed", "1"), "diff_drive base"),
+        (("--base", "omni", "--wheel-speed", "1"), "--base-speed"),
+        (("--base-speed", "1,1,1"), "--wheel-speed"),
+        (("--base", "omni", "--base-speed", "1,1"), "X,Y,YAW"),
+        (("--base", "omni", "--base-speed", "1,1,-1"), "range"),
         (("--joint-speed", "turret_joint=1", "--wheel-speed", "-1"), "range"),
     ],
 )

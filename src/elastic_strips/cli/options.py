@@ -114,6 +114,22 @@ SEED = Whole(0, 2**31 - 1)
 _POSITIVE = Finite(0.0, min_open=True)
 
 
+class BaseSpeed(_ValueType):
+    """``X,Y,YAW``: three numbers above 0."""
+
+    name = "speeds"
+
+    def convert(
+        self, value: str | tuple[float, ...], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        if isinstance(value, tuple):
+            return value
+        found = tuple(float(_POSITIVE(word.strip(), param, ctx)) for word in value.split(","))
+        if len(found) != 3:
+            self.fail(f"{value!r} is not X,Y,YAW: three numbers with commas, such as 0.4,0.4,0.8", param, ctx)
+        return found
+
+
 class JointValue(_ValueType):
     """``NAME=VALUE``: a joint and a number.
 
@@ -224,9 +240,10 @@ class GivenLimits:
     wheel_speed: float | None
     track: float | None
     wheel_radius: float | None
+    base_speed: tuple[float, ...] | None = None
 
     def __bool__(self) -> bool:
-        return bool(self.joint_speed) or any((self.wheel_speed, self.track, self.wheel_radius))
+        return bool(self.joint_speed) or any((self.wheel_speed, self.track, self.wheel_radius, self.base_speed))
 
     def of(self, robot: RobotModel) -> MotionLimits:
         """All limits of a robot.
@@ -235,11 +252,17 @@ class GivenLimits:
             ParameterError: a limit that is neither given nor stated by the robot's description, or of another robot.
         """
         from elastic_strips.trajectory import MotionLimits
+        from elastic_strips.trajectory.limits import BASE_SPEED
 
         if robot.base_kind.value != "diff_drive" and any((self.wheel_speed, self.track, self.wheel_radius)):
             raise click.UsageError(
                 f"--wheel-speed, --track and --wheel-radius are for a diff_drive base; that of {robot.name!r} is "
-                f"{robot.base_kind.value}"
+                f"{robot.base_kind.value}{': --base-speed says how fast it is' * (robot.base_kind.value == 'omni')}"
+            )
+        if self.base_speed is not None and robot.base_kind.value != "omni":
+            wheels = ": --wheel-speed says how fast its wheels are" * (robot.base_kind.value == "diff_drive")
+            raise click.UsageError(
+                f"--base-speed is for an omni base; that of {robot.name!r} is {robot.base_kind.value}{wheels}"
             )
         return MotionLimits.for_robot(
             robot,
@@ -247,11 +270,13 @@ class GivenLimits:
             wheel_speed=self.wheel_speed,
             track=self.track,
             wheel_radius=self.wheel_radius,
+            base_speed=self.base_speed or BASE_SPEED,
         )
 
 
 def limit_options(command: Callable[..., int]) -> Callable[..., int]:
-    """``--joint-speed``, ``--wheel-speed``, ``--track`` and ``--wheel-radius``, as one argument ``limits``."""
+    """``--joint-speed``, ``--wheel-speed``, ``--track``, ``--wheel-radius`` and ``--base-speed``, as one argument
+    ``limits``."""
 
     @wraps(command)
     def with_limits(
@@ -260,9 +285,18 @@ def limit_options(command: Callable[..., int]) -> Callable[..., int]:
         wheel_speed: float | None,
         track: float | None,
         wheel_radius: float | None,
+        base_speed: tuple[float, ...] | None,
         **others: object,
     ) -> int:
-        return command(limits=GivenLimits(dict(joint_speed), wheel_speed, track, wheel_radius), **others)
+        given = GivenLimits(dict(joint_speed), wheel_speed, track, wheel_radius, base_speed)
+        return command(limits=given, **others)
+
+    with_limits = click.option(
+        "--base-speed",
+        type=BaseSpeed(),
+        metavar="X,Y,YAW",
+        help="Largest speeds of an omnidirectional base [m/s, m/s, rad/s]; 1,1,1.5 by default.",
+    )(with_limits)
 
     for name, help in (
         ("--wheel-radius", "Radius of the driven wheels [m]; the URDF's by default."),

@@ -87,7 +87,7 @@ def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
     """How fast the robot may move, and where that is stated."""
     from elastic_strips.robot.card import CardSection
     from elastic_strips.trajectory import MotionLimits
-    from elastic_strips.trajectory.limits import sliding_joints
+    from elastic_strips.trajectory.limits import BASE_SPEED, sliding_joints
 
     title, columns = "Speeds and accelerations", ("what", "value", "by")
     rows: list[tuple[str, str, str]] = []
@@ -100,6 +100,7 @@ def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
             wheel_speed=given.wheel_speed,
             track=given.track,
             wheel_radius=given.wheel_radius,
+            base_speed=given.base_speed or BASE_SPEED,
         )
     except ParameterError as error:
         return CardSection(title, columns, (("wheels", "not known", "see above"),), str(error))
@@ -112,7 +113,8 @@ def _motion(model: RobotModel, given: options.GivenLimits) -> CardSection:
             rows.append((what, f"{value:.4g} {unit}", "URDF" if option is None else "option"))
         rows.append(("acceleration of a wheel's rim", f"{found.drive_acceleration[0]:g} m/s²", "assumed"))
     elif model.base_kind.value == "omni":
-        rows.append(("speed x, y, yaw", " ".join(f"{v:g}" for v in found.drive_speed) + " m/s, rad/s", "assumed"))
+        by = "assumed: --base-speed gives it" if given.base_speed is None else "option"
+        rows.append(("speed x, y, yaw", " ".join(f"{v:g}" for v in found.drive_speed) + " m/s, rad/s", by))
         rows.append(("acceleration x, y, yaw", " ".join(f"{v:g}" for v in found.drive_acceleration), "assumed"))
     slides = sliding_joints(model)
     for k, name in enumerate(model.joint_names):

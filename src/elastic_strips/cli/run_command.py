@@ -97,7 +97,9 @@ def run(
     if trajectory_file is not None:
         check_trajectory_file(trajectory_file)
     elif limits:
-        raise click.UsageError("--joint-speed, --wheel-speed, --track and --wheel-radius are for --trajectory")
+        raise click.UsageError(
+            "--joint-speed, --wheel-speed, --base-speed, --track and --wheel-radius are for --trajectory"
+        )
     problem = get_scenario(scenario, seed=seed or 0)
     model = load_robot(problem, robot, described, preset, base)
     allowed = None if trajectory_file is None else limits.of(model)

@@ -20,6 +20,8 @@ from elastic_strips.robot.wheels import DrivenWheels
 from elastic_strips.summary import Summary
 from elastic_strips.validation import NonNegative, check_fields, check_number, check_type, named_arguments
 
+BASE_SPEED = (1.0, 1.0, 1.5)
+"""Speeds x, y, yaw [m/s, m/s, rad/s] that are assumed of an omnidirectional base."""
 _ASK = "give wheel_speed=…, track=… and wheel_radius=… (options of drive: --wheel-speed, --track, --wheel-radius)"
 
 
@@ -90,7 +92,7 @@ class MotionLimits(Summary):
         wheel_acceleration: float = 1.2,
         track: float | None = None,
         wheel_radius: float | None = None,
-        base_speed: Sequence[float] = (1.0, 1.0, 1.5),
+        base_speed: Sequence[float] = BASE_SPEED,
         base_acceleration: Sequence[float] = (1.2, 1.2, 3.0),
         joint_speed: float | Mapping[str, float] | None = None,
         joint_acceleration: float | Mapping[str, float] = 4.0,

@@ -13,7 +13,6 @@ from elastic_strips.collision.path_rows import PathLike, as_arcs, path_rows
 from elastic_strips.robot import RobotModel
 from elastic_strips.strip import Strip
 
-
 _BOW = 2e-3  # [m] by which the drawn base may leave the path
 _STEP = 0.2  # [m or rad] from one drawn configuration to the next
 _MOST_DRAWN = 3000
