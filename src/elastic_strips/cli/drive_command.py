@@ -81,8 +81,8 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     "--goal-within",
     type=options.Finite(0.001, 1.0),
     metavar="METRES",
-    help="How near counts as reached: the base by so many metres, heading and joints by as many radians. Default: "
-    "0.05; a hand that is to grip something may want 0.005.",
+    help="How near counts as reached: the base by so much [m], heading and joints by as much [rad or m]. Default: 0.05; a "
+    "hand that is to grip something may want 0.005.",
 )
 @options.compute_option
 @click.option(
