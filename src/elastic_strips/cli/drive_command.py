@@ -81,7 +81,7 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     "--goal-within",
     type=options.Finite(0.001, 1.0),
     metavar="METRES",
-    help="How near counts as reached: the base by so much [m], heading and joints by as much [rad or m]. Default: 0.05; a "
+    help="How far off the goal counts as reached: the base [m], and heading and joints [rad or m]; 0.05 by default. A "
     "hand that is to grip something may want 0.005.",
 )
 @options.compute_option
