@@ -108,7 +108,12 @@ _JOINTS_LISTED = 12  # joints in a note
     help="Write the path. If it is not certified, it is first pushed away from what is too near; the answer says "
     "whether it is certified then.",
 )
-@click.option("--proof", metavar="FILE.npz", type=options.OutputFile(), help="Write a proof that others can check.")
+@click.option(
+    "--proof",
+    metavar="FILE.npz",
+    type=options.OutputFile(),
+    help="Write a proof that others can check, by python -m elastic_strips.proof_checker or a copy of that file.",
+)
 @options.json_option("Write the answer.")
 @options.html_option("Write a standalone 3D page of the path, and of where it is refuted.")
 @options.picture_options
