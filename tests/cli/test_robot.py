@@ -44,7 +44,10 @@ def test_the_card_is_said_and_written(urdf: str, tmp_path: Path) -> None:
     found = tables(document)
     assert found[BARE] == [{"link": "arm"}]
     assert found["Joints that are planned"][0]["joint"] == "yaw"
-    assert {row["by"] for row in found["Speeds and accelerations"]} == {"URDF", "assumed"}
+    assert {row["by"].partition(":")[0] for row in found["Speeds and accelerations"]} == {"URDF", "assumed"}
+    given = run("robot", urdf, "--base", "omni", "--base-speed", "0.4,0.4,0.8", "--json", str(document))
+    assert given.exit_code == 0, given.output
+    assert "option" in {row["by"] for row in tables(document)["Speeds and accelerations"]}
     text = page.read_text()
     assert "<iframe" in text
     assert BARE in text
