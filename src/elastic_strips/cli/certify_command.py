@@ -321,7 +321,7 @@ def _repair(
     mended = repair(robot, scene, given, params=params)
     left = _left_map(robot, scene_file, mended.strip.q)
     done = mended.certified and left is None
-    least = certify_path(robot, scene, mended.strip).least if done else None
+    least = certify_path(robot, scene, mended.strip, interpolation="arc").least if done else None
     if done:
         near = "" if least is None or not len(scene) else f", {least:.3f} m at the nearest place"
         output.say(

@@ -164,8 +164,9 @@ def plan_report(
         constraint=constraint,
     )
     if count > 1:
-        return _several(problem, count, line=line, path=path, grid=grid, watch=watch)
-    report = _one(problem, line=line, path=path, grid=grid, watch=watch)
+        report = _several(problem, count, line=line, path=path, grid=grid, watch=watch)
+    else:
+        report = _one(problem, line=line, path=path, grid=grid, watch=watch)
     warn_of_floor(robot, report.strip.coordinates)
     return report
 

@@ -48,17 +48,15 @@ def below_floor(robot: RobotValue, rows: Array) -> BelowFloor | None:
     """The link that is furthest below the floor on coordinate rows (N, nv), or between them; None where none is, and
     of a robot whose base is fixed.
 
-    The floor is as high as the lowest point of what the base itself carries, such as wheels.
+    The floor is as high as the robot's lowest point at home: wheels, or feet.
     """
     space, pieces = robot.space, robot.geometries
     if not space.planar or not len(rows):
         return None
-    carried = [k for k, piece in enumerate(pieces) if piece.joint <= 1]
-    arm = [k for k, piece in enumerate(pieces) if piece.joint > 1]
-    if not carried or not arm:
-        return None
-    still = np.array([[0.0, 0.0, 1.0]]), np.zeros(1)  # the base only moves in the plane
-    level = min(float(_lowest(*still, pieces[k]).min()) for k in carried)
+    arm = [k for k, piece in enumerate(pieces) if piece.joint > 1]  # what the base carries keeps its height
+    kin = Kinematics(robot.tree, 1)
+    kin.update(space.to_coordinates(robot.home_q)[None], jacobians=False)
+    level = min(float(_lowest(*_height(robot, kin, piece), piece).min()) for piece in pieces)
     if len(rows) > 1:
         steps = np.diff(rows, axis=0)
         between = (rows[:-1, None] + _BETWEEN[None, :, None] * steps[:, None]).reshape(-1, rows.shape[1])
@@ -68,8 +66,8 @@ def below_floor(robot: RobotValue, rows: Array) -> BelowFloor | None:
     kin.update(rows, jacobians=False)
     deepest, link = level - _SLACK, ""
     for k in arm:
-        piece, T = pieces[k], kin.T[pieces[k].joint, : len(rows)]
-        up, height = T[:, 2, :3] @ robot.tree.align[piece.joint].T, T[:, 2, 3]
+        piece = pieces[k]
+        up, height = _height(robot, kin, piece)
         ends = np.minimum(up @ piece.capsule.a, up @ piece.capsule.b) + height
         near = ends - piece.capsule.r < deepest  # the capsule contains it
         if near.any():
@@ -77,6 +75,12 @@ def below_floor(robot: RobotValue, rows: Array) -> BelowFloor | None:
             if low < deepest:
                 deepest, link = low, link_labels(pieces)[k]
     return BelowFloor(link, level - deepest, level) if link else None
+
+
+def _height(robot: RobotValue, kin: Kinematics, piece: LinkGeometry) -> tuple[Array, Array]:
+    """The world's z axis in the frame of a piece's joint (N, 3), and how high that frame is (N,) [m]."""
+    T = kin.T[piece.joint, : kin.n]
+    return T[:, 2, :3] @ robot.tree.align[piece.joint].T, T[:, 2, 3]
 
 
 def _lowest(up: Array, height: Array, piece: LinkGeometry) -> Array:

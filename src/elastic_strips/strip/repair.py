@@ -90,19 +90,19 @@ def repair(
         rows, _ = project_rolling(robot.space, before.coordinates)
         start = Strip.from_coordinates(robot, rows, ends=before.q[[0, -1]])
     deformer = Deformer(robot, params)
-    report, relaxed = deformer.assess(start, scene), 0
+    report, ticks, relaxed = deformer.assess(start, scene), 0, False
     if not report.usable:
         report = deformer.settle(start, scene, max_ticks=max_ticks, until="certified")
         rough = _ROUGH * _way(before)
-        while report.usable and relaxed < max_ticks and _way(report.strip) > rough:
+        while report.usable and ticks < max_ticks and _way(report.strip) > rough:
             smoother = deformer.settle(report.strip, scene, max_ticks=_RELAXED_TICKS)
-            relaxed += _RELAXED_TICKS
+            ticks += _RELAXED_TICKS
             if not smoother.usable:
                 break
-            report = smoother
+            report, relaxed = smoother, True
     reasons = [*getattr(path, "doubts", ()), *([] if report.usable else [report.reason])]
     return RepairReport(
-        report.strip, not reasons, displacement(before, report.strip), report, "; ".join(reasons), relaxed > 0
+        report.strip, not reasons, displacement(before, report.strip), report, "; ".join(reasons), relaxed
     )
 
 

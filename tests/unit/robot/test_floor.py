@@ -71,6 +71,14 @@ def test_a_plan_into_it_is_warned_about(reacher: RobotModel, caplog: pytest.LogC
     assert any("rod" in record.getMessage() for record in caplog.records)
 
 
+def test_a_robot_on_legs_stands_on_its_feet():
+    """Its base is a trunk that moves in the plane, with legs that are planned."""
+    robot = load_robot("go1", base="omni")
+    row = robot.space.to_coordinates(robot.home_q)
+    assert below_floor(robot, row[None]) is None
+    assert robot.tree.parents.size > 12
+
+
 def test_a_base_that_stands_on_a_table_has_no_floor():
     panda = load_robot("panda")
     assert below_floor(panda, np.zeros((1, panda.nv))) is None
