@@ -236,6 +236,36 @@ def test_a_path_that_is_not_all_of_the_file_is_unknown(folder, capsys, silvermat
     assert call(*arguments, "--base-at", -1, 0, 0.5) == 2
 
 
+def test_a_unit_is_asked_for_in_the_line_of_the_answer(folder, capsys):
+    """What follows from millimetres that are read as metres is no answer that somebody should read first."""
+    (folder / "mm.csv").write_text("x,y,yaw\n0,0,0\n4000,0,0\n")
+    assert call(folder / "mm.csv", *_robot(folder), "--json", folder / "a.json") == 3
+    answer = json.loads((folder / "a.json").read_text())
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if "mm.csv:" in line)
+    assert line.index(answer["doubts"][0]) < line.index(answer["reason"])
+
+
+@each("options, said", [((), True), (("--base", "diff_drive"), False), (("--base", "omni"), False)])
+def test_how_a_base_is_taken_to_move_is_said(folder, capsys, options, said):
+    """Of a robot from a file, whose base goes, where nobody has said it."""
+    (folder / "turns.urdf").write_text(TURNS)
+    (folder / "goes.csv").write_text("x,y,yaw,pan\n0,-2,0,0\n1,-2,0,0\n")
+    (folder / "stands.csv").write_text("x,y,yaw,pan\n0,-2,0,0\n0,-2,0,1\n")
+    for file, goes in (("goes.csv", True), ("stands.csv", False)):
+        assert call(folder / file, "--robot", folder / "turns.urdf", "--scene", folder / "scene.yaml", *options) == 0
+        assert ("diff_drive" in capsys.readouterr().out) is (said and goes)
+
+
+def test_which_way_an_angle_turns_is_said_where_its_values_leave_two(folder):
+    """A yaw that turns by less than half a turn goes one way only."""
+    for turn, said in ((1.0, False), (4.0, True)):
+        (folder / "turn.csv").write_text(f"x,y,yaw\n0,-2,0\n0,-2,{turn}\n")
+        arguments = [folder / "turn.csv", *_robot(folder), "--interpolation", "values", "--json", folder / "a.json"]
+        assert call(*arguments) == 0
+        notes = json.loads((folder / "a.json").read_text())["notes"]
+        assert any("yaw" in note for note in notes) is said
+
+
 def test_angles_and_columns_that_do_not_matter(folder, silvermate):
     (folder / "deg.csv").write_text("x,y,yaw,lamp\n0,-2,0,0\n1,-2,90,1\n")
     arguments = [folder / "deg.csv", *_robot(folder)]

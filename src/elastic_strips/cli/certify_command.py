@@ -13,12 +13,10 @@ import click
 from elastic_strips.errors import listed, plural
 
 from . import options, output
-from .robot_options import robot_options
+from .robot_options import robot_options, say_assumed_base
 from .scene_options import SCENE_FILES, Pose, scene_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from elastic_strips.arrays import Array
     from elastic_strips.collision import PathCertificate
     from elastic_strips.io.path_file import PathFile
@@ -155,6 +153,7 @@ def certify(
     Exit code 0: certified (with --repair: the repaired path). 2: wrong input. 3: refuted or unknown; the answer says
     where.
     """
+    from elastic_strips.catalogue import is_known
     from elastic_strips.collision import Verdict
     from elastic_strips.collision import certify as certify_path
     from elastic_strips.io import load_path, read_scene_file
@@ -182,8 +181,11 @@ def certify(
     if found.certified and (left := _left_map(model, scene_file, given.q) or _far_off(world.scene, found.least)):
         found = replace(found, verdict=Verdict.UNKNOWN, reason=left)
     doubts = (*given.doubts, *(given.time_doubts if timed else ()))
-    _say_notes(given, doubts if found.broken else ())  # else the doubts are the reason
-    output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {found.reason}")
+    _say_notes(given)
+    asked = f"{'; '.join(doubts)}; as it is read, " if doubts and found.broken else ""  # else they are the reason
+    output.say(f"{path}: ", output.verdict(found.verdict.value, found.certified), f": {asked}{found.reason}")
+    if model.space.planar and given.q.shape[0] > 1 and _base_moves(model, given.q):
+        say_assumed_base(model, named=is_known(robot) or base is not None)
     document = _document(model, found, doubts, interpolation)
     document |= {
         "path": path,
@@ -300,13 +302,18 @@ def _depends_on_time(path: str, given: PathFile, scene: SceneFile, moment: float
     return True
 
 
-def _say_notes(given: PathFile, doubts: Sequence[str]) -> None:
+def _base_moves(robot: RobotModel, q: Array) -> bool:
+    base = robot.space.to_coordinates(q)[:, :3]
+    return bool((base != base[0]).any())
+
+
+def _say_notes(given: PathFile) -> None:
     """Say what was noticed while the path was read."""
     notes = list(given.notes)
     if given.held:
         still = [f"{joint} at {at:.6g}" for joint, at in given.held.items()]
         notes.append(f"held still, and missing from the file: {listed(still, _JOINTS_LISTED)}")
-    for note in (*notes, *doubts):
+    for note in notes:
         output.say(("note:", output.NOTE), f" {note}")
 
 
@@ -371,7 +378,9 @@ def _prove(
     )
     if made is None:
         return _no_proof(", or too narrowly")
-    output.say(f"proof   {made.save(file)} of {about}, {len(made.span)} intervals, interpolation {made.header['way']}")
+    way = str(made.header["way"])
+    called = "" if way == outcome.interpolation else f", as proofs call {outcome.interpolation}"
+    output.say(f"proof   {made.save(file)} of {about}, {len(made.span)} intervals, interpolation {way}{called}")
     for what, name in made.digests.items():
         output.say(f"  {what:6} {name}")
     return {"proof": {"of": about, "intervals": len(made.span), "way": made.header["way"], **made.digests}}

@@ -63,7 +63,8 @@ def _base_method(_context: click.Context, _option: click.Parameter, method: str 
     type=options.PLANT,
     default="kinematic",
     show_default=True,
-    help="The machine: wheels with slip and lag, or MuJoCo physics (the extra sim), for differential drives.",
+    help="The machine: kinematic, a base of any kind with slip and lag; or mujoco, MuJoCo physics (the extra sim), for "
+    "differential drives.",
 )
 @options.sensors_option
 @options.goals_option

@@ -186,7 +186,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str, *, bow: float
         ConfigurationError: joints outside their limits, or a path that is too long.
     """
     rows, turning = path.within_limits(robot), robot.space.turning
-    v = np.diff(rows, axis=0)
+    v = stated = np.diff(rows, axis=0)
     short = np.where(turning, wrap_angle(v), v)
     unknown = _unknown(robot, path, v, interpolation)
     if interpolation != "values":
@@ -215,7 +215,7 @@ def as_arcs(robot: RobotModel, path: PathRows, interpolation: str, *, bow: float
         part = (np.arange(len(source)) - np.searchsorted(source, source)) / count[source]
         rows = np.vstack((rows[source] + part[:, None] * v[source], rows[-1:]))
         whole, known = np.concatenate((source + part, whole[-1:])), known[source]
-    return Arcs(rows, whole, known, unknown, bow if line else 0.0, _way(robot, path, v, interpolation))
+    return Arcs(rows, whole, known, unknown, bow if line else 0.0, _way(robot, path, stated, interpolation))
 
 
 def _unknown(robot: RobotModel, path: PathRows, v: Array, interpolation: str) -> dict[int, str]:
@@ -242,10 +242,12 @@ def _unknown(robot: RobotModel, path: PathRows, v: Array, interpolation: str) ->
 
 
 def _way(robot: RobotModel, path: PathRows, v: Array, interpolation: str) -> str:
-    turns = robot.space.turning & (np.abs(v).max(axis=0, initial=0.0) > 1e-9)
+    """Which way angles turn; empty where a path's numbers leave one way only, by less than half a turn."""
+    least = np.pi if path.stated else 1e-9
+    turns = robot.space.turning & (np.abs(v).max(axis=0, initial=0.0) > least)
     if path.tangent or not turns.any():
         return ""
     names = [name for name, turns_here in zip(column_names(robot), turns, strict=True) if turns_here]
     said = ", ".join(names[:4]) + (", …" if len(names) > 4 else "")
     by_values = path.stated and interpolation != "shortest"
-    return f"{said} as the values say" if by_values else f"{said} the shorter way"
+    return f"{said} by the difference of its values" if by_values else f"{said} the shorter way"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from elastic_strips.coal_shapes import ShapeKind, shape_of, vertices
 from elastic_strips.errors import RobotError, plural
 from elastic_strips.summary import Summary, shortened
 
-from .blocked_joints import blocked_joints
+from .blocked_joints import BlockedJoint, blocked_joints
 from .collada import meant_turned, said_of_turned
 from .cover import sticks_out
 from .free_posture import free_posture
@@ -160,10 +161,10 @@ def robot_card(robot: RobotValue) -> RobotCard:
     A robot that comes from another process, or was made of Pinocchio's models, has no meshes or no file to read again:
     these parts are left out.
     """
-    grown = _pieces(robot)
+    grown, blocked = _pieces(robot), blocked_joints(robot)
     read, other = _read_again(robot)
     sections = (
-        _planned(robot),
+        _planned(robot, {each.joint: each.free for each in blocked}),
         _held(robot),
         grown,
         _bare(robot),
@@ -176,10 +177,10 @@ def robot_card(robot: RobotValue) -> RobotCard:
     )
     files = [Path(f).name for f in (robot.urdf_path, robot.srdf_path) if f is not None]
     base = f"base {robot.base_kind.value}; {', '.join(files) or 'made of models'}"
-    return RobotCard(robot.name, base, (*_troubles(robot), *read), sections)
+    return RobotCard(robot.name, base, (*_troubles(robot, blocked), *read), sections)
 
 
-def _troubles(robot: RobotValue) -> list[str]:
+def _troubles(robot: RobotValue, blocked: Sequence[BlockedJoint]) -> list[str]:
     found = []
     if robot.bare_links:
         found.append(
@@ -187,7 +188,7 @@ def _troubles(robot: RobotValue) -> list[str]:
             f"{', '.join(robot.bare_links)}"
         )
     found += [f"joint {joint} is {why}" for joint, why in robot.narrowed.items()]
-    found += [f"joint {blocked.joint} is {blocked}" for blocked in blocked_joints(robot)]
+    found += [f"joint {each.joint} is {each}" for each in blocked]
     hit = robot.self_collision(robot.home_q)
     if hit is not None:
         touching = free_posture(robot)[1]
@@ -200,7 +201,8 @@ def _troubles(robot: RobotValue) -> list[str]:
     return found
 
 
-def _planned(robot: RobotValue) -> CardSection:
+def _planned(robot: RobotValue, free: Mapping[str, tuple[float, float]]) -> CardSection:
+    """The joints; ``free``: those of which much is blocked by their own links, and what is free [rad]."""
     rows = []
     space, model = robot.space, robot.model
     for k, name in enumerate(robot.joint_names):
@@ -215,6 +217,7 @@ def _planned(robot: RobotValue) -> CardSection:
         else:
             limits, source = f"{low:.4g} … {high:.4g} {unit}", "URDF" if robot.urdf_path else "model"
             source = "its links' shapes" if name in robot.narrowed else source
+            source += f"; free from {free[name][0]:.2g} to {free[name][1]:.2g}" if name in free else ""
         speed = float(model.velocityLimit[joint.idx_v])
         stated = 0.0 < speed < UNLIMITED_SPEED
         rows.append(

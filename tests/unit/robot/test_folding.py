@@ -145,6 +145,9 @@ def test_an_elbow_whose_links_touch_in_much_of_its_range_is_said(tmp_path: Path,
     (said,) = (record.getMessage() for record in caplog.records if str(blocked) in record.getMessage())
     assert "elbow" in said
     assert str(blocked) in "".join(robot.card().troubles)
+    limits = {row[0]: row[3] for row in robot.card().section("Joints that are planned").rows}
+    assert f"{blocked.free[1]:.2g}" in limits["elbow"]  # beside the joint's limits, too
+    assert not any(character.isdigit() for character in limits["shoulder"])
     elbow = robot.joint_names.index("elbow") + robot.space.base_nv
     for angle, free in ((blocked.free[1] - 0.01, True), (blocked.free[1] + 0.1, False)):
         row = robot.space.to_coordinates(robot.home_q)
