@@ -189,7 +189,7 @@ class Lidar(_Imager):
         self._azimuth = -math.pi, math.pi - 2.0 * math.pi / params.columns
         self._elevation = params.elevation_min, params.elevation_max
         directions = turning_directions(params.rows, params.columns, self._azimuth, self._elevation)
-        super().__init__(params, posture, obstacles, rng, np.eye(4), directions)
+        super().__init__(params, posture, obstacles, rng, params.T_frame_lidar, directions)
 
     def _down(self, angle: float) -> Array:
         """(4, 4) the frame turned downwards by an angle [rad]: x towards −z."""

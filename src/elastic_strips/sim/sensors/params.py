@@ -251,12 +251,14 @@ class LidarParams(ImageParams):
     """A lidar of many rays that turns about its z axis. The figures are those assumed of a small one of 40 m.
 
     Attributes:
+        mast: how far it is above its link, along the link's z axis [m].
         elevation_min, elevation_max: elevations of the first and of the last row [rad].
         columns: rays in a turn, the first along −x.
     """
 
     name: str = "lidar"
     frame: str = "lidar_frame"
+    mast: Annotated[float, Bound(low=0.0, high=3.0, unit="m")] = 0.0
     elevation_min: _Elevation = -0.122
     elevation_max: _Elevation = 0.908
     columns: _Columns = 512
@@ -284,6 +286,13 @@ class LidarParams(ImageParams):
                 f"{_where(self)}.elevation_max={self.elevation_max!r} must exceed "
                 f"elevation_min={self.elevation_min!r} rad"
             )
+
+    @property
+    def T_frame_lidar(self) -> Array:
+        """(4, 4) pose of the lidar on its link."""
+        T = np.eye(4)
+        T[2, 3] = self.mast
+        return T
 
 
 _SensorParams = LaserParams | RingParams | DepthParams | LidarParams
@@ -348,12 +357,15 @@ _KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams | DepthParams 
 }
 
 
-_HEAD_CAMERAS = {
-    "silvermate": DepthParams(name="head-camera", frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5),
-    "tiago": DepthParams(name="head-camera", frame="xtion_depth_optical_frame"),
-    "fetch": DepthParams(name="head-camera", frame="head_camera_depth_optical_frame"),
+_ON_HEADS: dict[str, tuple[ImageParams, ...]] = {
+    "silvermate": (
+        DepthParams(name="head-camera", frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5),
+        LidarParams(name="mast-lidar", frame="head_frame", mast=0.35, elevation_min=-0.908, elevation_max=0.122),
+    ),
+    "tiago": (DepthParams(name="head-camera", frame="xtion_depth_optical_frame"),),
+    "fetch": (DepthParams(name="head-camera", frame="head_camera_depth_optical_frame"),),
 }
-"""Depth cameras on robots' heads. They are not in the robots' files: who drives by ``"all"`` need not pay for one."""
+"""What may be on robots' heads. It is not in the robots' files: who drives by ``"all"`` need not pay for it."""
 
 
 def sensor_file(robot: str = "silvermate") -> Path:
@@ -369,8 +381,8 @@ def sensor_file(robot: str = "silvermate") -> Path:
 def named_sensors(text: str, robot: str) -> SensorConfig:
     """The sensors that a text names, for a robot by name: a YAML file, or names as ``"laser,head-camera"``.
 
-    ``"all"`` is all of the robot's file. ``"head-camera"``, which is not in the file, is a depth camera on the head of
-    the Silvermate, TIAGo and Fetch.
+    ``"all"`` is all of the robot's file. Not in the file are ``"head-camera"``, a depth camera on the head of the
+    Silvermate, TIAGo and Fetch, and ``"mast-lidar"``, a lidar above the Silvermate's head, which hides nothing from it.
 
     Raises:
         ParameterError: no such sensor, or a file that does not describe sensors.
@@ -378,8 +390,7 @@ def named_sensors(text: str, robot: str) -> SensorConfig:
     if text.endswith((".yaml", ".yml")):
         return read_sensors(text)
     config = read_sensors(sensor_file(robot))
-    camera = _HEAD_CAMERAS.get(Path(robot).stem)
-    every = config.sensors if camera is None else (*config.sensors, camera)
+    every = (*config.sensors, *_ON_HEADS.get(Path(robot).stem, ()))
     valid = [sensor.name for sensor in every]
     names = [name.strip() for name in text.split(",")]
     for name in names:

@@ -75,6 +75,20 @@ def test_the_camera_on_a_head_sees_ahead(name):
     assert (abs(points[:, 2]) < 0.03).sum() > 300
 
 
+def test_the_lidar_on_a_mast_sees_all_around(silvermate):
+    """Four walls, each a metre and a half off its origin, and the head below it hides none of them."""
+    walls = [Box([0.2, 6.0, 3.0], at=[x, 0.0, 1.5]) for x in (-2.6, 2.6)]
+    walls += [Box([6.0, 0.2, 3.0], at=[0.0, y, 1.5]) for y in (-2.6, 2.6)]
+    suite = SensorSuite(silvermate, World(Scene(walls)), named_sensors("mast-lidar", "silvermate"), seed=1)
+    coordinates = silvermate.space.to_coordinates(silvermate.home())
+    image = next(reading for step in range(20) for reading in suite.observe(0.01 * step, coordinates))
+    head = silvermate.frame_pose(silvermate.home(), "head_frame")
+    assert image.T_base_sensor[2, 3] == pytest.approx(head[2, 3] + 0.35)
+    points = image.points()
+    for axis, side in ((0, -2.5), (0, 2.5), (1, -2.5), (1, 2.5)):
+        assert (abs(points[:, axis] - side) < 0.06).sum() > 1000
+
+
 def test_sensors_by_name():
     assert named_sensors("all", "silvermate") == SensorConfig()
     assert named_sensors("all,head-camera", "silvermate").names == ("laser", "sonar", "infrared", "head-camera")
