@@ -141,7 +141,8 @@ def install_command(extra: str) -> str:
 def nearest_name(name: object, valid: Iterable[str]) -> str:
     """Say which of the ``valid`` names were meant: ``"; did you mean 'x'? Valid: …"`` for error messages."""
     names = sorted(str(v) for v in valid)
-    close = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+    alike = {n.lower(): n for n in reversed(names)}
+    close = [alike[n] for n in difflib.get_close_matches(str(name).lower(), alike, n=1, cutoff=0.5)]
     hint = f"; did you mean {close[0]!r}?" if close else "."
     shown = ", ".join(n if len(n) <= 60 else n[:57] + "..." for n in names[:20]) + (", …" if len(names) > 20 else "")
     return f"{hint} Valid: {shown}." if names else f"{hint} There are none."

@@ -118,10 +118,25 @@ def test_it_is_pushed_free_and_proven_to_others(folder, capsys, silvermate):
     assert proof_checker.main([str(proof), "--scene", "0" * 32]) == 3
 
 
-def test_what_cannot_be_repaired_is_not_written(folder, silvermate):
+def test_what_cannot_be_repaired_is_not_written(folder, monkeypatch, silvermate):
+    shown = []
+    monkeypatch.setattr(Viewer, "show", lambda self, robot, scene, report: shown.append(report))
     write_path(folder / "into.csv", silvermate, [silvermate.home(x=x) for x in (0.0, 1.0, 2.0)])
-    assert call(folder / "into.csv", *_robot(folder), "--repair", folder / "r.csv", "--json", folder / "a.json") == 3
+    assert (
+        call(
+            folder / "into.csv",
+            *_robot(folder),
+            "--repair",
+            folder / "r.csv",
+            "--json",
+            folder / "a.json",
+            "--html",
+            folder / "page.html",
+        )
+        == 3
+    )
     assert not (folder / "r.csv").exists()
+    assert shown[0].segments[1] == 2, "the file's own path is drawn"
     assert not json.loads((folder / "a.json").read_text())["repair"]["certified"]
     assert json.loads((folder / "a.json").read_text())["repair"]["least_m"] is None
 

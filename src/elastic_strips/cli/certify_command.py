@@ -221,8 +221,8 @@ def certify(
     output.write_document("answer", json_file, document)
     shown = world.at(found.time) if timed and found.time is not None else scene  # what it touches is there then
     drawn, about, title = _Outcome(given, interpolation), found, os.path.basename(path)
-    if repaired is not None and isinstance(outcome.path, Strip):  # what was written is shown
-        drawn, title = outcome, f"{os.path.basename(repaired)}, repaired" if done else title
+    if repaired is not None and done and isinstance(outcome.path, Strip):  # what was written is shown
+        drawn, title = outcome, f"{os.path.basename(repaired)}, repaired"
         about = certify_path(
             model,
             scene,
@@ -346,8 +346,8 @@ def _repair(
     else:
         output.say(
             output.verdict("not repaired", done),
-            f": {left or mended.reason}. Nothing is written; another way may be found between its ends: "
-            "'elastic-strips run'",
+            f": {left or f'{mended.reason}; it was cut into {len(mended.strip) - 1} segments'}. Nothing is written; "
+            "another way may be found between its ends: 'elastic-strips run'",
         )
     said = {
         "certified": done,

@@ -425,7 +425,7 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         if outcome.robot.space.planar:
             off = [f"its base {1e3 * goal.position:.1f} mm and {goal.yaw:.4f} rad"]
         if outcome.robot.joint_names:
-            off.append(f"its hand {1e3 * goal.hand:.1f} mm")
+            off.append(f"its {goal.frame or 'last control point'} {1e3 * goal.hand:.1f} mm")
         output.say(f"  off the goal, by its own estimate: {', '.join(off)}")
     clocks = _COMPUTING.get(str(result.compute), _COMPUTING_FACTOR).format(
         late=f"{result.statistics.misses} of {len(result.statistics.seconds)}", factor=result.compute

@@ -21,7 +21,7 @@ from elastic_strips.validation import check_array, check_number
 
 from .executor import ExecutorLink
 from .interfaces import GoalReached, RunState
-from .itinerary import Goals, configuration_of, goals_in_order, off_goal, place_of
+from .itinerary import Goals, configuration_of, frames_of, goals_in_order, off_goal, place_of
 from .local_planner import LocalPlanner
 from .params import DriveParams, Tolerance
 from .path_drive import PathDrive
@@ -324,13 +324,26 @@ class GoalKeeper:
             return
         self._looked_from = []
         position, yaw, joints = off_goal(self._robot, at[None], self.goal)[0].tolist()
-        there, here = (
-            self._robot.control_points(self._robot.space.from_coordinates(row))[-1] for row in (self.goal, at)
-        )
-        hand = float(np.linalg.norm(here - there))
-        self.reached.append(GoalReached(t, self.goal, position, yaw, joints, hand, passed))
+        frame, hand = self._off_hand(at)
+        self.reached.append(GoalReached(t, self.goal, position, yaw, joints, frame, hand, passed))
         if passed:
             self._executor.log("passed", f"goal {len(self.reached)}, {1e3 * position:.0f} mm off")
+
+    def _off_hand(self, at: Array) -> tuple[str, float]:
+        """The frame that was asked to be somewhere, of several the one that is furthest off, and how far [m] it is off
+        at the row ``at`` (nv,) from where it is at the goal; where none was asked for, the last control point, which
+        has no name here."""
+        robot = self._robot
+        there, here = (robot.space.from_coordinates(row) for row in (self.goal, at))
+        apart = {
+            frame: np.linalg.norm((robot.frame_pose(here, frame) - robot.frame_pose(there, frame))[:3, 3])
+            for frame in frames_of(self._asked_goal)
+        }
+        if not apart:
+            points = robot.control_points(here) - robot.control_points(there)
+            apart = {"": np.linalg.norm(points[-1])}
+        furthest = max(apart, key=apart.__getitem__)
+        return furthest, float(apart[furthest])
 
     # Plans
 

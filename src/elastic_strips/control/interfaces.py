@@ -112,7 +112,8 @@ class GoalReached:
         goal: (nv,) coordinate row of the goal.
         position, yaw, joints: how far from it the reference came, or the robot came to rest, by its estimate: the base
             [m], its heading [rad], the joint that is furthest off [rad or m].
-        hand: how far the last control point was from where it is at the goal [m].
+        frame: the frame whose pose was asked for, of several the one that is furthest off; empty where none was.
+        hand: how far that, or else the last control point, was from where it is at the goal [m].
         passed: whether the robot went on without a stop.
     """
 
@@ -121,5 +122,6 @@ class GoalReached:
     position: float
     yaw: float
     joints: float
+    frame: str
     hand: float
     passed: bool

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ConfigurationError, GoalError
 from elastic_strips.planning import AllOf, BasePose, Goal, HandPose, find_goals
-from elastic_strips.planning.goals import is_goal_region
+from elastic_strips.planning.goals import by_name, is_goal_region
 from elastic_strips.robot import BaseKind, RobotModel
 from elastic_strips.scene import Scene
 
@@ -50,6 +50,20 @@ def configuration_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | 
         ConfigurationError: one that is not valid.
     """
     return None if is_goal_region(goal) else robot.check_q(cast("npt.ArrayLike", goal), what="goal")
+
+
+def frames_of(goal: Goal | Sequence[Goal]) -> tuple[str, ...]:
+    """The frames whose poses a goal is about, or the first of several that is about any; none where it is about the
+    base or coordinates alone."""
+    if isinstance(goal, Mapping):
+        goal = by_name(cast("Mapping[str, object]", goal))
+    if isinstance(goal, AllOf):
+        return tuple(dict.fromkeys(hand.frame for hand in goal.hands))
+    if isinstance(goal, HandPose):
+        return (goal.frame,)
+    if isinstance(goal, (Mapping, BasePose)) or not is_goal_region(goal):
+        return ()
+    return next((frames for frames in map(frames_of, cast("Sequence[Goal]", goal)) if frames), ())
 
 
 def place_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | None:

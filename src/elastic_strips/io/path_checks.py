@@ -16,6 +16,7 @@ MAX_ANGLE = 1e4
 """Largest yaw, or value of a joint without limits [rad]."""
 _LATEST_TIME = 1e10  # [s] after 1970 in seconds is less, in milliseconds more
 _SAME_TIME = 1e-9  # [s]
+_LONG, _SLOWLY = 60.0, 0.01  # [s], [m/s or rad/s] what takes as long and is never faster may be in milliseconds
 _WIDEST_PATH = 500.0  # [m] what goes farther, of a file that names no unit, may be in millimetres
 
 
@@ -131,6 +132,12 @@ def check_times(table: PathTable, placed: PlacedPath, starts_at: float | None) -
         label, line = table.place(k + 1)
         where = label if line is None else f"line {line}"
         placed.time_doubts.append(f"{where}: the robot is at two places at {times[k]:.9g} s")
+    fastest = float((np.abs(np.diff(placed.coordinates, axis=0)) / np.maximum(step, _SAME_TIME)[:, None]).max())
+    if placed.clock and step.any() and times[-1] - times[0] > _LONG and 0.0 < fastest < _SLOWLY:
+        placed.time_doubts.append(
+            f"milliseconds? The path takes {times[-1] - times[0]:.6g} s, never faster than {fastest:.2g} m/s or rad/s, "
+            f"and the file names no unit of time. Name it ({placed.clock}_ms or {placed.clock}_s)"
+        )
     if starts_at is not None:
         placed.times = times - times[0] + starts_at
         placed.notes.append(f"the path begins at {starts_at:g} s, as requested")

@@ -191,6 +191,9 @@ def _factor(table: PathTable, column: Column, of: str, angles: Angles | None = N
     return factor
 
 
+_IN_SECONDS = ("seconds", "sec", "secs")  # names of columns that say their unit
+
+
 def _clock(table: PathTable, columns: list[Column], placed: PlacedPath) -> None:
     """Times from their column, where the reader has found none."""
     assert table.names is not None
@@ -209,6 +212,9 @@ def _clock(table: PathTable, columns: list[Column], placed: PlacedPath) -> None:
     if placed.times is None:
         placed.from_start = "from_start" in found[0][0].name.lower()
         placed.times = found[0][1]
+        first, name = found[0][0], found[0][0].name.lower()
+        if first.unit is None and not table.metres and not placed.from_start and name not in _IN_SECONDS:
+            placed.clock = first.name
     since = placed.times - placed.times[0]
     for column, times in found:
         if np.abs(times - times[0] - since).max() > 1e-3:

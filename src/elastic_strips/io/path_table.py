@@ -63,6 +63,7 @@ class PlacedPath:
         valued: whether the file has values of angles, and not their (cos, sin).
         times: (N,) times [s], or None.
         from_start: as for `PathTable`.
+        clock: name of the column that has the times, where nothing says in which unit; else empty.
         notes, doubts, time_doubts, held, at_home: as for ``PathFile``.
     """
 
@@ -73,5 +74,6 @@ class PlacedPath:
     doubts: list[str] = field(default_factory=list)
     time_doubts: list[str] = field(default_factory=list)
     valued: bool = True
+    clock: str = ""
     held: dict[str, float] = field(default_factory=dict)
     at_home: dict[str, float] = field(default_factory=dict)

@@ -14,10 +14,11 @@ from simulated_time import planning_at_once
 
 from elastic_strips.control import Command, Controller, DriveParams, Measurement, RunState, replanning
 from elastic_strips.control.evasion import motion_to
+from elastic_strips.control.itinerary import frames_of
 from elastic_strips.control.strip_timer import PlanOutcome
 from elastic_strips.errors import ConfigurationError, ParameterError, SceneError
 from elastic_strips.io import load_path
-from elastic_strips.planning import straight_line
+from elastic_strips.planning import AllOf, BasePose, HandPose, straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist
 from elastic_strips.sim import KinematicPlant
 from elastic_strips.strip import Strip, repair
@@ -73,7 +74,38 @@ def test_it_drives_a_machine_of_ones_own_to_its_goals(silvermate):
         at_last = silvermate.space.from_coordinates(wheels.coordinates)
         here, there = (silvermate.frame_pose(q, "hand_frame")[:3, 3] for q in (at_last, goals[-1]))
         assert controller.goals_reached[-1].hand == pytest.approx(np.linalg.norm(here - there), abs=0.005)
+        assert not controller.goals_reached[-1].frame
         assert [e.kind for e in controller.events if e.kind in ("goal", "fault")] == ["goal"]
+
+
+@each("frame", ["arm_4_link", "hand_frame"])
+def test_how_far_off_it_is_is_about_the_frame_that_was_asked_for(silvermate, frame):
+    """Not about the last control point, which may be half a metre from there."""
+    goal = HandPose(frame, tuple(silvermate.frame_pose(silvermate.home(x=2.0), frame)[:3, 3] + (0.0, 0.1, 0.05)))
+    with Controller(silvermate, silvermate.home(), goal, Scene([]), workers=planning_at_once()) as controller:
+        wheels = Wheels(silvermate)
+        drive(controller, wheels, 3000, still())
+        assert controller.state is RunState.REACHED, controller.reason
+    (reached,) = controller.goals_reached
+    at = silvermate.frame_pose(silvermate.space.from_coordinates(wheels.coordinates), frame)[:3, 3]
+    assert reached.frame == frame
+    assert reached.hand == pytest.approx(np.linalg.norm(at - goal.position), abs=0.005)
+
+
+@each(
+    "goal, frames",
+    [
+        (HandPose("a", (0, 0, 0)), ("a",)),
+        ([HandPose("a", (0, 0, 0)), HandPose("b", (0, 0, 0))], ("a",)),
+        (AllOf(HandPose("a", (0, 0, 0)), HandPose("b", (0, 0, 0)), BasePose(0, 0)), ("a", "b")),
+        ({"a": HandPose("a", (0, 0, 0))}, ("a",)),
+        ({"elbow": 0.3}, ()),
+        (BasePose(0, 0), ()),
+        (np.zeros(7), ()),
+    ],
+)
+def test_which_frames_a_goal_is_about(goal, frames):
+    assert frames_of(goal) == frames
 
 
 def test_commands_keep_the_limits(silvermate):

@@ -538,6 +538,26 @@ def test_times_that_say_little_where_something_moves(panda, world, tmp_path, tim
     assert settled(panda, load_path(message(tmp_path, trajectory(ARM, rows)), panda), world)
 
 
+@each(
+    "column, times, asked",
+    [
+        ("time", (0, 4500, 9000), True),
+        ("time_ms", (0, 4500, 9000), False),
+        ("time_s", (0, 4500, 9000), False),
+        ("seconds", (0, 4500, 9000), False),
+        ("time", (0, 4.5, 9), False),
+        ("time", (0, 30, 59), False),  # slow, and soon over
+    ],
+)
+def test_times_that_may_be_in_milliseconds_are_asked_about(panda, tmp_path, column, times, asked):
+    rows = [arm(0.0), arm(0.3), arm(0.5)]
+    lines = [",".join(map(str, (t, *row))) for t, row in zip(times, rows, strict=True)]
+    read = load_path(table(tmp_path, ",".join((column, *ARM)), *lines), panda)
+    assert bool(read.time_doubts) is asked
+    assert not read.doubts
+    assert read.times[-1] == pytest.approx(times[-1] * (1e-3 if column == "time_ms" else 1.0))
+
+
 def test_a_first_point_that_is_reached_later(panda, world, tmp_path):
     """The robot goes there from where it is, and the file does not say from where: of what stands still, too."""
     file = message(tmp_path, trajectory(ARM, [arm(0.0), arm(0.4)], [2.0, 3.0]))

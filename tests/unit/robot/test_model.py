@@ -220,6 +220,7 @@ def test_control_points_of_ones_own(gantry_urdf, rng):
     "points, message",
     [
         ({"a": "tipp"}, r"control point 'a': unknown frame 'tipp'; did you mean 'tip'"),
+        ({"a": "TIP"}, r"control point 'a': unknown frame 'TIP'; did you mean 'tip'"),
         ({"a": ("tip", (0.0, 1.0))}, r"control point 'a': offset \(0.0, 1.0\) is not three"),
         ({"a": ("tip", (0.0, np.nan, 1.0))}, r"not three finite numbers"),
         ({}, r"control_points is empty"),

@@ -490,6 +490,7 @@ def drive_document(outcome: DriveOutcome) -> Document:
                 "position_m": goal.position,
                 "yaw_rad": goal.yaw,
                 "joints": goal.joints,
+                "hand": goal.frame,
                 "hand_m": goal.hand,
             }
             for goal in result.goals
