@@ -12,6 +12,7 @@ from elastic_strips.arrays import Array, Mask
 from elastic_strips.collision import BrokenSegment, Certificate
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
+from elastic_strips.scene.obstacle import LOST_LAYER
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
 from elastic_strips.strip.followed import FollowedPath
@@ -203,8 +204,11 @@ class LocalPlanner:
 
     def cramped(self, state: ReferenceState, scene: Scene) -> str:
         """What stands nearer to a robot that rests in a state than any motion may be; empty where nothing does. What
-        moves is not left, but evaded."""
+        moves is not left, but evaded; where a mover may be that nothing sees, it is waited for until that is over."""
         near = self._beside(state, scene)
+        if near is not None and near.obstacle.startswith(LOST_LAYER):
+            known = Scene([each for each in scene if not each.name.startswith(LOST_LAYER)], time=scene.time)
+            near = self._beside(state, known)
         if near is None or (near.obstacle in scene and scene.obstacle(near.obstacle).motion is not None):
             return ""
         return f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}"

@@ -125,10 +125,18 @@ class BodyMask:
         own = (np.hypot(points[:, 0], points[:, 1]) <= base) & (points[:, 2] <= top)
         return points[own | _within(points, capsules)]
 
-    def at_robot(self, points: Array, q: ArrayLike, margin: float) -> Mask:
-        """Which of the points (n, 3) [m], in the base's frame, lie within ``margin`` [m] of the capsules about the
-        bodies of the robot in configuration ``q`` (nq,)."""
-        return _within(points, self._capsules(q, margin))
+    def above_or_below(self, places: Array, q: ArrayLike, margin: float) -> Mask:
+        """Which of the places (n, 2) [m], in the base's plane, have one of the capsules about the
+        robot's bodies in configuration ``q`` (nq,), larger by ``margin`` [m], above or below them."""
+        a, b, r = (np.array(column) for column in zip(*self._capsules(q, margin), strict=True))
+        a, along = a[:, :2], (b - a)[:, :2]
+        reach = float((np.hypot(*a.T) + np.hypot(*along.T) + r).max())
+        inside = np.hypot(*places.T) <= reach
+        d = places[inside, None] - a
+        part = np.clip((d * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12), 0.0, 1.0)
+        away = d - part[..., None] * along
+        inside[inside] = ((away * away).sum(axis=-1) <= r * r).any(axis=1)
+        return inside
 
     def _capsules(self, q: ArrayLike, margin: float) -> list[tuple[Array, Array, float]]:
         """About the robot's bodies in the base's frame, larger by ``margin`` [m]: both ends (3,) and radius."""

@@ -26,7 +26,7 @@ from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, Sca
 from .tracking import TrackedObstacle, Tracker, View
 from .volume_map import VolumeMap, VolumeMapParams
 
-_OWN_MARGIN, _OWN_STEP = 0.15, 0.1  # [m] about the robot's bodies, where nothing else can be; and from height to height
+_OWN_MARGIN = 0.15  # [m] about the robot's bodies, where nothing else can be
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,14 +253,10 @@ class SceneEstimator:
             """Which columns (n, 2) [m] the robot is in, or so near to that nothing else can be."""
             if self._mask is None or self._q is None:
                 return np.hypot(*(columns - T_world_base[:2, 3]).T) <= self.params.robot_radius
-            levels = np.arange(0.0, self.params.tallest, _OWN_STEP)
-            points = np.column_stack((np.repeat(columns, len(levels), axis=0), np.tile(levels, len(columns))))
-            local = (points - T_world_base[:3, 3]) @ T_world_base[:3, :3]
-            at_robot = self._mask.at_robot(local, self._q, _OWN_MARGIN).reshape(-1, len(levels))
-            return np.asarray(at_robot.any(axis=1))
+            local = (columns - T_world_base[:2, 3]) @ T_world_base[:2, :2]
+            return self._mask.above_or_below(local, self._q, _OWN_MARGIN)
 
-        self._lost.add(self.tracker.lost, own)
-        self._lost.look(view, sensor)
+        self._lost.update(self.tracker.moving, self.tracker.lost, view, sensor, own)
 
     def _ring(self, ring: RangeRing, base_pose: ArrayLike) -> None:
         T = pose_matrix(base_pose) @ ring.T_base_sensor

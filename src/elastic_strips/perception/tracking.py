@@ -259,7 +259,8 @@ class Tracker:
     viewpoint does neither.
 
     Attributes:
-        lost: movers whose tracks ended in the last update, because nothing had seen them for ``coast_time``.
+        lost: movers whose tracks ended in the last update, because nothing had seen them for ``coast_time``, or because
+            something is seen through where they should be by now.
     """
 
     def __init__(self, params: SceneEstimatorParams) -> None:
@@ -278,6 +279,11 @@ class Tracker:
     def movers(self) -> tuple[TrackedObstacle, ...]:
         """The things that move, by age."""
         return tuple(t.tracked(self.params) for t in self._tracks if t.moving)
+
+    @property
+    def moving(self) -> tuple[Track, ...]:
+        """The tracks of :attr:`movers`."""
+        return tuple(t for t in self._tracks if t.moving)
 
     @property
     def possibly_moving(self) -> tuple[TrackedObstacle, ...]:
@@ -414,15 +420,14 @@ class Tracker:
         for track, count in zip(tracks, through.tolist(), strict=True):
             if now.time - track.seen > params.coast_time:
                 track.lost = True
-                if track.moving:
-                    self.lost.append(track)
                 continue
             if track.seen_by.get(sensor, -math.inf) < track.seen - _SEES_FOR:
                 continue
             track.votes = 0
             if count > 0.5 * len(_STAR):
                 track.misses += 1
-            track.lost = track.lost or track.misses >= params.lost_misses or (count > 0 and not track.confirmed)
+            track.lost = track.misses >= params.lost_misses or (count > 0 and not track.confirmed)
+        self.lost.extend(track for track in tracks if track.lost and track.moving)
 
     def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float, sensor: str) -> None:
         """New tracks, except for parts of movers."""

@@ -30,6 +30,8 @@ from .quantities import (
 
 UNSEEN_LAYER = "unseen"
 """Names of obstacles that stand for what no sensor has seen begin with this and a hyphen."""
+LOST_LAYER = f"{UNSEEN_LAYER}-track"
+"""The same of those of them that stand for where a mover may be that nothing sees."""
 
 _Self = TypeVar("_Self", bound="Obstacle")
 

@@ -12,7 +12,14 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control.estimation import PoseBuffer
-from elastic_strips.perception import RangeImage, Reading, SceneEstimator, SceneEstimatorParams, VolumeMapParams
+from elastic_strips.perception import (
+    LaserScan,
+    RangeImage,
+    Reading,
+    SceneEstimator,
+    SceneEstimatorParams,
+    VolumeMapParams,
+)
 from elastic_strips.perception.body_mask import BodyMask
 from elastic_strips.perception.gaze import Gaze
 from elastic_strips.robot import Kinematics, PlanarFootprint, RobotModel
@@ -48,33 +55,37 @@ class ContactSensor:
         return self._obstacles.obstacle_name(part)
 
 
-_ALL_ROUND, _REAR = math.radians(300.0), math.radians(120.0)
-"""Field of view [rad] of a laser that looks behind the robot; azimuth [rad] beyond which is behind it."""
-_REAR_SEEN = 0.8  # of the columns of a lidar that look there
+_REAR = math.radians(120.0)  # azimuth beyond which is behind the robot
+_REAR_PARTS, _REAR_SEEN = 20, 0.8  # parts of the directions there, and the share of them into which something has to look
 
 
 def sees_behind(robot: RobotModel, sensors: SensorConfig) -> bool:
-    """Whether any sensor looks behind a robot: a ring, a laser that sees nearly all around, or a 3-D lidar of which the
-    robot's own bodies, as they are at home, hide little there."""
-    lidars = tuple(s for s in sensors.sensors if isinstance(s, LidarParams))
-    for sensor in sensors.sensors:
-        if isinstance(sensor, RingParams) or (isinstance(sensor, LaserParams) and sensor.field_of_view > _ALL_ROUND):
-            return True
-    if not lidars:
+    """Whether sensors look behind a robot: a ring, or lasers and 3-D lidars together, from which the robot's own
+    bodies, as they are at home, hide little there."""
+    if any(isinstance(sensor, RingParams) for sensor in sensors.sensors):
+        return True
+    turning = tuple(s for s in sensors.sensors if isinstance(s, (LaserParams, LidarParams)))
+    if not turning:
         return False
-    suite, mask = SensorSuite(robot.seeing, World(Scene([])), SensorConfig(sensors=lidars)), BodyMask(robot.seeing)
+    suite, mask = SensorSuite(robot.seeing, World(Scene([])), SensorConfig(sensors=turning)), BodyMask(robot.seeing)
     row = robot.seeing.space.to_coordinates(robot.seeing.home())
     first: dict[str, Reading] = {}
-    for k in range(round(max(s.latency + 1.0 / s.rate for s in lidars) / _STANDING_UPDATE_PERIOD) + 2):
+    for k in range(round(max(s.latency + 1.0 / s.rate for s in turning) / _STANDING_UPDATE_PERIOD) + 2):
         first |= {reading.sensor: reading for reading in suite.observe(k * _STANDING_UPDATE_PERIOD, row)}
-    for image in first.values():
-        if isinstance(image, RangeImage):
-            turned = math.atan2(image.T_base_sensor[1, 0], image.T_base_sensor[0, 0])
-            azimuth = turned + np.linspace(*image.azimuth, image.ranges.shape[1])
-            seen: Mask = np.asarray(np.isinf(mask.apart(image)[1]).any(axis=0))
-            if seen[np.cos(azimuth) < math.cos(_REAR)].mean() >= _REAR_SEEN:
-                return True
-    return False
+    looks = np.zeros(_REAR_PARTS, dtype=bool)
+    for reading in first.values():
+        if isinstance(reading, RangeImage):
+            angles = np.linspace(*reading.azimuth, reading.ranges.shape[1])
+            free: Mask = np.isinf(mask.apart(reading)[1]).any(axis=0)
+        elif isinstance(reading, LaserScan):
+            angles, free = reading.angles, ~np.isnan(reading.ranges)
+        else:
+            continue
+        turned = math.atan2(reading.T_base_sensor[1, 0], reading.T_base_sensor[0, 0])
+        behind = (turned + angles - _REAR) % (2.0 * math.pi)  # from the left round to the right
+        part = np.floor(behind / (2.0 * (math.pi - _REAR)) * _REAR_PARTS).astype(int)
+        looks[part[free & (part < _REAR_PARTS)]] = True
+    return bool(looks.mean() >= _REAR_SEEN)
 
 
 _LASER_PLANE_HEIGHT = 0.3

@@ -228,6 +228,17 @@ def test_whoever_comes_too_near_is_not_backed_away_from(silvermate):
         assert bool(planner.cramped(state, scene)) == (motion is None)
 
 
+@each("beside, left", [(False, False), (True, True)])
+def test_where_somebody_may_be_that_nothing_sees_is_waited_for(silvermate, beside, left):
+    """It is over soon, and no reason to go where nothing looks; what stands there besides is."""
+    driven = ride(silvermate, silvermate.home(x=6.0))
+    state, planner = driven.controller.reference, driven.controller.planner
+    obstacles = [Box((0.4, 0.4, 1.0), at=(0.45, 0.0, 0.5), name="unseen-track-3")]
+    if beside:
+        obstacles.append(Box((0.4, 0.4, 1.0), at=(0.5, 0.0, 0.5), name="crate"))
+    assert bool(planner.cramped(state, Scene(obstacles))) is left
+
+
 def test_it_does_not_back_off_to_where_somebody_comes(silvermate):
     """Whoever may come as near as its clearance meanwhile is not what it leaves, however near that is."""
     driven = ride(silvermate, silvermate.home(x=6.0))

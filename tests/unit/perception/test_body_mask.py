@@ -133,29 +133,30 @@ def test_what_stands_before_the_arm_is_not_hidden(silvermate):
     assert not mask.covered(ball)[row, column]
 
 
-def test_points_at_the_robot_are_those_near_its_bodies(silvermate):
-    """Of random ones, by where Coal says that they are; capsules about bodies stand off from them a little."""
+def test_places_above_and_below_the_robot_are_those_near_its_bodies_seen_from_above(silvermate):
+    """Of random ones, by what Coal says of thin columns; capsules about bodies stand off from them a little."""
     rng, mask, margin = np.random.default_rng(5), BodyMask(silvermate), 0.1
-    ball, found = coal.Sphere(1e-6), 0
+    column, found = coal.Cylinder(1e-6, 10.0), 0
     for coordinates in random_coordinates(silvermate, rng, 4):
         coordinates[:3] = 0.0
         q = silvermate.space.from_coordinates(coordinates)
         posture = Posture(silvermate)
         posture.place(coordinates)
-        points = rng.uniform((-1.0, -1.0, 0.0), (1.0, 1.0, 1.8), (400, 3))
-        near = mask.at_robot(points, q, margin)
-        for point, told in zip(points, near.tolist(), strict=True):
+        places = rng.uniform(-1.0, 1.0, (300, 2))
+        near = mask.above_or_below(places, q, margin)
+        for place, told in zip(places, near.tolist(), strict=True):
             distance = min(
                 coal.distance(
                     p.geometry, coal.Transform3s(*rotation_and_place(posture.T_world_joint[p.joint] @ p.placement)),
-                    ball, coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), coal.DistanceResult(),
+                    column, coal.Transform3s(np.eye(3), np.array([*place, 0.0])),
+                    coal.DistanceRequest(), coal.DistanceResult(),
                 )
                 for p in silvermate.geometries
             )  # fmt: skip
             assert told or distance > margin - 1e-3
             assert not told or distance < margin + 0.3
             found += told
-    assert 20 < found < 800
+    assert 50 < found < 900
 
 
 def rotation_and_place(T):

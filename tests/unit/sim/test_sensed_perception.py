@@ -12,7 +12,7 @@ from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Scene, World
 from elastic_strips.sim.perception import PerceptionError
 from elastic_strips.sim.sensed_perception import SensorPerception, body_radius, sees_behind
-from elastic_strips.sim.sensors import LaserParams, SensorConfig
+from elastic_strips.sim.sensors import LaserParams, SensorConfig, named_sensors
 from elastic_strips.sim.sensors.params import LidarParams
 
 LASER = SensorConfig().only("laser")
@@ -91,7 +91,8 @@ def test_who_is_late_looks_at_the_newest_readings_alone(silvermate):
 
 
 def test_who_sees_behind(silvermate):
-    """A lidar turns all the way round, but on the front of the head it looks into that."""
+    """A lidar turns all the way round, but on the front of the head it looks into that, and a laser at the front of the
+    base into the base."""
 
     def behind(*sensors):
         return sees_behind(silvermate, SensorConfig(sensors=sensors))
@@ -99,7 +100,11 @@ def test_who_sees_behind(silvermate):
     assert sees_behind(silvermate, SensorConfig())
     assert sees_behind(silvermate, SensorConfig().only("sonar"))
     assert not sees_behind(silvermate, SensorConfig().only("laser"))
-    assert behind(LaserParams(field_of_view=2.0 * math.pi))
+    assert not behind(LaserParams(field_of_view=2.0 * math.pi))
+    assert behind(LaserParams(field_of_view=2.0 * math.pi), LaserParams(name="rear", frame="sonar_6_frame"))
+    assert not behind(LaserParams(frame="sonar_6_frame", field_of_view=0.7)), "it sees a part of what is behind"
+    assert sees_behind(silvermate, named_sensors("laser,rear-laser", "silvermate"))
+    assert sees_behind(silvermate, named_sensors("mast-lidar", "silvermate"))
     level = {"elevation_min": -0.908, "elevation_max": 0.122, "columns": 64, "rows": 16}
     assert not behind(LidarParams(frame="head_frame", **level))
     assert behind(LidarParams(frame="hand_frame", **level)), "held out in front, it sees most"

@@ -357,15 +357,16 @@ _KINDS: dict[str, type[LaserParams | SonarParams | InfraredParams | DepthParams 
 }
 
 
-_ON_HEADS: dict[str, tuple[ImageParams, ...]] = {
+_MORE: dict[str, tuple[ImageParams | LaserParams, ...]] = {
     "silvermate": (
         DepthParams(name="head-camera", frame="head_frame", axis="x", tilt=0.35, field_of_view=1.5),
         LidarParams(name="mast-lidar", frame="head_frame", mast=0.35, elevation_min=-0.908, elevation_max=0.122),
+        LaserParams(name="rear-laser", frame="sonar_6_frame"),
     ),
     "tiago": (DepthParams(name="head-camera", frame="xtion_depth_optical_frame"),),
     "fetch": (DepthParams(name="head-camera", frame="head_camera_depth_optical_frame"),),
 }
-"""What may be on robots' heads. It is not in the robots' files: who drives by ``"all"`` need not pay for it."""
+"""What robots may have besides. It is not in their files: who drives by ``"all"`` need not pay for it."""
 
 
 def sensor_file(robot: str = "silvermate") -> Path:
@@ -382,7 +383,8 @@ def named_sensors(text: str, robot: str) -> SensorConfig:
     """The sensors that a text names, for a robot by name: a YAML file, or names as ``"laser,head-camera"``.
 
     ``"all"`` is all of the robot's file. Not in the file are ``"head-camera"``, a depth camera on the head of the
-    Silvermate, TIAGo and Fetch, and ``"mast-lidar"``, a lidar above the Silvermate's head, which hides nothing from it.
+    Silvermate, TIAGo and Fetch; ``"mast-lidar"``, a lidar above the Silvermate's head, which hides nothing from it; and
+    ``"rear-laser"``, a second planar one at its back.
 
     Raises:
         ParameterError: no such sensor, or a file that does not describe sensors.
@@ -390,7 +392,7 @@ def named_sensors(text: str, robot: str) -> SensorConfig:
     if text.endswith((".yaml", ".yml")):
         return read_sensors(text)
     config = read_sensors(sensor_file(robot))
-    every = (*config.sensors, *_ON_HEADS.get(Path(robot).stem, ()))
+    every = (*config.sensors, *_MORE.get(Path(robot).stem, ()))
     valid = [sensor.name for sensor in every]
     names = [name.strip() for name in text.split(",")]
     for name in names:

@@ -93,6 +93,7 @@ def test_sensors_by_name():
     assert named_sensors("all", "silvermate") == SensorConfig()
     assert named_sensors("all,head-camera", "silvermate").names == ("laser", "sonar", "infrared", "head-camera")
     assert named_sensors("head-camera, laser", "tiago").names == ("laser", "head-camera")
+    assert named_sensors("laser,rear-laser,mast-lidar", "silvermate").names == ("laser", "mast-lidar", "rear-laser")
     assert named_sensors("laser", "fetch").sensors[0].frame == "laser_link"
     assert named_sensors("head-camera", "somewhere/fetch.urdf").sensors[0].frame == "head_camera_depth_optical_frame"
     with refused(ParameterError, "'hed-camera'", "'head-camera'", "all, head-camera, laser"):
