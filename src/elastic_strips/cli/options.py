@@ -366,7 +366,8 @@ sensors_option = click.option(
     metavar="NAMES|FILE.yaml",
     help="Drive by what the robot's simulated sensors see, not by the true scene: names (laser,sonar; all; "
     "head-camera: the depth camera on the head of the Silvermate, TIAGo and Fetch; mast-lidar: a lidar above the "
-    "Silvermate's; rear-laser: a second laser at its back), or a file of sensors, as elastic_strips.sim.sensors reads it.",
+    "Silvermate's; rear-laser: a second laser at its back), or a file of sensors, as "
+    "elastic_strips.sim.sensors reads it.",
 )
 
 level_option = click.option(

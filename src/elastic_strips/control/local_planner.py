@@ -207,7 +207,8 @@ class LocalPlanner:
         moves is not left, but evaded; where a mover may be that nothing sees, it is waited for until that is over."""
         near = self._beside(state, scene)
         if near is not None and near.obstacle.startswith(LOST_LAYER):
-            known = Scene([each for each in scene if not each.name.startswith(LOST_LAYER)], time=scene.time)
+            kept = [scene.obstacle(name) for name in scene.names if not name.startswith(LOST_LAYER)]
+            known = Scene(kept, time=scene.time)
             near = self._beside(state, known)
         if near is None or (near.obstacle in scene and scene.obstacle(near.obstacle).motion is not None):
             return ""

@@ -56,7 +56,8 @@ class ContactSensor:
 
 
 _REAR = math.radians(120.0)  # azimuth beyond which is behind the robot
-_REAR_PARTS, _REAR_SEEN = 20, 0.8  # parts of the directions there, and the share of them into which something has to look
+_REAR_PARTS, _REAR_SEEN = 20, 0.8
+"""Parts of the directions there, and the share of them into which something has to look."""
 
 
 def sees_behind(robot: RobotModel, sensors: SensorConfig) -> bool:
@@ -76,7 +77,7 @@ def sees_behind(robot: RobotModel, sensors: SensorConfig) -> bool:
     for reading in first.values():
         if isinstance(reading, RangeImage):
             angles = np.linspace(*reading.azimuth, reading.ranges.shape[1])
-            free: Mask = np.isinf(mask.apart(reading)[1]).any(axis=0)
+            free: Mask = np.asarray(np.isinf(mask.apart(reading)[1]).any(axis=0))
         elif isinstance(reading, LaserScan):
             angles, free = reading.angles, ~np.isnan(reading.ranges)
         else:
