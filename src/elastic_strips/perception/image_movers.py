@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, Indices, Mask
 
 from .clusters import Cluster
 from .params import SceneEstimatorParams
@@ -101,11 +101,28 @@ def moving_clusters(
     """
     if int(evidence.sum()) < _LEAST_EVIDENCE:
         return []
+    loose = np.flatnonzero(~standing)
+    found = []
+    for group in _groups(points[loose, :2], evidence[loose]):
+        cluster = _cluster(points[loose[group]], view)
+        if cluster.extent <= params.max_mover_size:
+            found.append(cluster)
+            continue
+        # It touches what is not known to stand yet, such as a wall that was never seen before: what has come is alone.
+        come = loose[group][evidence[loose[group]]]
+        for part in _groups(points[come, :2], evidence[come]):
+            cluster = _cluster(points[come[part]], view)
+            if cluster.extent <= params.max_mover_size:
+                found.append(cluster)
+    return found
+
+
+def _groups(flat: Array, evidence: Mask) -> list[Indices]:
+    """Which of the points (n, 2) belong together, for each group that has evidence enough."""
     from scipy.ndimage import label  # late: slow to import
 
-    origin = view.T_world_sensor[:2, 3].copy()
-    loose = np.flatnonzero(~standing)
-    flat = points[loose, :2]
+    if not len(flat):
+        return []
     cells = np.floor(flat / _GROUP_CELL).astype(np.intp)
     cells -= cells.min(axis=0) - 1
     grid = np.zeros(cells.max(axis=0) + 2, dtype=bool)
@@ -113,20 +130,19 @@ def moving_clusters(
     groups = np.empty(grid.shape, dtype=np.int32)
     label(grid, structure=np.ones((3, 3)), output=groups)
     group = groups[cells[:, 0], cells[:, 1]]
-    count = np.bincount(group, weights=evidence[loose])
-    found = []
-    for k in np.flatnonzero(count >= _LEAST_EVIDENCE):
-        mine = flat[group == k]
-        away = mine - origin
-        bearing = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
-        order = np.argsort(bearing, kind="stable")
-        solid = points[loose[group == k]]
-        outline = _outline(mine[order], bearing[order], origin)
-        hidden = any(_covered(view, solid[order[end]], side) for end, side in ((0, -1.0), (-1, 1.0)))
-        cluster = Cluster(outline, origin, hidden, True, solid)
-        if cluster.extent <= params.max_mover_size:
-            found.append(cluster)
-    return found
+    count = np.bincount(group, weights=evidence)
+    return [np.flatnonzero(group == k) for k in np.flatnonzero(count >= _LEAST_EVIDENCE)]
+
+
+def _cluster(solid: Array, view: ImageView) -> Cluster:
+    """A thing (n, 3), as it is seen from above."""
+    origin = view.T_world_sensor[:2, 3].copy()
+    away = solid[:, :2] - origin
+    bearing = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
+    order = np.argsort(bearing, kind="stable")
+    outline = _outline(solid[order, :2], bearing[order], origin)
+    hidden = any(_covered(view, solid[order[end]], side) for end, side in ((0, -1.0), (-1, 1.0)))
+    return Cluster(outline, origin, hidden, True, solid)
 
 
 def _covered(view: ImageView, end: Array, side: float) -> bool:

@@ -411,6 +411,20 @@ def test_what_something_nearer_covers_goes_on_behind_it(covered):
     assert len(cluster.solid) > len(cluster.points)
 
 
+@each("wall", [0.0, 1.0, 4.0])
+def test_what_has_come_is_seen_beside_what_is_not_known_to_stand(wall):
+    """Such as a wall that nothing has looked at before: with it, it would be too large for anything that moves."""
+    y, z = np.meshgrid(np.arange(-0.3, 0.3 + wall, 0.04), np.arange(0.2, 1.2, 0.04))
+    points = np.column_stack((np.full(y.size, 2.0), y.ravel(), z.ravel()))
+    come = points[:, 1] < 0.3
+    image = depth_image(Scene([WALL]), VIEWS[0])
+    nothing = np.zeros(len(points), dtype=bool)
+    (cluster,) = moving_clusters(points, come, nothing, view(image), PARAMS)
+    assert cluster.extent <= PARAMS.max_mover_size
+    assert {*map(tuple, points[come])} <= {*map(tuple, cluster.solid)}
+    assert not moving_clusters(points, nothing, nothing, view(image), PARAMS)
+
+
 def test_the_traces_of_what_moves_leave_the_voxels_and_what_stands_stays():
     """A person sets off to one side; what was noted of it before it was known to move is not seen any more."""
     volume, tracker = VolumeMap(SMALL), Tracker(PARAMS)
