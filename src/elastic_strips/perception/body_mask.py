@@ -128,15 +128,7 @@ class BodyMask:
     def above_or_below(self, places: Array, q: ArrayLike, margin: float) -> Mask:
         """Which of the places (n, 2) [m], in the base's plane, have one of the capsules about the
         robot's bodies in configuration ``q`` (nq,), larger by ``margin`` [m], above or below them."""
-        a, b, r = (np.array(column) for column in zip(*self._capsules(q, margin), strict=True))
-        a, along = a[:, :2], (b - a)[:, :2]
-        reach = float((np.hypot(*a.T) + np.hypot(*along.T) + r).max())
-        inside = np.hypot(*places.T) <= reach
-        d = places[inside, None] - a
-        part = np.clip((d * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-12), 0.0, 1.0)
-        away = d - part[..., None] * along
-        inside[inside] = ((away * away).sum(axis=-1) <= r * r).any(axis=1)
-        return inside
+        return _within(places, [(a[:2], b[:2], r) for a, b, r in self._capsules(q, margin)])
 
     def _capsules(self, q: ArrayLike, margin: float) -> list[tuple[Array, Array, float]]:
         """About the robot's bodies in the base's frame, larger by ``margin`` [m]: both ends (3,) and radius."""
@@ -166,7 +158,7 @@ class BodyMask:
 
 
 def _within(points: Array, capsules: Sequence[tuple[Array, Array, float]]) -> Mask:
-    """Which of the points (n, 3) lie in capsules."""
+    """Which of the points (n, 3), or (n, 2) of a plane, lie in capsules."""
     inside = np.zeros(len(points), dtype=bool)
     for a, b, r in capsules:
         near = np.flatnonzero(
