@@ -44,7 +44,8 @@ class SceneEstimatorParams:
         doubt_time: for how long after that the way on of a mover is in doubt.
         stray_width: how far to each side a mover strays at most from its way while it is hidden. It is in the scene as
             much larger as ``mover_acceleration`` lets it stray in that time.
-        rest_time: a mover that has not moved significantly for this long goes back into the map.
+        rest_time: a mover that has not moved significantly for this long goes back into the map. What scans contradict
+            twice that it stands is possibly moving for as long after that.
         recent_motion_time: how long after that it may set off again: until then the scene has it as a thing of
             unknown motion as well.
         recent_motion_speed: its largest speed meanwhile, until it is seen to move [m/s].

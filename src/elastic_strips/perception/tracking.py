@@ -88,6 +88,7 @@ class Track:
         self.hits: int = 1
         self.misses: int = 0
         self.votes: int = 0
+        self.contradicted: int = 0  # how often scans did, of late
         self.confirmed = self.lost = self.moving = False
         # when it last moved, when it came to rest, and when scans last contradicted that it stands
         self.moved = self.rested = self.displaced_at = -math.inf
@@ -171,6 +172,15 @@ class Track:
         """Whether scans show that it does not stand, while its velocity is not known yet."""
         return not self.moving and self.time - self.displaced_at <= params.motion_onset_time
 
+    def may_creep(self, params: SceneEstimatorParams) -> bool:
+        """Whether scans have shown several times of late that it does not stand, and its velocity is not known.
+
+        What creeps up to a voxel's width in a few scans shows that in some of them only.
+        """
+        return (
+            not self.moving and self.contradicted >= _LEAST_VOTES and self.time - self.displaced_at <= params.rest_time
+        )
+
     def past_points(self, time: float) -> Array:
         """The newest points that are not younger than ``time`` [s]; empty where there are none."""
         for t, points in reversed(self.points):
@@ -201,7 +211,8 @@ class Track:
         if self.begins_to_move(params):
             motion = UnknownMotion(min(params.motion_onset_speed, self.speed + 2.0 * math.sqrt(self.vv)))
         elif not self.moving:
-            motion = UnknownMotion(params.recent_motion_speed)
+            speed = self.speed if self.may_creep(params) else 0.0
+            motion = UnknownMotion(min(params.motion_onset_speed, max(params.recent_motion_speed, speed)))
         return TrackedObstacle(
             name=self.name,
             obstacle=self.solid.at(self.time).observed(pose, motion),
@@ -289,7 +300,7 @@ class Tracker:
     def possibly_moving(self) -> tuple[TrackedObstacle, ...]:
         """Things that have moved and may set off again, or begin to: with bounds of their speeds, by age."""
         p = self.params
-        return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p))
+        return tuple(t.tracked(p) for t in self._tracks if t.recently_moved(p) or t.begins_to_move(p) or t.may_creep(p))
 
     def traces(self) -> Array:
         """(n, 3) where images have seen things that turned out to move by the last update [m]."""
@@ -378,6 +389,8 @@ class Tracker:
                 self._traces.append(cluster.solid[~self.of_movers(cluster.solid[:, :2])])
             return
         if displaced:
+            lately = track.time - track.displaced_at <= params.rest_time
+            track.contradicted = track.contradicted + 1 if lately else 1
             track.displaced_at = track.time
         # what has moved before needs no proof that it can
         track.votes = track.votes + 1 if significant and (displaced or track.recently_moved(params)) else 0

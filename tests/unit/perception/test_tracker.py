@@ -231,6 +231,28 @@ def test_a_laser_that_was_once_taken_to_see_a_thing_does_not_miss_it_for_ever(la
     assert not tracker.movers, "what nobody sees any more is not expected for ever"
 
 
+@pytest.mark.parametrize("times", [1, 2, 5])
+def test_what_creeps_may_move_between_the_images_that_show_it(times):
+    """It fills a new voxel now and then, and is slower than what counts as a mover: the images between say nothing."""
+    params = SceneEstimatorParams()
+    tracker = Tracker(params)
+    possible = {}
+    for k in range(80):
+        x = 2.0 - 0.01 * k
+        front = np.column_stack([np.full(9, x), np.linspace(-0.2, 0.2, 9)])
+        shown = k <= 1 or (k % 5 == 0 and k // 5 < times + 1)
+        cluster = Cluster(front, np.zeros(2), hidden=False, displaced=shown and k > 1)
+        tracker.update(SeenThrough(0.1 * k, all_of_it=False), [cluster] if shown else [], "camera")
+        assert not tracker.movers
+        possible[k] = tracker.possibly_moving
+    last = 5 * times
+    over = last + round(params.motion_onset_time / 0.1) + 1
+    assert possible[last]
+    assert all(bool(possible[k]) == (times > 1) for k in range(over, last + 15))
+    assert all(0.0 < thing.obstacle.motion.max_speed <= 0.5 for thing in possible[last + 10])
+    assert not possible[last + round(params.rest_time / 0.1) + 1]
+
+
 @each("height, top", [(0.4, 2.0), (1.5, 2.0), (2.3, 2.3)])
 def test_who_moves_is_as_tall_as_people_whatever_a_scan_says_of_what_stands(height, top):
     """An arm above the plane of the scan runs into people, too; images leave them out of their map."""
