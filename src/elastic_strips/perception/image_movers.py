@@ -18,7 +18,7 @@ from .readings import DepthImage, RangeImage
 
 _GROUP_CELL = 0.1  # [m] points in cells of this size that touch belong together, seen from above
 _LEAST_EVIDENCE = 6  # points of a thing where it was free before
-_HEIGHTS = (0.35, 0.7, 1.05)  # [m] over the floor at which it is asked whether something is still there
+_LEVELS = (0.0, 0.5, 1.0)  # from the lowest to the highest place at which it is asked whether something is still there
 _KEPT_POINTS = 40  # of a thing, as seen from above
 _BESIDE = np.array([0.04, 0.08, 0.12])  # [m] beside a thing's end, where it is asked what hides it
 _AS_FAR = 0.1  # [m] what is nearer than a thing by more than this hides it
@@ -41,15 +41,17 @@ class ImageView:
         """When it was taken [s]."""
         return self.image.time
 
-    def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
-        """Which places (n, 2) of the floor the image sees through at all heights, and which it does not see.
+    def beyond(self, points: Array, margin: float, heights: Array) -> tuple[Mask, Mask]:
+        """Which places (n, 2) of the floor the image sees through where something would be, and which it does not see.
 
-        It must look past a place by more than ``margin`` [m] at two heights at least, and at none end before or there.
+        It must look past a place by more than ``margin`` [m] at two of three heights at least, and at none end before
+        or there. They lie between ``heights`` (n, 2) [m]: below what hangs, and over what is low, an image sees past.
         """
-        through = np.zeros((len(_HEIGHTS), len(points)), dtype=np.intp)
-        ends = np.zeros((len(_HEIGHTS), len(points)), dtype=bool)
-        for k, height in enumerate(_HEIGHTS):
-            local = np.column_stack((points, np.full(len(points), height))) - self.T_world_sensor[:3, 3]
+        through = np.zeros((len(_LEVELS), len(points)), dtype=np.intp)
+        ends = np.zeros((len(_LEVELS), len(points)), dtype=bool)
+        for k, level in enumerate(_LEVELS):
+            height = heights[:, 0] + level * (heights[:, 1] - heights[:, 0])
+            local = np.column_stack((points, height)) - self.T_world_sensor[:3, 3]
             distance, range_ = measured(self.image, local @ self.T_world_sensor[:3, :3])
             through[k] = range_ > distance + margin  # NaN is no answer, and neither
             ends[k] = range_ <= distance + margin

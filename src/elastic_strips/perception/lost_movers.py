@@ -27,6 +27,7 @@ class _Way:
         name: of the track.
         columns, since: middles (n, 2) [m] of columns that it may take up, and from when on (n,) [s].
         line, passed: places (m, 2) [m] along its way where it itself may be, and from when on (m,) [s].
+        heights: (2,) lowest and highest place [m] at which it was seen last.
         until: when this is over [s].
         sensors: that have seen it.
         through: (n,) which of the columns one of these saw through last.
@@ -39,6 +40,7 @@ class _Way:
     since: Array
     line: Array
     passed: Array
+    heights: Array
     until: float
     sensors: frozenset[str]
     through: Mask
@@ -47,7 +49,8 @@ class _Way:
 
     def look(self, view: View, margin: float) -> None:
         """What a sensor that has seen it sees through."""
-        through, _ = view.beyond(np.concatenate((self.columns, self.line)), margin)
+        places = np.concatenate((self.columns, self.line))
+        through, _ = view.beyond(places, margin, np.broadcast_to(self.heights, (len(places), 2)))
         self.through = through[: len(self.columns)]
         gone = (self.passed <= view.time) & through[len(self.columns) :]
         self.line, self.passed = self.line[~gone], self.passed[~gone]
@@ -146,6 +149,7 @@ class LostMovers:
             since=since,
             line=last + passed[:, None] * track.v,
             passed=track.seen + passed,
+            heights=track.heights,
             until=track.seen + lasts,
             sensors=frozenset(track.seen_by),
             through=nowhere,

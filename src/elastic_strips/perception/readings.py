@@ -311,12 +311,12 @@ class ScanRays:
         ray = np.interp(turn, self._turns, self._numbers)
         return distance, ray, inside & (distance >= self.range_min) & (distance <= self.range_max)
 
-    def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
+    def beyond(self, points: Array, margin: float, heights: Array | None = None) -> tuple[Mask, Mask]:
         """Which of the points (n, 2) the scan sees through, and which it could not see, because something is in front.
 
         Rays within half of ``margin`` to either side of a point, and the next ones, must all end more than ``margin``
         [m] behind it for the point to be free. A point is hidden where the ray to it ends that far in front of it, or
-        says nothing, or does not exist.
+        says nothing, or does not exist. A scan has one height, whatever the ``heights`` are of what would be there.
         """
         distance, ray, inside = self.locate(points)
         step = (self.bearing[-1] - self.bearing[0]) / (len(self.bearing) - 1)

@@ -20,6 +20,9 @@ _KEPT_POINTS = 64  # of a thing
 _SOLID_SLACK = 0.01
 """A mover's solid is made this much larger [m] than it has to be, so that it need not be made anew at once."""
 
+_HEIGHTS = (0.35, 1.05)  # [m] between which images look for what only a plane has seen
+_LEAST_PART, _MOST_PART = 20.0, 80.0  # of its points, in percent, between whose heights images look for what they saw
+
 _STRAY_STEP = 0.05
 """A mover's solid grows in such steps [m] while it is not seen."""
 
@@ -94,6 +97,7 @@ class Track:
         self.moved = self.rested = self.displaced_at = -math.inf
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
         self.solids: deque[Array] = deque([cluster.solid], maxlen=_KEPT_POINTS)
+        self.heights: Array = _heights(cluster, np.array(_HEIGHTS))  # between which images look for it [m]
         self.solid: Cylinder | None = None
         self.solid_radius: float = 0.0
 
@@ -153,6 +157,7 @@ class Track:
         self.points.append((self.time, cluster.points))
         if len(cluster.solid):
             self.solids.append(cluster.solid)
+        self.heights = _heights(cluster, self.heights)
         if shape.kind != OTHER or not cluster.hidden:
             self.fitted += (shape.radius - self.fitted) / min(self.hits, 20)
         far = float(np.hypot(*(cluster.points - self.p).T).max())
@@ -226,6 +231,13 @@ class Track:
         )
 
 
+def _heights(cluster: Cluster, known: Array) -> Array:
+    """(2,) between which heights [m] most of a thing was seen last; ``known`` where only a plane sees it."""
+    if not len(cluster.solid):
+        return known
+    return np.percentile(cluster.solid[:, 2], (_LEAST_PART, _MOST_PART))
+
+
 def _noise(cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams, radius: float) -> float:
     """Variance of a cluster's centre along any direction, given the radius of earlier scans [m²]."""
     fit = 2.0 if shape.kind == ROUND else 4.0
@@ -246,8 +258,14 @@ class View(Protocol):
         """When it was measured [s]."""
         ...
 
-    def beyond(self, points: Array, margin: float) -> tuple[Mask, Mask]:
-        """Which places (n, 2) it sees through by more than ``margin`` [m], and which it could not see."""
+    def beyond(self, points: Array, margin: float, heights: Array) -> tuple[Mask, Mask]:
+        """Which places (n, 2) it sees through by more than ``margin`` [m], and which it could not see.
+
+        Args:
+            points: the places [m].
+            margin: how much further it must see [m].
+            heights: (n, 2) between which something would be there [m].
+        """
         ...
 
 
@@ -413,7 +431,8 @@ class Tracker:
                 looks.setdefault(view, []).append((k, cluster.points))
                 looks.setdefault(now, []).append((k, track.past_points(view.time + 1e-6)))
         for scan, places in looks.items():
-            through, _ = scan.beyond(np.concatenate([points for _, points in places]), self.params.carve_margin)
+            asked = np.concatenate([points for _, points in places])
+            through, _ = scan.beyond(asked, self.params.carve_margin, np.broadcast_to(_HEIGHTS, (len(asked), 2)))
             ends = np.cumsum([len(points) for _, points in places])
             for (k, points), own in zip(places, np.split(through, ends[:-1]), strict=True):
                 result[k] |= own.sum() >= max(2.0, _LEAST_EVIDENCE * len(points))
@@ -429,7 +448,8 @@ class Tracker:
             return
         params = self.params
         places = np.concatenate([track.p + track.radius * _STAR for track in tracks])
-        through = now.beyond(places, 0.5 * params.carve_margin)[0].reshape(len(tracks), len(_STAR)).sum(axis=1)
+        heights = np.repeat([track.heights for track in tracks], len(_STAR), axis=0)
+        through = now.beyond(places, 0.5 * params.carve_margin, heights)[0].reshape(-1, len(_STAR)).sum(axis=1)
         for track, count in zip(tracks, through.tolist(), strict=True):
             if now.time - track.seen > params.coast_time:
                 track.lost = True

@@ -206,7 +206,7 @@ class SeenThrough:
     def __init__(self, time, *, all_of_it):
         self.time, self._all = time, all_of_it
 
-    def beyond(self, points, margin):
+    def beyond(self, points, margin, heights):
         return np.full(len(points), self._all), np.full(len(points), not self._all)
 
 

@@ -16,6 +16,7 @@ from elastic_strips.errors import ParameterError
 from elastic_strips.native import kernel, twin
 from elastic_strips.perception import DepthImage, RangeImage, SceneEstimatorParams
 from elastic_strips.perception.image_movers import ImageView, moving_clusters
+from elastic_strips.perception.lost_movers import LostMovers
 from elastic_strips.perception.readings import camera_directions, turning_directions
 from elastic_strips.perception.tracking import Tracker
 from elastic_strips.perception.volume_map import VolumeMap, VolumeMapParams, _filled, filled
@@ -450,3 +451,29 @@ def test_the_traces_of_what_moves_leave_the_voxels_and_what_stands_stays():
     stands = volume.seen_by(depth_image(still, VIEWS[0]), np.eye(4)).points
     on_post = stands[outside_scene(stands, Scene([STILL])) < 0.01]
     assert (volume.known(on_post) == 1).mean() > 0.9
+
+
+@each("low, high, gone", [(0.0, 0.5, False), (1.4, 1.8, False), (0.0, 0.5, True), (1.4, 1.8, True)])
+def test_what_comes_out_of_the_view_is_not_seen_through_below_or_above_it(low, high, gone):
+    """A cart comes under a camera's view, and a load over it: the image sees past where either is, not through it. One
+    that is taken away in plain view is not expected any longer."""
+    volume, tracker, lost = VolumeMap(SMALL), Tracker(PARAMS), LostMovers(PARAMS)
+    for _ in range(8):
+        volume.add(depth_image(Scene([WALL]), VIEWS[0], columns=24), np.eye(4))
+    seen_last = False
+    for k in range(34):
+        x = 2.2 - 0.06 * k
+        there = x > 1.2 or not gone
+        thing = [Box((0.3, 0.3, high - low), at=(x, 0.0, 0.5 * (low + high)))] if there else []
+        image = replace(depth_image(Scene([WALL, *thing]), VIEWS[0], columns=24), time=0.1 * k)
+        seen = volume.seen_by(image, np.eye(4))
+        clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view(image), PARAMS)
+        tracker.update(view(image), clusters, "eye")
+        lost.update(tracker.moving, tracker.lost, view(image), "eye", lambda places: np.zeros(len(places), dtype=bool))
+        volume.add(image, np.eye(4), seen, tracker.of_movers(seen.points[:, :2]))
+        seen_last = bool(clusters)
+        if 1.25 < x < 1.5:
+            assert tracker.movers
+    assert not seen_last
+    assert bool(tracker.movers) != gone
+    assert bool(lost.obstacles()) != gone
