@@ -15,6 +15,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array, Indices, Mask
 
+from .image_lag import ImageLag
 from .image_movers import measured
 from .readings import NO_ANSWER, DepthImage, RangeImage, ScanRays
 from .volume_map import VolumeMapParams
@@ -81,6 +82,7 @@ class ImageReport:
         tilted: angle [rad] by which the floor is.
         turned, shifted: angle [rad] and distance [m] by which what was seen before is displaced all together.
         turned_by_laser, shifted_by_laser: the same of what a laser sees.
+        late_by_laser: how much older [s] the images of late are than they say, by what a laser sees.
     """
 
     sensor: str
@@ -96,6 +98,7 @@ class ImageReport:
     shifted: float = 0.0
     turned_by_laser: float = 0.0
     shifted_by_laser: float = 0.0
+    late_by_laser: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,6 +170,7 @@ class ImageWatch:
         self._kept: _Surfaces | None = None
         self._kept_since = self._compared_at = -math.inf
         self._off_laser = 0  # images in a row
+        self._lags: dict[str, ImageLag] = {}  # by laser
         self._doubt, self._good = "", 0
         self._sees = math.inf  # [s] when an image last said enough; the first one, where none did
 
@@ -199,7 +203,7 @@ class ImageWatch:
         still = _without(kept, moving)
         now = self._surfaces(still, T_world_sensor)
         slope, found = self._slope(now, T_world_sensor), self._displacement(still, T_world_sensor, places)
-        beside = {name: self._off_scan(now, image.time, T_world_sensor, places, scan) for name, scan in scans.items()}
+        beside = {name: self._off_scan(now, image.time, T_world_sensor, places, name, scans[name]) for name in scans}
         laser = max(beside, key=lambda name: (beside[name].large, beside[name].judges), default="")
         worst = beside.get(laser, _UNKNOWN)
         self._off_laser = self._off_laser + 1 if worst.large else 0
@@ -210,6 +214,13 @@ class ImageWatch:
             reason = (
                 f"{image.sensor!r} is not where or when it says: what {laser!r} sees is turned by "
                 f"{math.degrees(worst.turned):.1f}° and shifted by {worst.shifted:.2f} m in it"
+            )
+        late = max(self._lags, key=lambda name: (self._lags[name].large, abs(self._lags[name].seconds)), default="")
+        lag = self._lags.get(late)
+        if not reason and lag is not None and lag.large:
+            reason = (
+                f"{image.sensor!r} is not of the time that it says: by what {late!r} sees, its images are "
+                f"{abs(lag.seconds):.2f} s {'older' if lag.seconds > 0.0 else 'newer'}"
             )
         judged = slope.judges or found.judges or (worst.judges and not worst.large)
         if judged:
@@ -238,6 +249,7 @@ class ImageWatch:
             shifted=found.shifted,
             turned_by_laser=worst.turned,
             shifted_by_laser=worst.shifted,
+            late_by_laser=lag.seconds if lag is not None else 0.0,
         )
 
     def _reason(
@@ -371,9 +383,13 @@ class ImageWatch:
         sigma = np.hypot(kept.sigma[ok], self.params.sigma(range_[ok]))
         return _fitted(ends[ok] - T[:3, 3], kept.normals[ok], apart[ok], sigma, _BEFORE)
 
-    def _off_scan(self, now: _Surfaces, time: float, T: Array, places: MayMove, scan: ScanRays) -> _Displacement:
+    def _off_scan(
+        self, now: _Surfaces, time: float, T: Array, places: MayMove, laser: str, scan: ScanRays
+    ) -> _Displacement:
         """By how much surfaces of an image are displaced from what a level laser sees: those alone that are steep and
         at the height of its plane, for it sees below what a camera sees from above."""
+        lag = self._lags.setdefault(laser, ImageLag())
+        lag.come(time, T)
         if abs(time - scan.time) > _SCAN_AGE:
             return _UNKNOWN
         steep = (np.abs(now.normals[:, 2]) < _STEEP) & (np.abs(now.points[:, 2] - scan.height) < _BESIDE_PLANE)
@@ -388,6 +404,7 @@ class ImageWatch:
         with np.errstate(invalid="ignore"):
             ok = np.abs(apart) < _FAR_OFF
         sigma = np.hypot(now.sigma[ok], _SCAN_SIGMA)
+        lag.compare(now.points[ok], now.normals[ok], apart[ok], np.hypot(sigma, _PIXELS))
         return _fitted(now.points[ok] - T[:3, 3], now.normals[ok], apart[ok], sigma, _PLANE_BEFORE, _LEAST_IN_PLANE)
 
 
