@@ -26,7 +26,9 @@ class _Way:
     Attributes:
         name: of the track.
         columns, since: middles (n, 2) [m] of columns that it may take up, and from when on (n,) [s].
+        along: (n,) how far ahead they are of where it was seen last, less what it is wide [m].
         line, passed: places (m, 2) [m] along its way where it itself may be, and from when on (m,) [s].
+        seen, speed: when it was seen last [s], and how fast it went [m/s].
         heights: (2,) lowest and highest place [m] at which it was seen last.
         until: when this is over [s].
         sensors: that have seen it.
@@ -38,8 +40,11 @@ class _Way:
     name: str
     columns: Array
     since: Array
+    along: Array
     line: Array
     passed: Array
+    seen: float
+    speed: float
     heights: Array
     until: float
     sensors: frozenset[str]
@@ -55,14 +60,17 @@ class _Way:
         gone = (self.passed <= view.time) & through[len(self.columns) :]
         self.line, self.passed = self.line[~gone], self.passed[~gone]
 
-    def leave_out(self, now: float, own: Mask, within: float) -> None:
+    def leave_out(self, now: float, own: Mask, within: float, acceleration: float) -> None:
         """Where it is not: where it may have come by now, and is seen through, or the robot is. What is in doubt is
         where it may come ``within`` some time [s] without being seen, through the robot too."""
-        come = self.since <= now
-        kept = ~(come & (own | self.through))
-        there = kept & ~self.through & (self.since <= now + within)
+        kept = ~((self.since <= now) & self.through)
+        there = ~self.through & (self.since <= now + within)
+        if own.any():  # it has not come there yet, however fast it is; but from where it may be by now it still may
+            left = self.along[own, None] - (self.passed[self.passed <= now] - self.seen) * self.speed
+            soon = (left >= 0.0) & (left <= self.speed * within + 0.5 * acceleration * within**2)
+            there[own] &= within > 0.0 and soon.any(axis=1)
         if not kept.all():
-            self.columns, self.since = self.columns[kept], self.since[kept]
+            self.columns, self.since, self.along = self.columns[kept], self.since[kept], self.along[kept]
             self.through, there, self.obstacle = self.through[kept], there[kept], None
         if self.obstacle is None or not np.array_equal(there, self.there):
             self.there, self.obstacle = there, None
@@ -117,7 +125,8 @@ class LostMovers:
         for way, at_robot in zip(self._ways, np.split(own(places), ends[:-1]), strict=True):
             if sensor in way.sensors:
                 way.look(view, self._params.carve_margin)
-            way.leave_out(now, at_robot, 0.0 if way.name in names else _REACHED_WITHIN)
+            within = 0.0 if way.name in names else _REACHED_WITHIN
+            way.leave_out(now, at_robot, within, self._params.mover_acceleration)
         # who is nowhere by now does not come any further
         self._ways = [way for way in self._ways if (way.passed <= now).any() and len(way.columns)]
 
@@ -147,8 +156,11 @@ class LostMovers:
             name=track.name,
             columns=columns,
             since=since,
+            along=left,
             line=last + passed[:, None] * track.v,
             passed=track.seen + passed,
+            seen=track.seen,
+            speed=speed,
             heights=track.heights,
             until=track.seen + lasts,
             sensors=frozenset(track.seen_by),

@@ -120,17 +120,20 @@ def test_who_was_seen_to_leave_is_not_looked_for():
         assert not in_doubt(estimator.scene())
 
 
-def test_nothing_is_in_doubt_where_the_robot_stands():
-    """It has come to where it thinks that somebody went, and its laser says nothing there."""
-    away, found = walker(HIDDEN_AT + PARAMS.coast_time), False
+def test_who_went_to_where_the_robot_stands_may_still_come_there():
+    """It stands in the way of somebody, and its laser says nothing. As long as they are followed they are not where it
+    is; once they are not, they may come there at any time, also if they could have come earlier."""
+    away = walker(HIDDEN_AT + PARAMS.coast_time)
     *_, (_, estimator) = seen_until(HIDDEN_AT + 0.3)
-    for k in range(30):
+    blocked = {}
+    for k in range(70):
         reading = scan((0.0, 0.0, 0.0), HIDDEN_AT + 0.4 + 0.1 * k)
         estimator.update(replace(reading, ranges=np.full_like(reading.ranges, NO_ANSWER)), (*away, 0.0))
-        doubts = in_doubt(estimator.scene())
-        found |= bool(doubts)
-        assert not covers(doubts, away[None]).any()
-    assert found
+        doubts, followed = in_doubt(estimator.scene()), bool(estimator.movers)
+        if doubts:
+            blocked.setdefault(followed, set()).add(bool(covers(doubts, away[None]).any()))
+    assert blocked == {True: {False}, False: {True}}
+    assert not doubts, "in the end it is over"
 
 
 def test_it_is_the_same_obstacle_until_it_may_be_elsewhere():
