@@ -12,6 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Scene
+from elastic_strips.scene.obstacle import LOST_LAYER
 from elastic_strips.trajectory import Trajectory
 
 from .executor import ExecutorLink
@@ -112,7 +113,7 @@ class Vantage:
             stands: whether the robot does.
         """
         broken = None if result.accepted or result.certificate is None else result.certificate.broken
-        unseen = "" if broken is None else broken.obstacle if broken.obstacle.startswith(f"{UNSEEN_LAYER}-") else ""
+        unseen = "" if broken is None or not _stays_unseen(broken.obstacle) else broken.obstacle
         row, stayed = self._executor.estimate, self._stayed[1]
         here = row[:2]
         if np.hypot(*(here - stayed[:2])) > _NOWHERE or np.abs(row[3:] - stayed[3:]).max(initial=0.0) > _ELSEWHERE:
@@ -228,6 +229,12 @@ class Vantage:
         rows = self._back(here)
         way = np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))
         return rows[: int(np.searchsorted(way, _BACK)) + 2]
+
+
+def _stays_unseen(obstacle: str) -> bool:
+    """Whether an obstacle is what was not seen, and is so until it is looked at: not where somebody may be that nothing
+    sees, for that is over soon, and who backs off from it backs off into what comes from behind."""
+    return obstacle.startswith(f"{UNSEEN_LAYER}-") and not obstacle.startswith(f"{LOST_LAYER}-")
 
 
 def _turned(rows: Array, yaw: float) -> Array:

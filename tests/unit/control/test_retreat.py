@@ -16,6 +16,7 @@ from elastic_strips.control.vantage import Vantage
 from elastic_strips.errors import ConfigurationError, GoalError
 from elastic_strips.planning import BasePose, HandPose
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
+from elastic_strips.scene.obstacle import LOST_LAYER
 from elastic_strips.sim import KinematicPlant
 
 DT = 0.01
@@ -207,6 +208,12 @@ def test_who_gets_nowhere_before_what_was_not_seen_comes_to_rest_to_look_from_el
     assert not kept_by(f"{UNSEEN_LAYER}-4-0-0", 0.2), "it gets on"
     assert kept_by("wall", 0.01), "there is nothing to look at, but another way may be"
     assert not kept_by("wall", 0.01, every=100), "its motions are not refused"
+
+
+def test_who_waits_for_somebody_that_nothing_sees_does_not_go_to_look():
+    """That is over soon, and behind it nothing looks."""
+    assert kept_by(f"{UNSEEN_LAYER}-4-0-0", 0.0, every=1)
+    assert not kept_by(f"{LOST_LAYER}-4", 0.0, every=1)
 
 
 def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None, goal=None):
