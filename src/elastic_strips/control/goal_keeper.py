@@ -510,7 +510,10 @@ class GoalKeeper:
         if at is None or not (may and executor.at_rest(t)):
             return False
         here = executor.active.coordinates[-1]
-        self._looked_from.append(here[:2].copy())
+        if all(
+            np.hypot(*(here[:2] - before)) > _ELSEWHERE for before in self._looked_from
+        ):  # else it got nowhere since
+            self._looked_from.append(here[:2].copy())
         if len(self._looked_from) > _MOST_LOOKS:
             return False
         sides = 2.0 * np.pi / _SIDES * np.arange(_SIDES)

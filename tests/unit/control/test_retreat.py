@@ -216,11 +216,11 @@ def test_who_waits_for_somebody_that_nothing_sees_does_not_go_to_look():
     assert not kept_by(f"{LOST_LAYER}-4", 0.0, every=1)
 
 
-def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None, goal=None):
+def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None, goal=None, held=(0.0, 0.0)):
     """A controller that drives to a goal 4 m ahead, of the hand by default, about which something is shown from the
     time ``since`` [s] on until the base is as near as ``seen_from`` [m]; for the hand somewhere there is something that
     was not seen, for other goals only readings are waited for. The goal is asked for at the time ``asked`` [s], on the
-    way to another one; None: from the beginning."""
+    way to another one; None: from the beginning. Between two times ``held`` [s] something is in the robot's base."""
     hand = (4.0, 0.0, 0.8)
     elsewhere = Box((0.4, 0.4, 0.4), at=(0.0, 5.0, 0.2), name="map-1-0" if goal else f"{UNSEEN_LAYER}-1-0-0")
     held_up = "nothing has arrived since" if goal else ""
@@ -235,7 +235,10 @@ def at_a_table(robot, seen_from, seconds, *, since=0.5, asked=None, goal=None):
     for k in range(round(seconds / DT)):
         far = float(np.hypot(*(plant.coordinates[:2] - hand[:2])))
         nearest, there = min(nearest, far), there and far > seen_from
-        scene = Scene([shown, elsewhere] if there and k * DT > since else [elsewhere], time=k * DT, held_up=held_up)
+        shows = [shown] if there and k * DT > since else []
+        if held[0] <= k * DT < held[1]:
+            shows.append(Box((0.3, 0.3, 0.3), at=(*plant.coordinates[:2], 0.3), name="track-7"))
+        scene = Scene([*shows, elsewhere], time=k * DT, held_up=held_up)
         if asked is not None and k == round(asked / DT):
             controller.retarget(goal)
         measured = plant.step(controller.step(k * DT, measured, scene), DT)
@@ -274,6 +277,13 @@ def test_so_is_what_is_shown_where_the_base_is_to_stand(silvermate, goal, when):
     assert [event for event in controller.events if event.kind == "looking"]
     assert controller.state is RunState.REACHED, controller.reason
     assert controller.reached == 1
+
+
+def test_who_could_not_set_out_to_look_does_so_when_it_can(silvermate):
+    """Somebody holds it for so long that it has tried more often than there are places to look from."""
+    controller, _, _ = at_a_table(silvermate, 1.7, 70.0, goal=lambda robot: robot.home(x=4.0), held=(1.0, 34.0))
+    assert [event for event in controller.events if event.kind == "looking"]
+    assert controller.state is RunState.REACHED, controller.reason
 
 
 def test_what_stands_there_for_good_is_waited_for(silvermate):
