@@ -117,7 +117,8 @@ class _Surfaces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Displacement:
-    """The turn and shift that bring points best to where they were; the turn (3,) is a rotation vector [rad]."""
+    """The turn and shift that bring points best to where they were; the turn (3,) is a rotation vector [rad], and the
+    shift raises them by some of its length [m]."""
 
     turn: Array
     compared: int
@@ -126,6 +127,7 @@ class _Displacement:
     turned_sigma: float
     shifted_sigma: float
     agreeing: float
+    raised: float = 0.0
     least: int = _LEAST_COMPARED
 
     @property
@@ -136,8 +138,17 @@ class _Displacement:
     @property
     def large(self) -> bool:
         """Whether it is larger than errors are."""
-        turned, shifted = _MOST_TURNED + _SURE * self.turned_sigma, _MOST_SHIFTED + _SURE * self.shifted_sigma
-        return self.judges and (self.turned > turned or self.shifted > shifted)
+        return self.judges and (self.turned > self.most_turned or self.shifted > self.most_shifted)
+
+    @property
+    def most_turned(self) -> float:
+        """By how much what is in its place looks turned at most [rad]."""
+        return _MOST_TURNED + _SURE * self.turned_sigma
+
+    @property
+    def most_shifted(self) -> float:
+        """By how much it looks shifted at most [m]."""
+        return _MOST_SHIFTED + _SURE * self.shifted_sigma
 
     @property
     def least_tilt(self) -> float:
@@ -172,6 +183,7 @@ class ImageWatch:
         self._off_laser = 0  # images in a row
         self._lags: dict[str, ImageLag] = {}  # by laser
         self._doubt, self._good = "", 0
+        self._misremembered = 0  # images in a row
         self._sees = math.inf  # [s] when an image last said enough; the first one, where none did
 
     def look(
@@ -186,7 +198,8 @@ class ImageWatch:
     ) -> ImageReport:
         """Whether an image is to be believed.
 
-        One that follows on images that were not is believed only when some in a row agree with what was seen before.
+        One that follows on images that were not is believed only when some in a row agree with what was seen before, or
+        when the floor and a laser say of some that it is not they that are displaced, but what is remembered.
 
         Args:
             image: the image as it came.
@@ -209,6 +222,9 @@ class ImageWatch:
         self._off_laser = self._off_laser + 1 if worst.large else 0
         if unanswered <= _MOST_UNANSWERED or self._sees == math.inf:
             self._sees = image.time
+        self._misremembered = self._misremembered + 1 if _contradicted(found, slope, worst) else 0
+        if self._misremembered >= _TRUSTED_AGAIN:
+            self._kept, found = None, _UNKNOWN
         reason = self._reason(image, repeated, unanswered, alone, through, slope, found)
         if not reason and self._off_laser >= _IN_A_ROW:
             reason = (
@@ -419,6 +435,15 @@ def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | Range
     return replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)
 
 
+def _contradicted(found: _Displacement, slope: _Displacement, laser: _Displacement) -> bool:
+    """Whether the floor and a laser, which see an image in its place, would see that it is as far off as it is from
+    what is remembered."""
+    in_place = slope.judges and not slope.tilted and laser.judges and not laser.large and found.raised < _MOST_SHIFTED
+    turned, shifted = found.turned - laser.turned, found.shifted - laser.shifted
+    shows = turned > laser.most_turned or shifted > laser.most_shifted
+    return in_place and found.large and shows
+
+
 def _floor(surfaces: _Surfaces, T: Array) -> Mask:
     """Which of the points may be of the floor."""
     away = np.linalg.norm(surfaces.points - T[:3, 3], axis=1)
@@ -499,6 +524,7 @@ def _fitted(
         math.sqrt(float(u @ covariance[:3, :3] @ u)),
         math.sqrt(float(w @ covariance[3:, 3:] @ w)),
         float((left < _SURE).mean()),
+        abs(float(x[5])),
         least,
     )
 

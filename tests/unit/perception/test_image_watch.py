@@ -34,20 +34,18 @@ ROOM = Scene(
 BEGIN, END = 0.5, 1.5  # [s] of faults
 
 
-def watched(
-    robot, *faults: Fault, scene: Scene = ROOM, config: SensorConfig = CONFIG, until=2.5, still=False, straight=None
-):
-    """What holds scenes up, and how old they are, every 50 ms of a robot that drives a curve from 0.4 s on, or straight
-    ahead, where that is at each time."""
+def watched(robot, *faults: Fault, scene=ROOM, config=CONFIG, until=2.5, still=False, path=None, turned=None):
+    """What holds scenes up, and how old they are, every 50 ms of a robot that drives a curve from 0.4 s on, or is where
+    a path (x, y, yaw) says; it may believe that it is turned by as much as a function of time says [rad]."""
     suite = FaultySensors(SensorSuite(robot, World(scene), config, seed=3), FaultPlan(faults), seed=3)
     estimator = SceneEstimator(robot=robot, required=config.required)
     poses, found = {}, []
     for k in range(round(until / 0.01)):
         t = 0.01 * k
-        turned = 0.0 if still else 0.6 * max(t - 0.4, 0.0)
-        pose = (0.0 if still else 0.4 * np.sin(turned) / 0.6, 0.4 * (1.0 - np.cos(turned)) / 0.6, turned)
-        pose = (straight(t), 0.0, 0.0) if straight else pose
-        poses[round(t, 6)] = pose
+        yaw = 0.0 if still else 0.6 * max(t - 0.4, 0.0)
+        pose = (0.0 if still else 0.4 * np.sin(yaw) / 0.6, 0.4 * (1.0 - np.cos(yaw)) / 0.6, yaw)
+        pose = path(t) if path else pose
+        poses[round(t, 6)] = (*pose[:2], pose[2] + (turned(t) if turned else 0.0))
         q = robot.home(x=pose[0], y=pose[1], yaw=pose[2])
         for reading in suite.observe(t, robot.space.to_coordinates(q)):
             estimator.update(reading, poses[round(reading.time, 6)])
@@ -84,12 +82,23 @@ def test_a_camera_that_is_late_is_named_by_what_a_laser_sees(silvermate, way):
     """On a straight way, with the speed that it has, each of its images fits to the one before; and a slow robot comes
     no further, in the time by which they are late, than a laser and a camera may differ otherwise."""
     late = Fault("camera_late", 0.4, 9.0)
-    straight = partial(watched, silvermate, until=3.5, straight=way)
+    straight = partial(watched, silvermate, until=3.5, path=lambda t: (way(t), 0.0, 0.0))
     reasons = named(straight(late)[1], low=0.0, high=9.0)
     assert any("'camera'" in reason and "'laser'" in reason for reason in reasons), reasons
     alone = SensorConfig(sensors=(CAMERA,))
     assert not named(straight(late, config=alone)[1], low=0.0, high=9.0), "nothing else shows it"
     assert not named(straight()[1], low=0.0, high=9.0)
+
+
+@each("sensors", [CONFIG.sensors, (CAMERA,)], ids=["laser", "alone"])
+def test_what_was_remembered_wrongly_does_not_hold_a_camera_up_for_good(silvermate, sensors):
+    """The robot believes that it is turned, and then learns better: what it saw before is displaced, and not what it
+    sees. That the camera is right is told by the floor and by a laser; without it nothing tells, and it waits."""
+    config = SensorConfig(sensors=sensors)
+    _, found = watched(silvermate, config=config, still=True, until=3.0, turned=lambda t: 0.25 * (t < BEGIN))
+    assert not named(found, low=0.0, high=BEGIN)
+    assert any("turned" in reason for reason in named(found, high=1.5))
+    assert bool(named(found, low=2.0, high=9.0)) is (len(sensors) == 1)
 
 
 WALKER = Cylinder(0.25, 1.7, at=(2.4, -1.5, 0.85), name="walker", motion=Twist(np.array([0.0, 0.8, 0.0])))
