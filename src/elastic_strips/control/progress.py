@@ -42,6 +42,11 @@ def trim_passed(
     v = space.difference(np.broadcast_to(here, first.shape), first) * scale
     distance = np.sqrt((v * v).sum(axis=1))
     nearest = 0  # the first local minimum: a strip may come back to where it was
+    for k in range(corner, len(onward)):
+        if k >= corner and _is_beyond(space.planar, -v[0], -v[k], onward[k]):
+            nearest, corner = k, k + _first_corner(onward[k:])
+        elif distance[k] > distance[0] + _CROWDED_SPACING:
+            break
     while nearest < corner and distance[nearest + 1] <= distance[nearest]:
         nearest += 1
     ahead = nearest
@@ -103,6 +108,16 @@ def _bend(here: Array, target: Array, path: Array, length: float) -> Array:
     end = np.repeat(target[None], turn[1], axis=0)
     end[:, 2] = rows[-1, 2] + off[1] * np.arange(turn[1]) / max(turn[1], 1)
     return np.vstack([first, rows, end])
+
+
+def _is_beyond(planar: bool, moved: Array, off: Array, onward: Array) -> bool:
+    """Whether a robot that has moved so far (nv,) is beside what follows on a corner (nv,), so far (nv,) off from the
+    corner, and goes that way: what is unsteady in nodes that are near each other makes corners that are none."""
+    n = 2 if planar else len(onward)
+    size = float(np.linalg.norm(onward[:n]))
+    part = float(off[:n] @ onward[:n]) / size**2 if size > 0.0 else -1.0
+    same = float(moved[:n] @ onward[:n]) > _CORNER_COSINE * float(np.linalg.norm(moved[:n])) * size
+    return same and 0.0 <= part <= 1.0 and float(np.linalg.norm(off - part * onward)) < _CROWDED_SPACING
 
 
 def _first_corner(onward: Array) -> int:

@@ -66,3 +66,32 @@ def test_a_strip_that_comes_back_is_not_cut_short(silvermate, weight):
     here = silvermate.space.interpolate(coordinates[:1], coordinates[1:2], 0.5)[0]
     _, source = trim_passed(silvermate.space, coordinates, here, weight)
     assert source[1] in (1, 2)
+
+
+def test_a_node_that_is_unsteady_is_no_corner_once_it_is_passed(silvermate, weight):
+    """Its heading is off by more than what is left of the way to it: where it has come to lie behind the robot, that
+    drives on, it stays there otherwise, and the strip leads back to it, further and further."""
+    off = [(-0.029, 0.0), (-0.008, 0.08), (0.172, -0.14), (0.356, 0.07), (0.537, 0.28)]
+    coordinates = np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], len(off), axis=0)
+    coordinates[:, [0, 2]] += off
+    here = coordinates[0].copy()
+    here[[0, 2]] -= off[0]
+    _, source = trim_passed(silvermate.space, coordinates, here, weight)
+    assert source.tolist() == [-1, 2, 3, 4]
+
+
+@each("step", [0.02, 0.05, 0.09, 0.13])
+def test_nothing_lies_behind_a_robot_on_an_unsteady_strip(silvermate, weight, step):
+    """Wheels drive such a strip without a stop."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        x = np.append(0.0, np.cumsum(rng.uniform(0.01, 0.2, 40)))
+        rows = np.repeat(silvermate.space.to_coordinates(silvermate.home())[None], len(x), axis=0)
+        rows[:, 0], rows[:, 2] = x, rows[:, 2] + rng.uniform(-0.15, 0.15, len(x))
+        at = 0.0
+        while at + step < x[-1] - 0.06:
+            at += step
+            here = rows[0].copy()
+            here[0], here[2] = at, float(np.interp(at, x, np.zeros(len(x))))
+            rows, _ = trim_passed(silvermate.space, rows, here, weight)
+            assert rows[1, 0] > at - 1e-9
