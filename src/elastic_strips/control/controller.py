@@ -649,6 +649,7 @@ class Controller:
         if at_rest and t >= executor.active.end_time + params.settle_time:
             # From now on: from a time to come on the robot would count as moving until then.
             executor.anchor(stationary(self.robot, self.limits, np.array(executor.estimate), t, params.control_dt))
+            self._active = executor.active
         self.keeper.look_onward(scene)
         result = self.result = self.plan_tick(t, scene, self._active, begin)
         if self.planner.passed is not None:

@@ -78,6 +78,22 @@ def test_it_drives_a_machine_of_ones_own_to_its_goals(silvermate):
         assert [e.kind for e in controller.events if e.kind in ("goal", "fault")] == ["goal"]
 
 
+def test_a_robot_sets_off_from_where_it_has_come_to_rest(silvermate):
+    """Not from where it was to rest: such a motion begins beside the reference, and is refused."""
+    start, goal = silvermate.home(), silvermate.home(x=2.0)
+    with Controller(silvermate, start, goal, Scene([]), workers=planning_at_once()) as controller:
+        wheels = Wheels(silvermate)
+        controller.set_speed(0.0)
+        k = drive(controller, wheels, 200, still())
+        assert controller.state is RunState.STOPPED
+        wheels.measured = replace(wheels.measured, joints=wheels.measured.joints + 0.004)
+        wheels.coordinates[3:] += 0.004
+        controller.set_speed(1.0)
+        drive(controller, wheels, 100, still(), first=k + 1)
+        assert controller.state is RunState.MOVING
+        assert not [event for event in controller.events if event.kind == "refused" and event.time > k * DT]
+
+
 @each("frame", ["arm_4_link", "hand_frame"])
 def test_how_far_off_it_is_is_about_the_frame_that_was_asked_for(silvermate, frame):
     """Not about the last control point, which may be half a metre from there."""
