@@ -510,9 +510,7 @@ class GoalKeeper:
         if at is None or not (may and executor.at_rest(t)):
             return False
         here = executor.active.coordinates[-1]
-        if all(
-            np.hypot(*(here[:2] - before)) > _ELSEWHERE for before in self._looked_from
-        ):  # else it got nowhere since
+        if self._is_elsewhere(here[:2]):  # else it got nowhere since
             self._looked_from.append(here[:2].copy())
         if len(self._looked_from) > _MOST_LOOKS:
             return False
@@ -521,10 +519,14 @@ class GoalKeeper:
         self._nearer = [
             BasePose(*place.tolist(), yaw=float(np.arctan2(*(at - place)[::-1])))
             for place in places
-            if min(float(np.hypot(*(place - before))) for before in self._looked_from) > _ELSEWHERE
+            if self._is_elsewhere(place)
         ]
         self._plan_to(self._nearer, here, scene)
         return True
+
+    def _is_elsewhere(self, place: Array) -> bool:
+        """Whether a place (2,) is away from all from which the robot has looked at its goal."""
+        return all(float(np.hypot(*(place - before))) > _ELSEWHERE for before in self._looked_from)
 
     def _take_goal(self, report: PlanReport) -> None:
         """The goal is where a strip ends that is followed from now on."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 import numpy as np
 
 from elastic_strips.arrays import Array, Indices
@@ -42,11 +44,12 @@ def trim_passed(
     v = space.difference(np.broadcast_to(here, first.shape), first) * scale
     distance = np.sqrt((v * v).sum(axis=1))
     nearest = 0  # the first local minimum: a strip may come back to where it was
-    for k in range(corner, len(onward)):
-        if k >= corner and _is_beyond(space.planar, -v[0], -v[k], onward[k]):
-            nearest, corner = k, k + _first_corner(onward[k:])
-        elif distance[k] > distance[0] + _CROWDED_SPACING:
-            break
+    if moving:
+        near = takewhile(lambda k: distance[k] <= distance[0] + _CROWDED_SPACING, range(corner, len(onward)))
+        passed = [k for k in near if _is_beyond(space.planar, -v[0], -v[k], onward[k])]
+        if passed:
+            nearest = passed[-1]
+            corner = nearest + _first_corner(onward[nearest:])
     while nearest < corner and distance[nearest + 1] <= distance[nearest]:
         nearest += 1
     ahead = nearest
@@ -112,7 +115,8 @@ def _bend(here: Array, target: Array, path: Array, length: float) -> Array:
 
 def _is_beyond(planar: bool, moved: Array, off: Array, onward: Array) -> bool:
     """Whether a robot that has moved so far (nv,) is beside what follows on a corner (nv,), so far (nv,) off from the
-    corner, and goes that way: what is unsteady in nodes that are near each other makes corners that are none."""
+    corner, and goes that way, all in the metric [m]: nodes that are near each other and unsteady make corners that are
+    none."""
     n = 2 if planar else len(onward)
     size = float(np.linalg.norm(onward[:n]))
     part = float(off[:n] @ onward[:n]) / size**2 if size > 0.0 else -1.0
