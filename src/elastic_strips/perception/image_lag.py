@@ -8,15 +8,15 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 
+from .displacement import ALIKE, SURE, reweighted
+
 _LEAST_COMPARED = 10  # points
 _LEAST_SPEED = 0.05  # [m/s] along the normals of what is compared, in the mean: nothing is told by less
 _LONGEST_STEP = 0.5  # [s] between two images, after which it is not known how the sensor has moved
 _ALL_OFF = 0.02  # [m] by which all points of an image may be off together
-_ALIKE = 2.0  # times as unsure as if the errors of neighbouring pixels had nothing in common
 _BEFORE = 0.5  # [s] standard deviation of the lag of an image, a priori
 _REMEMBERED = 0.3  # [s] after which an image counts e times less
 _MOST = 0.1  # [s]
-_SURE = 3.0  # standard deviations
 
 
 class ImageLag:
@@ -41,7 +41,7 @@ class ImageLag:
     @property
     def large(self) -> bool:
         """Whether it is larger than errors are."""
-        return bool(self._weight) and abs(self.seconds) > _MOST + _SURE / math.sqrt(self._weight)
+        return bool(self._weight) and abs(self.seconds) > _MOST + SURE / math.sqrt(self._weight)
 
     def come(self, time: float, T_world_sensor: Array) -> None:
         """An image has come.
@@ -75,13 +75,8 @@ class ImageLag:
         typical = math.sqrt(float(np.mean(speed * speed)))
         if typical < _LEAST_SPEED:
             return
-        A, b = speed / sigma, off / sigma
-        lag, known = 0.0, 0.0
-        for _ in range(6):  # what does not fit counts less and less
-            left = b - A * lag
-            scale = max(1.5 * float(np.median(np.abs(left))), 1.0)
-            weight = 1.0 / (1.0 + np.square(left / (2.0 * scale)))
-            known = float((weight * A) @ A)
-            lag = float((weight * A) @ b) / (known + _BEFORE**-2)
-        told = 1.0 / (_ALIKE**2 / max(known, 1e-9) + (_ALL_OFF / typical) ** 2)
+        A, prior = (speed / sigma)[:, None], np.array([[_BEFORE**-2]])
+        x, H = reweighted(A, off / sigma, prior, settled=0.0)
+        lag, known = float(x[0]), float(H[0, 0])
+        told = 1.0 / (ALIKE**2 / max(known, 1e-9) + (_ALL_OFF / typical) ** 2)
         self._sum, self._weight = self._sum + told * lag, self._weight + told

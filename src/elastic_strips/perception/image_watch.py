@@ -13,8 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_strips.arrays import Array, Indices, Mask
+from elastic_strips.arrays import Array, Mask
 
+from .displacement import (
+    MOST_SHIFTED,
+    PIXELS,
+    UNKNOWN,
+    Displacement,
+    Surfaces,
+    find_surfaces,
+    fit_displacement,
+    fit_floor,
+)
 from .image_lag import ImageLag
 from .image_movers import measured
 from .readings import NO_ANSWER, DepthImage, RangeImage, ScanRays
@@ -34,28 +44,9 @@ _MOST_THROUGH = 0.3  # of the pixels in which the robot's body has to be that se
 _LEAST_BODY = 40  # pixels
 _BODY_DEPTH = 0.1  # [m] by which a pixel has to see further than the body's surface
 
-_MOST_TILTED = 0.007  # [rad] against the floor
-_MOST_TURNED = 0.05  # [rad] against what was seen before
-_MOST_SHIFTED = 0.1  # [m]
-_SURE = 3.0  # standard deviations
-_LEAST_COMPARED = 60  # points
-_AGREEING = 0.6  # of them have to agree with the displacement that is found
 _KEPT_FOR = 0.7  # [s] what was seen is compared with later images
-_ACROSS = 32  # points along an image's rows and columns
-_FLOOR = (0.05, 0.06)  # [m], and part of the range, up to which what lies flat is taken to be the floor
-_UPRIGHT = 0.9  # cosine between a flat surface's normal and the vertical
-_FACING = 0.35  # least cosine between a surface's normal and the ray
-_ONE_SURFACE = (0.05, 0.05)  # [m], and part of the range, by which neighbours on one surface differ
 _FAR_OFF = 0.4  # [m] from which on a point is another thing's
-_PIXELS = 0.01  # [m] by which a point is off its surface because pixels are not points
-_SETTLED = 1e-5  # [m, rad] a fit that changes by less is done
-_ALIKE = 2.0  # times as unsure as if the errors of neighbouring pixels had nothing in common
 _BEFORE = (0.3, 0.3, 0.3, 0.15, 0.15, 0.02)  # [rad, m] standard deviations of a displacement, a priori
-_FLOOR_BEFORE = (0.3, 0.3, 1e-6, 1e-6, 1e-6, 0.02)  # the same of what the floor tells
-_NEIGHBOURS = (3, 4)  # rows or columns of the points that are looked at, from one to another
-_NEIGHBOURS_TELL = 0.63  # part of the least tilt that counts, which has to be between neighbours, too
-_EDGE = 3.0  # times the median of what is left, from which on a difference is that of an edge
-_LEAST_SIGMA = 0.002  # [m] of a range
 _PLANE_BEFORE = (1e-6, 1e-6, 0.3, 0.15, 0.15, 1e-6)  # the same of what a level laser tells
 _LEAST_IN_PLANE = 20  # points of a laser that are compared
 _IN_A_ROW = 3  # images that are off what a laser sees
@@ -101,67 +92,6 @@ class ImageReport:
     late_by_laser: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Surfaces:
-    """Points (n, 3) of an image in the world [m], the normals (n, 3) of the surfaces there, standard deviations (n,)
-    [m], and the row and column (n, 2) of each in the grid of those that were looked at."""
-
-    points: Array
-    normals: Array
-    sigma: Array
-    cells: Indices
-
-    def some(self, which: Mask) -> _Surfaces:
-        return _Surfaces(self.points[which], self.normals[which], self.sigma[which], self.cells[which])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Displacement:
-    """The turn and shift that bring points best to where they were; the turn (3,) is a rotation vector [rad], and the
-    shift raises them by some of its length [m]."""
-
-    turn: Array
-    compared: int
-    turned: float
-    shifted: float
-    turned_sigma: float
-    shifted_sigma: float
-    agreeing: float
-    raised: float = 0.0
-    least: int = _LEAST_COMPARED
-
-    @property
-    def judges(self) -> bool:
-        """Whether it says something."""
-        return self.compared >= self.least and self.agreeing >= _AGREEING
-
-    @property
-    def large(self) -> bool:
-        """Whether it is larger than errors are."""
-        return self.judges and (self.turned > self.most_turned or self.shifted > self.most_shifted)
-
-    @property
-    def most_turned(self) -> float:
-        """By how much what is in its place looks turned at most [rad]."""
-        return _MOST_TURNED + _SURE * self.turned_sigma
-
-    @property
-    def most_shifted(self) -> float:
-        """By how much it looks shifted at most [m]."""
-        return _MOST_SHIFTED + _SURE * self.shifted_sigma
-
-    @property
-    def least_tilt(self) -> float:
-        """By how much a level floor looks tilted at most [rad]."""
-        return _MOST_TILTED + _SURE * self.turned_sigma
-
-    @property
-    def tilted(self) -> bool:
-        """Whether it is more than that."""
-        return self.judges and self.turned > self.least_tilt
-
-
-_UNKNOWN = _Displacement(np.zeros(3), 0, 0.0, 0.0, math.inf, math.inf, 0.0)
 MayMove = Callable[[Array, float], Mask]
 """Which places (n, 2) of the floor may be of things that have moved within some time [s]."""
 
@@ -178,7 +108,7 @@ class ImageWatch:
         self._last: DepthImage | RangeImage | None = None
         self._last_pose = self._first_pose = np.eye(4)
         self._repeated, self._noisy = 0, False
-        self._kept: _Surfaces | None = None
+        self._kept: Surfaces | None = None
         self._kept_since = self._compared_at = -math.inf
         self._off_laser = 0  # images in a row
         self._lags: dict[str, ImageLag] = {}  # by laser
@@ -214,17 +144,19 @@ class ImageWatch:
         unanswered, alone = _unanswered(image, own), _alone(kept)
         through = self._through(image, own)
         still = _without(kept, moving)
-        now = self._surfaces(still, T_world_sensor)
-        slope, found = self._slope(now, T_world_sensor), self._displacement(still, T_world_sensor, places)
+        now = find_surfaces(still, T_world_sensor, self.params)
+        on_floor = now.floor(T_world_sensor)
+        slope = fit_floor(now.some(on_floor), T_world_sensor, self.params.bias)
+        found = self._displacement(still, T_world_sensor, places)
         beside = {name: self._off_scan(now, image.time, T_world_sensor, places, name, scans[name]) for name in scans}
         laser = max(beside, key=lambda name: (beside[name].large, beside[name].judges), default="")
-        worst = beside.get(laser, _UNKNOWN)
+        worst = beside.get(laser, UNKNOWN)
         self._off_laser = self._off_laser + 1 if worst.large else 0
         if unanswered <= _MOST_UNANSWERED or self._sees == math.inf:
             self._sees = image.time
         self._misremembered = self._misremembered + 1 if _contradicted(found, slope, worst) else 0
         if self._misremembered >= _TRUSTED_AGAIN:
-            self._kept, found = None, _UNKNOWN
+            self._kept, found = None, UNKNOWN
         reason = self._reason(image, repeated, unanswered, alone, through, slope, found)
         if not reason and self._off_laser >= _IN_A_ROW:
             reason = (
@@ -250,7 +182,7 @@ class ImageWatch:
             if self._good >= _TRUSTED_AGAIN:
                 self._doubt, self._kept = "", None
         if not self._doubt and (self._kept is None or image.time - self._kept_since >= _KEPT_FOR):
-            self._kept, self._kept_since = now.some(~_floor(now, T_world_sensor)), image.time
+            self._kept, self._kept_since = now.some(~on_floor), image.time
         return ImageReport(
             sensor=image.sensor,
             time=image.time,
@@ -275,8 +207,8 @@ class ImageWatch:
         unanswered: float,
         alone: float,
         through: float,
-        slope: _Displacement,
-        found: _Displacement,
+        slope: Displacement,
+        found: Displacement,
     ) -> str:
         name = repr(image.sensor)
         if unanswered > _BLIND or (unanswered > _MOST_UNANSWERED and image.time - self._sees > _UNANSWERED_FOR):
@@ -340,55 +272,14 @@ class ImageWatch:
 
     # what is displaced
 
-    def _surfaces(self, image: DepthImage | RangeImage, T: Array) -> _Surfaces:
-        """Some points of an image with their surfaces."""
-        rows, columns = image.ranges.shape
-        apart = 2 if min(rows, columns) >= 60 else 1
-        if rows <= 2 * apart or columns <= 2 * apart:
-            return _Surfaces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2), dtype=np.intp))
-        r = np.arange(apart, rows - apart, max(1, rows // _ACROSS))[:, None]
-        c = np.arange(apart, columns - apart, max(1, columns // _ACROSS))
-        ranges = np.where(np.isfinite(image.ranges), image.ranges, np.nan).astype(float)
-        directions = image.directions()
-
-        def at(dr: int, dc: int) -> Array:
-            return directions[r + dr, c + dc] * ranges[r + dr, c + dc][..., None]
-
-        here = at(0, 0)
-        along, down = at(0, apart) - at(0, -apart), at(apart, 0) - at(-apart, 0)
-        normal = np.cross(along, down)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-            away = np.linalg.norm(here, axis=-1)
-            cosine = np.einsum("ijk,ijk->ij", normal, here) / away
-            near = ranges[r, c]
-            widest = _ONE_SURFACE[0] + _ONE_SURFACE[1] * near
-            flat = np.ones(near.shape, dtype=bool)
-            for dr, dc in ((0, apart), (0, -apart), (apart, 0), (-apart, 0)):
-                flat &= np.abs(ranges[r + dr, c + dc] - near) < widest
-            good = flat & (np.abs(cosine) > _FACING) & (near <= self.params.range_max)
-        points = here[good] @ T[:3, :3].T + T[:3, 3]
-        normals = -np.sign(cosine[good])[:, None] * normal[good] @ T[:3, :3].T
-        return _Surfaces(points, normals, self.params.sigma(near[good]), np.argwhere(good))
-
-    def _slope(self, now: _Surfaces, T: Array) -> _Displacement:
-        """By how much surfaces of an image are displaced from the floor."""
-        floor = now.some(_floor(now, T))
-        up = np.broadcast_to([0.0, 0.0, 1.0], floor.points.shape)
-        sigma = np.hypot(floor.sigma, self.params.bias)
-        found = _fitted(floor.points - T[:3, 3], up, floor.points[:, 2], sigma, _FLOOR_BEFORE)
-        if found.tilted and _between_neighbours(floor, found.turn / found.turned) < _NEIGHBOURS_TELL * found.least_tilt:
-            return _UNKNOWN  # a board or a step, as level as the floor
-        return found
-
-    def _displacement(self, image: DepthImage | RangeImage, T: Array, places: MayMove) -> _Displacement:
+    def _displacement(self, image: DepthImage | RangeImage, T: Array, places: MayMove) -> Displacement:
         """By how much an image is displaced from what was seen before."""
         kept = self._kept
         if kept is None:
-            return _UNKNOWN
+            return UNKNOWN
         kept = kept.some(~places(kept.points[:, :2], max(image.time - self._kept_since, 0.0)))
         if not len(kept.points):
-            return _UNKNOWN
+            return UNKNOWN
         local = (kept.points - T[:3, 3]) @ T[:3, :3]
         distance, range_ = measured(image, local)
         with np.errstate(invalid="ignore"):
@@ -397,21 +288,21 @@ class ImageWatch:
             apart = np.einsum("ij,ij->i", kept.normals, ends - kept.points)
             ok = there & np.isfinite(range_) & (np.abs(apart) < _FAR_OFF)
         sigma = np.hypot(kept.sigma[ok], self.params.sigma(range_[ok]))
-        return _fitted(ends[ok] - T[:3, 3], kept.normals[ok], apart[ok], sigma, _BEFORE)
+        return fit_displacement(ends[ok] - T[:3, 3], kept.normals[ok], apart[ok], sigma, _BEFORE)
 
     def _off_scan(
-        self, now: _Surfaces, time: float, T: Array, places: MayMove, laser: str, scan: ScanRays
-    ) -> _Displacement:
+        self, now: Surfaces, time: float, T: Array, places: MayMove, laser: str, scan: ScanRays
+    ) -> Displacement:
         """By how much surfaces of an image are displaced from what a level laser sees: those alone that are steep and
         at the height of its plane, for it sees below what a camera sees from above."""
         lag = self._lags.setdefault(laser, ImageLag())
         lag.come(time, T)
         if abs(time - scan.time) > _SCAN_AGE:
-            return _UNKNOWN
+            return UNKNOWN
         steep = (np.abs(now.normals[:, 2]) < _STEEP) & (np.abs(now.points[:, 2] - scan.height) < _BESIDE_PLANE)
         now = now.some(steep & ~places(now.points[:, :2], _SCAN_AGE))
         if not len(now.points):
-            return _UNKNOWN
+            return UNKNOWN
         _, ray, inside = scan.locate(now.points[:, :2])
         ray = np.rint(ray).astype(np.intp)
         range_ = np.where(inside & scan.hits[ray], scan.ranges[ray], np.nan)
@@ -420,8 +311,10 @@ class ImageWatch:
         with np.errstate(invalid="ignore"):
             ok = np.abs(apart) < _FAR_OFF
         sigma = np.hypot(now.sigma[ok], _SCAN_SIGMA)
-        lag.compare(now.points[ok], now.normals[ok], apart[ok], np.hypot(sigma, _PIXELS))
-        return _fitted(now.points[ok] - T[:3, 3], now.normals[ok], apart[ok], sigma, _PLANE_BEFORE, _LEAST_IN_PLANE)
+        lag.compare(now.points[ok], now.normals[ok], apart[ok], np.hypot(sigma, PIXELS))
+        return fit_displacement(
+            now.points[ok] - T[:3, 3], now.normals[ok], apart[ok], sigma, _PLANE_BEFORE, _LEAST_IN_PLANE
+        )
 
 
 def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | RangeImage:
@@ -435,106 +328,13 @@ def _without(image: DepthImage | RangeImage, moving: Mask) -> DepthImage | Range
     return replace(image, depth=kept) if isinstance(image, DepthImage) else replace(image, ranges=kept)
 
 
-def _contradicted(found: _Displacement, slope: _Displacement, laser: _Displacement) -> bool:
+def _contradicted(found: Displacement, slope: Displacement, laser: Displacement) -> bool:
     """Whether the floor and a laser, which see an image in its place, would see that it is as far off as it is from
     what is remembered."""
-    in_place = slope.judges and not slope.tilted and laser.judges and not laser.large and found.raised < _MOST_SHIFTED
+    in_place = slope.judges and not slope.tilted and laser.judges and not laser.large and found.raised < MOST_SHIFTED
     turned, shifted = found.turned - laser.turned, found.shifted - laser.shifted
     shows = turned > laser.most_turned or shifted > laser.most_shifted
     return in_place and found.large and shows
-
-
-def _floor(surfaces: _Surfaces, T: Array) -> Mask:
-    """Which of the points may be of the floor."""
-    away = np.linalg.norm(surfaces.points - T[:3, 3], axis=1)
-    return (surfaces.normals[:, 2] > _UPRIGHT) & (np.abs(surfaces.points[:, 2]) < _FLOOR[0] + _FLOOR[1] * away)
-
-
-def _between_neighbours(floor: _Surfaces, axis: Array) -> float:
-    """By how much the floor is tilted about an axis (3,) between points that are near each other [rad].
-
-    Something level that lies on it makes it look tilted all together. Between neighbours it does so at its edges alone,
-    and those do not count.
-    """
-    size = int(floor.cells.max()) + 1
-    at = np.full((size, size), -1)
-    at[tuple(floor.cells.T)] = np.arange(len(floor.points))
-    pairs = [(at[:-k].ravel(), at[k:].ravel()) for k in _NEIGHBOURS]
-    pairs += [(at[:, :-k].ravel(), at[:, k:].ravel()) for k in _NEIGHBOURS]
-    one, two = np.hstack([np.stack(pair)[:, (pair[0] >= 0) & (pair[1] >= 0)] for pair in pairs])
-    along = floor.points[two] - floor.points[one]
-    sigma = np.sqrt(floor.sigma[one] ** 2 + floor.sigma[two] ** 2 + _LEAST_SIGMA**2)
-    A = np.column_stack((along[:, 1], -along[:, 0])) / sigma[:, None]  # turns about the world's x and y
-    b = along[:, 2] / sigma
-    x = np.zeros(2)
-    if len(b) < _LEAST_COMPARED:
-        return 0.0
-    for k in range(10):
-        left = np.abs(b - A @ x)
-        off = np.square(left / (_EDGE * max(float(np.median(left)), 1e-12)))
-        weight = 1.0 / (1.0 + off) if k < 4 else np.square(np.maximum(1.0 - off, 0.0))
-        H = (A * weight[:, None]).T @ A
-        x = np.linalg.solve(H + np.eye(2), (A * weight[:, None]).T @ b)
-    return float(x @ axis[:2])
-
-
-def _fitted(
-    arms: Array,
-    normals: Array,
-    off: Array,
-    sigma: Array,
-    before: tuple[float, ...],
-    least: int = _LEAST_COMPARED,
-) -> _Displacement:
-    """The turn and shift that explain best how far points are off along normals, by weighted least squares.
-
-    Args:
-        arms: (n, 3) the points, from the sensor [m].
-        normals: (n, 3) unit vectors.
-        off: (n,) how far off they are [m].
-        sigma: (n,) their standard deviations [m].
-        before: (6,) standard deviations of turn and shift, a priori [rad, m].
-        least: how many points have to be compared.
-    """
-    n = len(off)
-    if n < least:
-        return replace(_UNKNOWN, compared=n)
-    sigma = np.hypot(sigma, _PIXELS)
-    A = np.hstack((np.cross(arms, normals), normals)) / sigma[:, None]
-    b = off / sigma
-    prior = np.diag(1.0 / np.square(before))
-    x = np.zeros(6)
-    for _ in range(6):  # what does not fit counts less and less
-        left = b - A @ x
-        scale = max(1.5 * _median(np.abs(left)), 1.0)
-        weighted = (A / (1.0 + np.square(left / (2.0 * scale)))[:, None]).T
-        H = weighted @ A
-        last, x = x, np.linalg.solve(H + prior, weighted @ b)
-        if float(np.abs(x - last).max()) < _SETTLED:
-            break
-    left = np.abs(b - A @ x)
-    covariance = np.linalg.inv(H / _ALIKE**2 + prior)
-    turned, shifted = float(np.linalg.norm(x[:3])), float(np.linalg.norm(x[3:]))
-    u, w = x[:3] / max(turned, 1e-12), x[3:] / max(shifted, 1e-12)
-    return _Displacement(
-        x[:3],
-        n,
-        turned,
-        shifted,
-        math.sqrt(float(u @ covariance[:3, :3] @ u)),
-        math.sqrt(float(w @ covariance[3:, 3:] @ w)),
-        float((left < _SURE).mean()),
-        abs(float(x[5])),
-        least,
-    )
-
-
-def _median(values: Array) -> float:
-    """As of NumPy, whose own takes ten times as long for a few hundred values (n)."""
-    k = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, k)[k])
-    return 0.5 * float(np.partition(values, (k - 1, k))[k - 1 : k + 1].sum())
 
 
 def _unanswered(image: DepthImage | RangeImage, own: Array) -> float:
