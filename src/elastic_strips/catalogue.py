@@ -75,6 +75,7 @@ FAULTS = {
     "camera_tilted": "cameras and 3-D lidars look this much [rad] further down than stated",
     "camera_late": "depth and range images are this much [s] older than their time stamps",
     "fog": "cameras and 3-D lidars are in fog, in which light travels this far [m] on average",
+    "glass": "this part of the obstacles that rest is of glass: lasers, infrared sensors and cameras see through it",
     "viewer_killed": "the viewer's process dies",
 }
 """Faults that can be injected into a drive, and their effects; "this" and "so" stand for the size of a fault."""

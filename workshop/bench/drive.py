@@ -19,7 +19,7 @@ from elastic_strips.errors import ElasticStripsError, InputError
 from elastic_strips.robot import RobotModel, load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, Obstacle, Scene, World
 from elastic_strips.sim.closed_loop import Simulation, simulation
-from elastic_strips.sim.faults import FAULTS, IMAGE_FAULTS, Fault
+from elastic_strips.sim.faults import FAULTS, IMAGE_FAULTS, SENSOR_FAULTS, Fault
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.perception import PerceptionParams
 from elastic_strips.sim.scenarios import Scenario, get_scenario, make_simulation
@@ -47,6 +47,7 @@ _FAULT_SECONDS = {
     "scene_frozen": 2.0,
     "scene_without_motion": 100.0,
     "scene_reversed": 100.0,
+    "glass": 100.0,
 }
 """Durations of the faults [s]; one second for the others."""
 _REST_SPEED = 0.01
@@ -301,7 +302,7 @@ def bench_disturb(
         robot: name or URDF file.
         seeds: seeds of the runs.
         step: called after each finished run.
-        kinds: kinds of `FAULTS`; all where None, without those of cameras where there are none.
+        kinds: kinds of `FAULTS`; all where None, without those of sensors or cameras where there are none.
         scenario: the scenario that is driven.
         sensors: the robot's sensors; a known scene where None.
         compute: cost of computing; see :func:`~elastic_strips.sim.simulation`.
@@ -309,7 +310,8 @@ def bench_disturb(
     """
     if kinds is None:
         images = sensors is not None and any(isinstance(sensor, ImageParams) for sensor in sensors.sensors)
-        kinds = tuple(kind for kind in FAULTS if images or kind not in IMAGE_FAULTS)
+        missing = () if images else IMAGE_FAULTS if sensors is not None else SENSOR_FAULTS
+        kinds = tuple(kind for kind in FAULTS if kind not in missing)
     tasks = [
         _DriveTask(scenario, int(s), robot, fault=kind, time_limit=60.0, sensors=sensors, compute=compute)
         for kind in kinds

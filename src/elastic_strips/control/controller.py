@@ -619,6 +619,8 @@ class Controller:
             executor.reject(f"{slow}; motions are followed from {1.0 / params.monitor.longest_period:.0f} Hz on")
             executor.log("fault", slow)
             return
+        if scene.remark:
+            executor.log("fault", scene.remark)
         self.scene = scene
         if executor.lost_for > 0.1:
             executor.reject("odometry lost")

@@ -23,6 +23,7 @@ from .lost_movers import LostMovers
 from .occupancy_grid import OccupancyGrid
 from .params import SceneEstimatorParams
 from .readings import DepthImage, LaserScan, RangeImage, RangeRing, Reading, ScanRays, pose_matrix, rays_of
+from .ring_watch import RingWatch
 from .tracking import TrackedObstacle, Tracker, View
 from .volume_map import VolumeMap, VolumeMapParams
 
@@ -56,7 +57,8 @@ class SceneEstimator:
     cylinders with a velocity; they go back into it when they stop.
 
     Rings of sonars and infrared sensors look at other heights than the laser, and see things that it does not (glass):
-    they have a layer of their own, ``near-3-5``, which the laser does not clear. Nothing is tracked by them.
+    they have a layer of their own, ``near-3-5``, which the laser does not clear. Nothing is tracked by them. Where a
+    sonar hears something that an image sees through, the scene's ``remark`` says so.
 
     Depth cameras and 3-D lidars see all heights: what they see is a third layer of voxels, ``volume-3-5-1``, which they
     alone clear. The robot itself is taken out of their images. Images that cannot be as they say are not taken in
@@ -117,6 +119,8 @@ class SceneEstimator:
         self._watches: dict[str, ImageWatch] = {}
         self._scans: dict[str, ScanRays] = {}  # laser → what it saw last
         self.watched: dict[str, ImageReport] = {}
+        self._views: dict[str, ImageView] = {}  # sensor of images → its newest one that was believed
+        self._rings: dict[str, RingWatch] = {}
         self.movers: tuple[TrackedObstacle, ...] = ()
         self.possibly_moving: tuple[TrackedObstacle, ...] = ()
         self._scene: Scene | None = None
@@ -201,7 +205,9 @@ class SceneEstimator:
             if self.volume is not None and self._volume_params.unseen == "blocked":
                 voxels += self.volume.in_doubt(*self._base)
             layers = [*self.map.obstacles(), *self.near.obstacles(), *voxels, *self._lost.obstacles()]
-            self._scene = Scene([*layers, *tracked], time=self._time, held_up=self._held_up())
+            now = max(self._newest.values())
+            remark = next(filter(None, (ring.said(now) for ring in self._rings.values())), "")
+            self._scene = Scene([*layers, *tracked], time=self._time, held_up=self._held_up(), remark=remark)
             count_work(obstacles=len(self._scene))
         return self._scene
 
@@ -262,6 +268,8 @@ class SceneEstimator:
         T = pose_matrix(base_pose) @ ring.T_base_sensor
         ends = T[:, :2, 3] + np.where(ring.hits, ring.ranges, 0.0)[:, None] * T[:, :2, 0]
         self.near.add_ring(ring, base_pose, self.tracker.of_movers(ends))
+        watch = self._rings.setdefault(ring.sensor, RingWatch())
+        watch.look(ring, pose_matrix(base_pose), self._views.values(), self._scans.values())
 
     def _image(self, image: DepthImage | RangeImage, base_pose: ArrayLike) -> bool:
         """Take an image in where it is to be believed; whether it was."""
@@ -290,7 +298,7 @@ class SceneEstimator:
         )
         if report.reason:
             return False
-        view = ImageView(kept, T_world_sensor)
+        view = self._views[image.sensor] = ImageView(kept, T_world_sensor)
         clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view, self.params)
         self._track(view, clusters, kept.sensor, T)
         self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))

@@ -239,10 +239,11 @@ class Sensing:
         things = [*(found or ()), *self._map, *(cloud for _, cloud in self._clouds.values() if cloud is not None)]
         if behind:
             since = f"since {time:.2f} s" if topic in self._clouds else "yet"
-            self.scene = Scene(things, time=time, held_up=f"nothing has arrived from {topic!r} {since}")
+            remark = "" if found is None else found.remark
+            self.scene = Scene(things, time=time, held_up=f"nothing has arrived from {topic!r} {since}", remark=remark)
         else:
             assert found is not None
-            self.scene = Scene(things, time=found.stamp, held_up=found.held_up)
+            self.scene = Scene(things, time=found.stamp, held_up=found.held_up, remark=found.remark)
 
     def age(self, topic: str, now: float) -> float:
         """How old the newest message of a topic is that was taken in [s]."""

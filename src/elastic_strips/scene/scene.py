@@ -143,6 +143,7 @@ class Scene:
         time: Time of the snapshot [s].
         stamp: The time that it was made for [s], or None where that is none in particular.
         held_up: What keeps it from being newer; empty where that is not known.
+        remark: What is odd about it, such as sensors that contradict each other; empty where nothing is.
         table: Arrays of all parts in the world, see `PartTable`; made on demand, cheap for a derived snapshot.
 
     Examples:
@@ -152,13 +153,26 @@ class Scene:
         (('table',), ('table', 'ball'))
     """
 
-    __slots__ = ("_changed", "_index", "_seen", "_source", "_table", "held_up", "names", "obstacles", "stamp", "time")
+    __slots__ = (
+        "_changed",
+        "_index",
+        "_seen",
+        "_source",
+        "_table",
+        "held_up",
+        "names",
+        "obstacles",
+        "remark",
+        "stamp",
+        "time",
+    )
 
     obstacles: tuple[Obstacle, ...]
     names: tuple[str, ...]
     time: float
     stamp: float | None
     held_up: str
+    remark: str
     _index: dict[str, int] | None  # name -> place, made when it is first asked for
     _table: PartTable | None
     _source: PartTable | None  # table of an earlier snapshot ...
@@ -166,8 +180,16 @@ class Scene:
     _seen: Scene | Literal["all"] | None  # see `seen`; None until it is asked for
 
     @named_arguments
-    def __init__(self, obstacles: Iterable[Obstacle] = (), *, time: float | None = None, held_up: str = "") -> None:
+    def __init__(
+        self,
+        obstacles: Iterable[Obstacle] = (),
+        *,
+        time: float | None = None,
+        held_up: str = "",
+        remark: str = "",
+    ) -> None:
         check_type("held_up", held_up, str, SceneError)
+        check_type("remark", remark, str, SceneError)
         stamp = None if time is None else check_time("Scene time", time)
         time = 0.0 if stamp is None else stamp
         if isinstance(obstacles, Obstacle):
@@ -189,7 +211,7 @@ class Scene:
             given[k], names[k] = given[k].named(name), name
             taken.add(name)
         obstacles = tuple(o if o.motion is None else o.at(time) for o in given)
-        _filled(self, obstacles, stamp, tuple(name or "" for name in names), held_up)
+        _filled(self, obstacles, stamp, tuple(name or "" for name in names), (held_up, remark))
 
     @property
     def table(self) -> PartTable:
@@ -257,7 +279,7 @@ class Scene:
             (*self.obstacles, obstacle),
             self.stamp,
             (*self.names, obstacle.name or ""),
-            self.held_up,
+            self._said,
         )
         object.__setattr__(new, "_index", {**self._places, new.names[-1]: count})
         if table is not None:
@@ -270,7 +292,7 @@ class Scene:
         k, table = self._place(name), self._known_table()
         obstacles, names = self.obstacles, self.names
         left = (*obstacles[:k], *obstacles[k + 1 :])
-        new = _filled(object.__new__(Scene), left, self.stamp, (*names[:k], *names[k + 1 :]), self.held_up)
+        new = _filled(object.__new__(Scene), left, self.stamp, (*names[:k], *names[k + 1 :]), self._said)
         if table is not None:
             joined = _joined_table(((table, 0, k), (table, k + 1, len(obstacles))))
             object.__setattr__(new, "_table", joined)
@@ -285,7 +307,7 @@ class Scene:
             seen = "all"  # and not the scene itself, which would keep itself alive
             if len(kept) < len(self.names):
                 obstacles, names = tuple(self.obstacles[k] for k in kept), tuple(self.names[k] for k in kept)
-                seen = _filled(object.__new__(Scene), obstacles, self.stamp, names, self.held_up)
+                seen = _filled(object.__new__(Scene), obstacles, self.stamp, names, self._said)
                 object.__setattr__(seen, "_seen", "all")
                 ends = [k for k in range(1, len(kept)) if kept[k] != kept[k - 1] + 1]
                 runs = [(self.table, kept[a], kept[b - 1] + 1) for a, b in pairwise([0, *ends, len(kept)]) if a < b]
@@ -328,6 +350,11 @@ class Scene:
             object.__setattr__(self, "_index", index)
         return index
 
+    @property
+    def _said(self) -> tuple[str, str]:
+        """What is said about the scene: `held_up` and `remark`."""
+        return self.held_up, self.remark
+
     def _known_table(self) -> PartTable | None:
         """The table, unless it had to be made from scratch."""
         return None if self._table is None and self._source is None else self.table
@@ -338,8 +365,8 @@ class Scene:
             source = self.table
         else:
             source, changed = self._source, tuple(sorted({*changed, *self._changed}))
-        held_up = self.held_up if stamp == self.stamp else ""
-        new = _filled(object.__new__(Scene), obstacles, stamp, self.names, held_up, source, changed)
+        said = self._said if stamp == self.stamp else ("", "")
+        new = _filled(object.__new__(Scene), obstacles, stamp, self.names, said, source, changed)
         object.__setattr__(new, "_index", self._index)
         if source is not None and not changed:
             object.__setattr__(new, "_table", source)
@@ -370,7 +397,7 @@ class Scene:
         raise AttributeError(f"Scene is immutable; {key!r} cannot be deleted")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _made, (self.obstacles, self.stamp, self.held_up)
+        return _made, (self.obstacles, self.stamp, self._said)
 
 
 @named_arguments
@@ -500,9 +527,9 @@ class World(Summary):
         return World, (self.scene, dict(self.appears), dict(self.vanishes))
 
 
-def _made(obstacles: tuple[Obstacle, ...], stamp: float | None, held_up: str) -> Scene:
+def _made(obstacles: tuple[Obstacle, ...], stamp: float | None, said: tuple[str, str]) -> Scene:
     """A scene of named obstacles at their poses."""
-    return _filled(object.__new__(Scene), obstacles, stamp, tuple(o.name or "" for o in obstacles), held_up)
+    return _filled(object.__new__(Scene), obstacles, stamp, tuple(o.name or "" for o in obstacles), said)
 
 
 def _filled(
@@ -510,7 +537,7 @@ def _filled(
     obstacles: tuple[Obstacle, ...],
     stamp: float | None,
     names: tuple[str, ...],
-    held_up: str,
+    said: tuple[str, str],
     source: PartTable | None = None,
     changed: tuple[int, ...] = (),
 ) -> Scene:
@@ -520,7 +547,8 @@ def _filled(
     put(scene, "names", names)
     put(scene, "stamp", stamp)
     put(scene, "time", 0.0 if stamp is None else stamp)
-    put(scene, "held_up", held_up)
+    put(scene, "held_up", said[0])
+    put(scene, "remark", said[1])
     put(scene, "_index", None)
     put(scene, "_table", None)
     put(scene, "_source", source)

@@ -44,9 +44,13 @@ _SIZES = {
     "camera_tilted": 0.035,
     "camera_late": 0.3,
     "fog": 3.0,
+    "glass": 0.5,
 }
+_ANGLES = ("camera_tilted",)
 IMAGE_FAULTS = ("camera_dead", "camera_frozen", "camera_tilted", "camera_late", "fog")
 """Those that need a simulated camera or 3-D lidar."""
+SENSOR_FAULTS = (*IMAGE_FAULTS, "glass")
+"""Those that need simulated sensors."""
 _SCATTERED = 0.5  # of the light that fog stops comes back
 _SYNTAX = re.compile(r"(?P<kind>[\w-]+)(=(?P<size>[^@]+))?@(?P<start>[^:+]+)([:+](?P<duration>.+))?")
 _COARSE_LOCALIZATION = (0.02, 0.01, 0.1, 0.1)  # [m], [rad], period and latency [s] of coarse localization
@@ -86,7 +90,7 @@ class Fault:
     def parse(text: str) -> Fault:
         """A fault from ``kind@start``, ``kind@start+duration`` or ``kind=size@start+duration``.
 
-        A kind may be written with hyphens, and a colon stands for the plus.
+        A kind may be written with hyphens, a colon stands for the plus, and an angle may be in degrees: ``2deg``.
 
         Raises:
             ParameterError: anything else.
@@ -99,11 +103,18 @@ class Fault:
         if found is None:
             raise ParameterError(wanted)
         try:
-            size = None if found["size"] is None else float(found["size"])
+            size = None if found["size"] is None else _size(kind, found["size"].strip())
             start, duration = float(found["start"]), float(found["duration"] or 1.0)
         except ValueError:
             raise ParameterError(wanted) from None
         return Fault(kind, start, duration, size)
+
+
+def _size(kind: str, text: str) -> float:
+    """The size of a fault; `ValueError` where the text is none."""
+    if kind in _ANGLES and text.endswith("deg"):
+        return math.radians(float(text.removesuffix("deg")))
+    return float(text)
 
 
 class FaultPlan:
@@ -127,26 +138,26 @@ class FaultPlan:
 
 class FaultyPerception:
     """Workspace: a perception whose scenes are at times frozen, late, of the future, empty or invalid, or say nothing
-    true of what moves; and whose simulated cameras fail.
+    true of what moves; and whose simulated cameras fail, or see through what is of glass.
 
     Args:
         inner: the perception; where it has simulated sensors, they fail from now on as the faults say.
         faults: the faults and their times.
-        seed: seed of the fog.
+        seed: seed of the fog, and of what is of glass.
 
     Raises:
-        ParameterError: faults of cameras where there are none.
+        ParameterError: faults of cameras, or glass, where there are none that could have them.
     """
 
     def __init__(self, inner: Perception, faults: FaultPlan, seed: int = 0) -> None:
         self._inner, self._faults = inner, faults
-        wanted = [f.kind for f in faults.faults if f.kind in IMAGE_FAULTS]
+        wanted = [f.kind for f in faults.faults if f.kind in SENSOR_FAULTS]
         if wanted:
             suite = getattr(inner, "suite", None)
-            if not isinstance(suite, SensorSuite) or not suite.imagers:
-                raise ParameterError(
-                    f"fault {wanted[0]!r}: there is no simulated camera or 3-D lidar that could have it"
-                )
+            of_images = next((kind for kind in wanted if kind in IMAGE_FAULTS), None)
+            if not isinstance(suite, SensorSuite) or (of_images and not suite.imagers):
+                what = "camera or 3-D lidar that could have it" if of_images else "sensor that could see through it"
+                raise ParameterError(f"fault {of_images or wanted[0]!r}: there is no simulated {what}")
             setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # of a protocol
         self._last: Scene | None = None
 
@@ -172,12 +183,13 @@ class FaultyPerception:
 
 
 class FaultySensors:
-    """Workspace: a suite of sensors whose cameras and 3-D lidars are at times dead, frozen, tilted, late or in fog.
+    """Workspace: a suite of sensors whose cameras and 3-D lidars are at times dead, frozen, tilted, late or in fog, in
+    a world of which a part is at times of glass.
 
     Args:
         inner: the sensors.
         faults: the faults and their times.
-        seed: seed of the fog.
+        seed: seed of the fog, and of what is of glass.
     """
 
     def __init__(self, inner: SensorSuite, faults: FaultPlan, seed: int = 0) -> None:
@@ -185,6 +197,8 @@ class FaultySensors:
         self._rng = np.random.default_rng(seed)
         self._past: dict[str, deque[DepthImage | RangeImage]] = {}  # as they truly were
         self._frozen: dict[str, Image] = {}
+        resting = inner.obstacles.resting
+        self._resting = [resting[k] for k in np.random.default_rng(seed).permutation(len(resting))]
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._inner, name)
@@ -192,6 +206,10 @@ class FaultySensors:
     def observe(self, t: float, coordinates: Array) -> tuple[Reading, ...]:
         for imager in self._inner.imagers:
             imager.tilted = self._faults.size("camera_tilted", t)
+        part = self._faults.size("glass", t)
+        glass = self._resting[: math.ceil(part * len(self._resting))]
+        if len(glass) != len(self._inner.obstacles.glass):
+            self._inner.obstacles.make_of_glass(glass)
         readings = (
             self._wrong(reading) if isinstance(reading, (DepthImage, RangeImage)) else reading
             for reading in self._inner.observe(t, coordinates)

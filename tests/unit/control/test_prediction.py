@@ -115,6 +115,7 @@ def test_appearing_obstacles_are_seen_when_they_exist():
 )
 def test_faults_are_parsed(text, message):
     assert Fault.parse("scene_late@2.5:0.3") == Fault("scene_late", 2.5, 0.3)
+    assert Fault.parse("camera-tilted=2deg@5+3") == Fault("camera_tilted", 5.0, 3.0, np.radians(2.0))
     assert Fault.parse("slow_tick@2") == Fault("slow_tick", 2.0, 1.0)
     with pytest.raises(ParameterError, match=message):
         Fault.parse(text)

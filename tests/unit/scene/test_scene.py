@@ -247,13 +247,17 @@ def test_a_difference_leaves_out_what_was_there_before():
     rng = np.random.default_rng(6)
     before = Scene(mixed(rng), time=1.0)
     ball = Sphere(0.2, at=(1.0, 0.0, 0.3), name="new")
-    after = Scene([*before.obstacles[1:], ball], time=1.5, held_up="a camera is late")
+    after = Scene([*before.obstacles[1:], ball], time=1.5, held_up="a camera is late", remark="a sonar hears glass")
     told = pickle.loads(pickle.dumps(difference(after, before)))
-    places = [o for o in told[2] if isinstance(o, int)]
+    places = [o for o in told[3] if isinstance(o, int)]
     assert places == [k for k, o in enumerate(before) if k > 0 and o.motion is None], "what moves is elsewhere by now"
     there = pickle.loads(pickle.dumps(before))
     again = with_difference(there, told)
-    assert (again.names, again.time, again.stamp, again.held_up) == (after.names, 1.5, 1.5, after.held_up)
+    assert (again.names, again.time, again.stamp) == (after.names, 1.5, 1.5)
+    assert (again.held_up, again.remark) == (after.held_up, after.remark)
+    same, changed = pickle.loads(pickle.dumps(after)).without("new"), after.at(2.0)
+    assert (same.held_up, same.remark) == (after.held_up, after.remark)
+    assert (changed.held_up, changed.remark) == ("", ""), "of another time nothing is said"
     still = [k for k, o in enumerate(again) if o.motion is None and o.name != "new"]
     assert all(again.obstacles[k] is there.obstacle(again.names[k]) for k in still), "the same objects as before"
     assert with_difference(None, difference(after, None)).names == after.names

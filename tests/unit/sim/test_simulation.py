@@ -13,7 +13,7 @@ from elastic_strips.planning import straight_line
 from elastic_strips.scene import Box, Cylinder, Scene, Twist, UnknownMotion, World
 from elastic_strips.sim import FAULTS, Fault, PerceptionError, PerceptionParams, evaluate, simulation
 from elastic_strips.sim.evaluation.drive_evaluation import REST_SPEED
-from elastic_strips.sim.faults import IMAGE_FAULTS
+from elastic_strips.sim.faults import SENSOR_FAULTS
 from elastic_strips.strip import Strip
 from elastic_strips.trajectory import MotionLimits
 
@@ -72,7 +72,7 @@ def test_waits_for_what_crosses_and_equal_seeds_give_equal_runs(silvermate, brie
     assert not [e for e in result.events if e.kind in ("fault", "localization", "unproven")]
 
 
-@pytest.mark.parametrize("kind", sorted(set(FAULTS) - {"viewer_killed", *IMAGE_FAULTS}))
+@pytest.mark.parametrize("kind", sorted(set(FAULTS) - {"viewer_killed", *SENSOR_FAULTS}))
 def test_faults_end_at_rest_or_at_the_goal(silvermate, kind):
     duration = 0.5 if kind == "lost_odometry" else 2.0
     faults = [Fault(kind, 1.5, duration)]

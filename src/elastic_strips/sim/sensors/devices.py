@@ -316,7 +316,7 @@ class SonarArray:
     def _distances(self, t: float, rays: Rays, own: SelfFilter) -> Array:
         """Nearest true echo (S,) [m] of each sensor; infinite without one, NaN where it is the robot's own."""
         p = self.params
-        met = self._obstacles.cast(t, rays, p.range_max, normals=True)
+        met = self._obstacles.cast(t, rays, p.range_max, normals=True, light=p.kind == "infrared")
         body = own.distances(rays, p.range_max)
         blocked = np.isfinite(body) & (body <= met.distance)
         assert met.normal is not None
@@ -369,6 +369,9 @@ class SensorSuite:
             its own.
         time: time at which the sensors begin [s].
 
+    Attributes:
+        obstacles: what they are cast against, and what of it is of glass.
+
     Raises:
         RobotError: the robot lacks a link of a sensor.
         MissingExtraError: the extra ``sensing`` is needed for the world's shapes, and not installed.
@@ -390,12 +393,12 @@ class SensorSuite:
             check_count("seed", seed)
         self.config: SensorConfig = SensorConfig() if config is None else config
         self._posture = Posture(robot)
-        obstacles = ObstacleRays(world)
+        self.obstacles: ObstacleRays = ObstacleRays(world)
         streams = np.random.default_rng(seed).spawn(len(self.config.sensors))
         self._sensors: list[_Clocked] = []
         for params, rng in zip(self.config.sensors, streams, strict=True):
             make = next(device for kind, device in _DEVICES if isinstance(params, kind))
-            device = make(params, self._posture, obstacles, rng, self.config.self_padding)  # type: ignore[arg-type]
+            device = make(params, self._posture, self.obstacles, rng, self.config.self_padding)  # type: ignore[arg-type]
             self._sensors.append(_Clocked(device, 1.0 / params.rate))
         self.reset(time)
 

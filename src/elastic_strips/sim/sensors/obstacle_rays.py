@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import coal
 import numpy as np
@@ -22,15 +22,24 @@ class ObstacleRays:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self._still = {
-            o.name for o in world.scene if o.motion is None and o.name not in (*world.appears, *world.vanishes)
-        }
-        rows = self._rows(world.scene, still=True)
-        self._resting = _PartBodies(world.scene.table.parts[k] for k in rows)
-        self._resting.place(world.scene, rows)
-        self._moving: tuple[tuple[Part, ...], Indices, _PartBodies] = (), rows[:0], _PartBodies([])
+        self._still = frozenset(
+            o.name or "" for o in world.scene if o.motion is None and o.name not in (*world.appears, *world.vanishes)
+        )
+        self._moving: tuple[tuple[Part, ...], Indices, _PartBodies] = (), np.zeros(0, dtype=np.intp), _PartBodies([])
+        self.glass: frozenset[str] = frozenset()
+        self.make_of_glass(())
 
-    def cast(self, t: float, rays: Rays, reach: float, *, normals: bool = False) -> Nearest:
+    @property
+    def resting(self) -> tuple[str, ...]:
+        """Names of the obstacles that rest, and are there all the time."""
+        return tuple(name for name in self.world.scene.names if name in self._still)
+
+    def make_of_glass(self, names: Collection[str]) -> None:
+        """From now on light passes through these of the obstacles that rest, and through no others."""
+        self.glass = self._still & frozenset(names)
+        self._resting, self._panes = self._placed(self._still - self.glass), self._placed(self.glass)
+
+    def cast(self, t: float, rays: Rays, reach: float, *, normals: bool = False, light: bool = True) -> Nearest:
         """First hits of rays in the world frame, at time ``t`` [s].
 
         Args:
@@ -38,23 +47,32 @@ class ObstacleRays:
             rays: rays to cast; one that begins inside an obstacle has the distance 0.
             reach: their length [m].
             normals: whether the normals of the surfaces are wanted.
+            light: whether the rays pass through glass; sound does not.
 
         Returns:
             Distances are infinite beyond ``reach``.
         """
         scene, nearest = self.world.at(t), Nearest(len(rays), normals=normals)
         if self._moving[0] is not scene.table.parts:
-            rows = self._rows(scene, still=False)
+            rows = self._rows(scene, frozenset(scene.names) - self._still)
             self._moving = scene.table.parts, rows, _PartBodies(scene.table.parts[k] for k in rows)
         _, rows, moving = self._moving
         moving.place(scene, rows)
-        for bodies in (self._resting.bodies, moving.bodies):
+        for bodies in (self._resting.bodies, moving.bodies, *(() if light else (self._panes.bodies,))):
             bodies.cast(rays, nearest, reach=reach, inside=0.0)
         return nearest
 
-    def _rows(self, scene: Scene, *, still: bool) -> Indices:
-        """The parts of a scene that are of obstacles that rest, or of the others."""
-        mine = np.array([(o.name in self._still) == still for o in scene], dtype=bool)
+    def _placed(self, names: frozenset[str]) -> _PartBodies:
+        """The parts of obstacles that rest, where they are."""
+        scene = self.world.scene
+        rows = self._rows(scene, names)
+        bodies = _PartBodies(scene.table.parts[k] for k in rows)
+        bodies.place(scene, rows)
+        return bodies
+
+    def _rows(self, scene: Scene, names: frozenset[str]) -> Indices:
+        """The parts of a scene that are of obstacles of these names."""
+        mine = np.array([name in names for name in scene.names], dtype=bool)
         return np.flatnonzero(mine[scene.table.obstacle_index])
 
 
