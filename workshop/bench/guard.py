@@ -373,7 +373,8 @@ def simulated(
     result = driven.run(time_limit=time)
     piloted = cast("Piloted", driven.controller)
     found = evaluate(result.record, robot, driven.world, driven.limits)
-    unseen = () if sensors is None else unseen_contacts(result.record, found, robot, driven.world, sensors)
+    glass = getattr(getattr(driven.perception, "suite", None), "glass", None)
+    unseen = () if sensors is None else unseen_contacts(result.record, found, robot, driven.world, sensors, glass=glass)
     rows = result.record.control
     off = np.abs(rows.v).max(axis=1)
     answers = [a for a, t in zip(piloted.answers, piloted.times, strict=True) if t < time]  # after that it is stopped

@@ -198,7 +198,7 @@ class FaultySensors:
         self._past: dict[str, deque[DepthImage | RangeImage]] = {}  # as they truly were
         self._frozen: dict[str, Image] = {}
         resting = inner.obstacles.resting
-        self._resting = [resting[k] for k in np.random.default_rng(seed).permutation(len(resting))]
+        self._resting = tuple(resting[k] for k in np.random.default_rng(seed).permutation(len(resting)))
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._inner, name)
@@ -206,15 +206,16 @@ class FaultySensors:
     def observe(self, t: float, coordinates: Array) -> tuple[Reading, ...]:
         for imager in self._inner.imagers:
             imager.tilted = self._faults.size("camera_tilted", t)
-        part = self._faults.size("glass", t)
-        glass = self._resting[: math.ceil(part * len(self._resting))]
-        if len(glass) != len(self._inner.obstacles.glass):
-            self._inner.obstacles.make_of_glass(glass)
+        self._inner.obstacles.make_of_glass(self.glass(t))
         readings = (
             self._wrong(reading) if isinstance(reading, (DepthImage, RangeImage)) else reading
             for reading in self._inner.observe(t, coordinates)
         )
         return tuple(reading for reading in readings if reading is not None)
+
+    def glass(self, t: float) -> tuple[str, ...]:
+        """Names of the obstacles that are of glass at time ``t`` [s]."""
+        return self._resting[: math.ceil(self._faults.size("glass", t) * len(self._resting))]
 
     def _wrong(self, image: DepthImage | RangeImage) -> DepthImage | RangeImage | None:
         """What comes in place of an image, of faults at its time; None where nothing does."""

@@ -6,6 +6,7 @@ readings; they have to be known from a map or another sensor.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -131,7 +132,13 @@ _ABOUT_SPOT = 0.6  # [m] from the link that touched it, within which that has to
 
 
 def unseen_contacts(
-    record: Record, evaluation: Evaluation, robot: RobotModel, world: World, sensors: SensorConfig
+    record: Record,
+    evaluation: Evaluation,
+    robot: RobotModel,
+    world: World,
+    sensors: SensorConfig,
+    *,
+    glass: Callable[[float], Collection[str]] | None = None,
 ) -> tuple[Contact, ...]:
     """Contacts with obstacles that had not been in view, without regard to noise.
 
@@ -145,6 +152,7 @@ def unseen_contacts(
         robot: the robot that drove.
         world: the true obstacles.
         sensors: the robot's sensors; rings do not count.
+        glass: time [s] → names of the obstacles that light passes through then.
     """
     exact: list[LaserParams | DepthParams | LidarParams] = []
     for sensor in sensors.sensors:
@@ -171,6 +179,7 @@ def unseen_contacts(
         for t in times.tolist():
             coordinates = coordinates_at(t)
             suite.reset(t)
+            suite.obstacles.make_of_glass(() if glass is None else glass(t))
             readings, scene = suite.observe(t, coordinates), world.at(t)
             looks.append(name in scene and any(_in_view(scene, name, x, coordinates[:3], mask, spot) for x in readings))
         if sum(looks) < 0.5 * len(looks):

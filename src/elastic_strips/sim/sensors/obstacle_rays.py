@@ -27,7 +27,7 @@ class ObstacleRays:
         )
         self._moving: tuple[tuple[Part, ...], Indices, _PartBodies] = (), np.zeros(0, dtype=np.intp), _PartBodies([])
         self.glass: frozenset[str] = frozenset()
-        self.make_of_glass(())
+        self._resting, self._panes = self._placed(self._still), self._placed(self.glass)
 
     @property
     def resting(self) -> tuple[str, ...]:
@@ -36,7 +36,10 @@ class ObstacleRays:
 
     def make_of_glass(self, names: Collection[str]) -> None:
         """From now on light passes through these of the obstacles that rest, and through no others."""
-        self.glass = self._still & frozenset(names)
+        glass = self._still & frozenset(names)
+        if glass == self.glass:
+            return
+        self.glass = glass
         self._resting, self._panes = self._placed(self._still - self.glass), self._placed(self.glass)
 
     def cast(self, t: float, rays: Rays, reach: float, *, normals: bool = False, light: bool = True) -> Nearest:

@@ -14,7 +14,7 @@ from elastic_strips.control.params import LASER_ASSUMPTIONS
 from elastic_strips.errors import ParameterError
 from elastic_strips.io import PoseSpec
 from elastic_strips.scene import Box, Obstacle, Scene, Sphere, Twist, World
-from elastic_strips.sim import SensorPerception
+from elastic_strips.sim import Fault, SensorPerception
 from elastic_strips.sim.evaluation.drive_evaluation import Contact
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.scenarios import drive_document, drive_scenario, make_simulation
@@ -131,6 +131,16 @@ def test_what_hangs_above_the_laser_is_told_apart(silvermate):
     assert document["unseen_contacts"] == ["beam"]
     assert document["sensors"] == ["laser"]
     json.dumps(document, allow_nan=False)
+
+
+def test_glass_is_not_in_view(silvermate):
+    """A laser sees through it, and the robot drives against it; where it is opaque, it drives around it."""
+    door = Box((0.1, 0.6, 1.5), at=(1.5, 0.0, 0.75), name="door")
+    for faults, touched in (([], []), ([Fault("glass", 0.0, 100.0, 1.0)], ["door"])):
+        outcome = drive_scenario(scenario(door), robot=silvermate, sensors=LASER, faults=faults, time_limit=20.0)
+        assert list(dict.fromkeys(contact.obstacle for contact in outcome.evaluation.collisions)) == touched
+        assert list(outcome.unseen) == touched
+        assert outcome.seen_collisions == 0
 
 
 def test_of_a_long_wall_the_place_that_was_touched_has_to_be_in_view(silvermate):
