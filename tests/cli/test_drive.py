@@ -73,10 +73,12 @@ def test_drives_and_writes_everything(short: Path, tmp_path: Path) -> None:
     assert (tmp_path / "again.html").stat().st_size == pytest.approx((tmp_path / "d.html").stat().st_size, rel=0.01)
 
 
-def test_a_fault_is_named(short: Path, tmp_path: Path) -> None:
+def test_a_fault_is_named(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert end_of("drive", str(short), "--fault", "scene_frozen@1:1", "--json", "d.json") == 0
     events = json.loads((tmp_path / "d.json").read_text())["events"]
-    assert any(e["kind"] == "fault" and "stale scene" in e["reason"] for e in events)
+    named = [e["reason"] for e in events if e["kind"] == "fault" and "stale scene" in e["reason"]]
+    assert named
+    assert named[0] in capsys.readouterr().out
 
 
 def test_a_reason_that_names_what_a_laser_has_met_says_how_high_that_is_taken_to_be() -> None:

@@ -18,7 +18,7 @@ from . import EXIT_INTERRUPTED, options, output
 from .robot_options import load_robot, robot_options
 
 if TYPE_CHECKING:
-    from elastic_strips.control import Controller, DriveResult
+    from elastic_strips.control import Controller, DriveResult, Event
     from elastic_strips.planning import Goal
     from elastic_strips.robot import LoadOptions
     from elastic_strips.sim import Simulation
@@ -436,7 +436,7 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     if outcome.sensors:
         output.say(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
-        output.say(f"  {name} was in no laser's view in the second before it was touched")
+        output.say(f"  {name} was in no sensor's view in the second before it was touched")
     _say_contacts(outcome)
     for event in result.events:
         if event.kind == "replanned" and event.reason.startswith("switched"):
@@ -445,6 +445,14 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
         output.say(("  note:", output.NOTE), f" {note}")
     for stop in said_of_stops(result.stops):
         output.say("  ", ("stopped", output.NOTE), stop)
+    why_stopped = " ".join(said for _, said in result.stops)
+    for fault in said_of_stops([(e.time, e.reason) for e in result.events if _is_told_as_fault(e, why_stopped)]):
+        output.say("  ", ("fault", output.NOTE), fault)
+
+
+def _is_told_as_fault(event: Event, why_stopped: str) -> bool:
+    """Whether an event is a fault that is not told otherwise: late ticks are counted, and stops say why."""
+    return event.kind == "fault" and not event.reason.startswith("late tick") and event.reason not in why_stopped
 
 
 def said_of_stops(stops: Sequence[tuple[float, str]]) -> list[str]:
