@@ -267,6 +267,8 @@ def _kind(run: Figures) -> str:
     for word, kind in (
         ("unseen-", "before what was not seen"),
         ("goal is in collision", "the goal was taken"),
+        ("would touch something", "no configuration that reaches the goal was free"),
+        ("walled in", "the start or the goal was walled in"),
         ("no way", "no way was found"),
         ("not certified", "a motion was not certified"),
     ):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -349,9 +349,10 @@ class Tracker:
         met = [(self._tracks[k], small[j]) for k, j in pairs]
         for (track, cluster), displaced in zip(met, self._displaced(met, now, sensor), strict=True):
             self._judge(track, cluster, displaced, moved)
+        whole = [track for track, _ in met if track.moving]
         self._missed([track for k, track in enumerate(self._tracks) if k not in seen], now, sensor)
         self._tracks = [t for t in self._tracks if not t.lost]
-        self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], now.time, sensor)
+        self._begin([(small[j], shapes[j]) for j in range(len(small)) if j not in used], whole, now.time, sensor)
         views = self._views.setdefault(sensor, deque(maxlen=_MAX_VIEWS))
         if not views or now.time - views[-1].time >= _VIEW_STEP:
             views.append(now)
@@ -359,12 +360,7 @@ class Tracker:
 
     def of_movers(self, points: Array) -> Mask:
         """Which of the points (n, 2) lie within movers, with their padding."""
-        inside = np.zeros(len(points), dtype=bool)
-        for track in self._tracks:
-            if track.moving:
-                d = points - track.p
-                inside |= np.hypot(d[:, 0], d[:, 1]) <= track.radius + self.params.padding
-        return inside
+        return _within(self.moving, points, self.params.padding)
 
     def may_have_moved(self, points: Array, within: float) -> Mask:
         """Which of the points (n, 2) may be of things that have moved within some time [s], movers or not yet."""
@@ -462,15 +458,25 @@ class Tracker:
             track.lost = track.misses >= params.lost_misses or (count > 0 and not track.confirmed)
         self.lost.extend(track for track in tracks if track.lost and track.moving)
 
-    def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], time: float, sensor: str) -> None:
-        """New tracks, except for parts of movers."""
+    def _begin(self, fresh: list[tuple[Cluster, ClusterShape]], met: list[Track], time: float, sensor: str) -> None:
+        """New tracks, except for parts of movers that were met: what is where a mover should be, and is not where it
+        is taken to be within its errors, may be that mover, whose motion was wrong."""
         if not fresh:
             return
-        inside = self.of_movers(np.array([shape.center for _, shape in fresh]))
+        inside = _within(met, np.array([shape.center for _, shape in fresh]), self.params.padding)
         for (cluster, shape), part in zip(fresh, inside.tolist(), strict=True):
             if not part:
                 self._tracks.append(Track(self._born, time, cluster, shape, self.params, sensor))
                 self._born += 1
+
+
+def _within(tracks: Iterable[Track], points: Array, padding: float) -> Mask:
+    """Which of the points (n, 2) lie within tracks, made larger [m]."""
+    inside = np.zeros(len(points), dtype=bool)
+    for track in tracks:
+        d = points - track.p
+        inside |= np.hypot(d[:, 0], d[:, 1]) <= track.radius + padding
+    return inside
 
 
 _STAR = np.array([[0.0, 0.0], [0.7, 0.0], [-0.7, 0.0], [0.0, 0.7], [0.0, -0.7]])

@@ -253,6 +253,31 @@ def test_what_creeps_may_move_between_the_images_that_show_it(times):
     assert not possible[last + round(params.rest_time / 0.1) + 1]
 
 
+def front_of(x: float, y: float, radius: float) -> np.ndarray:
+    """Points of a round thing's side that is seen from the origin's side of it, at x ≥ 0."""
+    turn = np.linspace(-1.3, 1.3, 25) + math.pi + math.atan2(y, x)
+    return np.column_stack([x + radius * np.cos(turn[::-1]), y + radius * np.sin(turn[::-1])])[::-1]
+
+
+def test_what_is_where_a_mover_should_be_and_does_not_move_like_it_is_followed_anew():
+    """The first images of what comes out of a gap show more of it each time, and so a motion to the side that it
+    does not have. While it is within what it was taken to be, it had been called a part of that."""
+    tracker, born = Tracker(SceneEstimatorParams()), 6
+    for k in range(born + 8):
+        t = 0.05 * k
+        x, y = (2.5 + 1.0 * t, 2.0) if k < born else (2.65, 1.75 - 0.8 * (t - 0.05 * born))
+        shown = front_of(x, y, 0.45 if k < born else 0.23)
+        tracker.update(SeenThrough(t, all_of_it=False), [Cluster(shown, np.zeros(2), False, displaced=True)])
+        if k == born - 1:
+            (first,) = tracker.moving
+        assert len(tracker) == (1 if k < born else 2), k
+    assert np.hypot(*(first.p - (x, y))) < first.radius + 0.5
+    others = [track for track in tracker.moving if track is not first]
+    assert others
+    assert np.hypot(*(others[0].p - (x, y))) < 0.1
+    assert np.hypot(*(others[0].v - (0.0, -0.8))) < 0.3
+
+
 @each("height, top", [(0.4, 2.0), (1.5, 2.0), (2.3, 2.3)])
 def test_who_moves_is_as_tall_as_people_whatever_a_scan_says_of_what_stands(height, top):
     """An arm above the plane of the scan runs into people, too; images leave them out of their map."""
