@@ -24,7 +24,7 @@ _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 _ASIDE_TURN, _ASIDE_STEPS = 0.5, 20
 """How far [rad] it turns away at once from what stands too near, and in how many steps it is looked whether it can."""
 _MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
-"""After so many touches within this time [s] it stands."""
+"""After so many touches within this time [s] it stands. What came to it while it stood counts where it moved away."""
 
 
 class Retreat:
@@ -39,7 +39,7 @@ class Retreat:
         self._executor, self._planner = executor, planner
         self._leaving: Trajectory | None = None  # the motion along which it backs off
         self._came: deque[Array] = deque(maxlen=_KEPT_ROWS)
-        self._touches: deque[float] = deque(maxlen=_MOST_TOUCHES)  # [s] when it began to touch something
+        self._touches: deque[float] = deque(maxlen=_MOST_TOUCHES)  # [s] when it ran into something, or left what came
         self._since: float | None = None  # [s] when it stood, touching something
         self._backs = False  # whether it backs off
         self._free = True  # whether it has touched nothing since
@@ -116,8 +116,9 @@ class Retreat:
             self._since, self._free, self._backs = None, True, False
             return False
         if self._free:
-            self._touches.append(t)
             self._free, self._ran = False, not stands
+            if self._ran:
+                self._touches.append(t)
         if not stands:
             self._since = None
             return False
@@ -153,6 +154,8 @@ class Retreat:
     def went(self, motion: Trajectory) -> None:
         """Told that the robot backs off by a motion: the way from its end on was not free."""
         self._since, self._backs = None, True
+        if not self._ran:
+            self._touches.append(motion.start_time)
         apart = [float(np.abs(row - motion.coordinates[-1]).max(initial=0.0)) for row in self._came]
         for _ in range(len(apart) - int(np.argmin(apart)) if apart else 0):
             self._came.pop()

@@ -12,6 +12,7 @@ from brute_force import configuration, link_distances
 from simulated_time import planning_at_once
 
 from elastic_strips.control import Controller, RunState
+from elastic_strips.control.retreat import Retreat
 from elastic_strips.control.vantage import Vantage
 from elastic_strips.errors import ConfigurationError, GoalError
 from elastic_strips.planning import BasePose, HandPose
@@ -62,6 +63,33 @@ def test_it_does_not_go_on_touching_for_ever(silvermate):
     assert controller.state is RunState.STOPPED
     assert "bumper" in controller.reason
     assert touching[-500:].all()
+
+
+def test_those_who_ran_into_it_while_it_stood_do_not_keep_it_from_backing_off_later():
+    """It is what the robot runs into that must not go on for ever, and its own backing off."""
+
+    def last(*, stands):
+        retreat = Retreat(SimpleNamespace(), SimpleNamespace())  # type: ignore[arg-type]
+        for t in (10.0, 15.0, 20.0):
+            assert not retreat.due(t, touching=True, stands=stands)
+            assert not retreat.due(t + 0.5, touching=False, stands=True)
+        retreat.due(31.0, touching=True, stands=True)
+        return retreat.due(33.0, touching=True, stands=True)
+
+    assert last(stands=True)
+    assert not last(stands=False)
+
+
+def test_it_does_not_back_off_for_ever_from_what_comes_near_while_it_stands():
+    retreat = Retreat(SimpleNamespace(), SimpleNamespace())  # type: ignore[arg-type]
+    backed_off = 0
+    for k in range(20):
+        t = 2.0 * k
+        if retreat.due(t, touching=True, stands=True) or retreat.due(t + 1.5, touching=True, stands=True):
+            backed_off += 1
+            retreat.went(SimpleNamespace(start_time=t + 1.5, coordinates=np.zeros((2, 3))))  # type: ignore[arg-type]
+        retreat.due(t + 1.8, touching=False, stands=True)
+    assert backed_off == 3
 
 
 def test_who_is_run_into_by_something_that_nobody_sees_stays(silvermate):
