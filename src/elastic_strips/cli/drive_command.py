@@ -436,7 +436,7 @@ def _summary(outcome: DriveOutcome, reason: str) -> None:
     if outcome.sensors:
         output.say(f"  driven by {', '.join(outcome.sensors)}")
     for name in outcome.unseen:
-        output.say(f"  {name} was in no sensor's view in the second before it was touched")
+        output.say(f"  {name} was in no laser's or camera's view in the second before it was touched")
     _say_contacts(outcome)
     for event in result.events:
         if event.kind == "replanned" and event.reason.startswith("switched"):

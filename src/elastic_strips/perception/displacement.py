@@ -13,12 +13,12 @@ from elastic_strips.arrays import Array, Indices, Mask
 from .readings import DepthImage, RangeImage
 from .volume_map import VolumeMapParams
 
-MOST_TILTED = 0.007  # [rad] against the floor
-MOST_TURNED = 0.05  # [rad] against what was seen before
+_MOST_TILTED = 0.007  # [rad] against the floor
+_MOST_TURNED = 0.05  # [rad] against what was seen before
 MOST_SHIFTED = 0.1  # [m]
 SURE = 3.0  # standard deviations
-LEAST_COMPARED = 60  # points
-AGREEING = 0.6  # of them have to agree with the displacement that is found
+_LEAST_COMPARED = 60  # points
+_AGREEING = 0.6  # of them have to agree with the displacement that is found
 ALIKE = 2.0  # times as unsure as if the errors of neighbouring pixels had nothing in common
 PIXELS = 0.01  # [m] by which a point is off its surface because pixels are not points
 
@@ -70,12 +70,12 @@ class Displacement:
     shifted_sigma: float
     agreeing: float
     raised: float = 0.0
-    least: int = LEAST_COMPARED
+    least: int = _LEAST_COMPARED
 
     @property
     def judges(self) -> bool:
         """Whether it says something."""
-        return self.compared >= self.least and self.agreeing >= AGREEING
+        return self.compared >= self.least and self.agreeing >= _AGREEING
 
     @property
     def large(self) -> bool:
@@ -85,7 +85,7 @@ class Displacement:
     @property
     def most_turned(self) -> float:
         """By how much what is in its place looks turned at most [rad]."""
-        return MOST_TURNED + SURE * self.turned_sigma
+        return _MOST_TURNED + SURE * self.turned_sigma
 
     @property
     def most_shifted(self) -> float:
@@ -95,7 +95,7 @@ class Displacement:
     @property
     def least_tilt(self) -> float:
         """By how much a level floor looks tilted at most [rad]."""
-        return MOST_TILTED + SURE * self.turned_sigma
+        return _MOST_TILTED + SURE * self.turned_sigma
 
     @property
     def tilted(self) -> bool:
@@ -152,7 +152,7 @@ def fit_displacement(
     off: Array,
     sigma: Array,
     before: tuple[float, ...],
-    least: int = LEAST_COMPARED,
+    least: int = _LEAST_COMPARED,
 ) -> Displacement:
     """The turn and shift that explain best how far points are off along normals, by weighted least squares.
 
@@ -217,7 +217,7 @@ def _between_neighbours(floor: Surfaces, axis: Array) -> float:
     pairs = [(at[:-k].ravel(), at[k:].ravel()) for k in _NEIGHBOURS]
     pairs += [(at[:, :-k].ravel(), at[:, k:].ravel()) for k in _NEIGHBOURS]
     one, two = np.hstack([np.stack(pair)[:, (pair[0] >= 0) & (pair[1] >= 0)] for pair in pairs])
-    if len(one) < LEAST_COMPARED:
+    if len(one) < _LEAST_COMPARED:
         return 0.0
     along = floor.points[two] - floor.points[one]
     sigma = np.sqrt(floor.sigma[one] ** 2 + floor.sigma[two] ** 2 + _LEAST_SIGMA**2)
