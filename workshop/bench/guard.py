@@ -373,7 +373,7 @@ def simulated(
     result = driven.run(time_limit=time)
     piloted = cast("Piloted", driven.controller)
     found = evaluate(result.record, robot, driven.world, driven.limits)
-    glass = getattr(getattr(driven.perception, "suite", None), "glass", None)
+    glass = getattr(driven.perception, "glass", None)
     unseen = () if sensors is None else unseen_contacts(result.record, found, robot, driven.world, sensors, glass=glass)
     rows = result.record.control
     off = np.abs(rows.v).max(axis=1)

@@ -435,6 +435,8 @@ class Guard:
             if doubt:
                 executor.log("fault", doubt)
             else:
+                if scene.remark:
+                    executor.log("fault", scene.remark)
                 (scene, wrong), self._trouble = self._doubts.motions.checked(t, scene), ""
                 for reason in wrong:
                     executor.log("fault", reason)

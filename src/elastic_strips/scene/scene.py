@@ -495,6 +495,12 @@ class World(Summary):
         """Names of the obstacles that have a motion, known or not."""
         return tuple(o.name or "" for o in self.scene if o.motion is not None)
 
+    @property
+    def names_resting(self) -> tuple[str, ...]:
+        """Names of the obstacles that have no motion, and are there all the time."""
+        come_or_go = {*self.appears, *self.vanishes}
+        return tuple(o.name or "" for o in self.scene if o.motion is None and o.name not in come_or_go)
+
     def speed_bound(self, name: str | None = None, *, start: float | None = None, end: float | None = None) -> float:
         """Largest speed [m/s] of any point of an obstacle while it exists between ``start`` and ``end`` [s].
 

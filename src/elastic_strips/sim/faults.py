@@ -22,7 +22,7 @@ from elastic_strips.control.params import DriveParams
 from elastic_strips.control.strip_timer import PlanResult
 from elastic_strips.errors import ParameterError
 from elastic_strips.perception import DepthImage, RangeImage, Reading
-from elastic_strips.scene import Scene, Twist
+from elastic_strips.scene import Scene, Twist, World
 from elastic_strips.trajectory import Trajectory
 from elastic_strips.validation import Bound, check_choice, check_fields, check_type, shown
 
@@ -135,6 +135,13 @@ class FaultPlan:
         """Size of a fault of that kind at time ``t`` [s]; 0 where there is none."""
         return max((f.size or 0.0 for f in self.faults if f.kind == kind and f.active(t)), default=0.0)
 
+    def glass(self, world: World, seed: int) -> Callable[[float], tuple[str, ...]]:
+        """Time [s] → names of the obstacles of a world that are of glass then: the first ones of those that rest, in an
+        order by chance."""
+        resting = world.names_resting
+        order = tuple(resting[k] for k in np.random.default_rng(seed).permutation(len(resting)))
+        return lambda t: order[: math.ceil(self.size("glass", t) * len(order))]
+
 
 class FaultyPerception:
     """Workspace: a perception whose scenes are at times frozen, late, of the future, empty or invalid, or say nothing
@@ -144,6 +151,9 @@ class FaultyPerception:
         inner: the perception; where it has simulated sensors, they fail from now on as the faults say.
         faults: the faults and their times.
         seed: seed of the fog, and of what is of glass.
+
+    Attributes:
+        glass: time [s] → names of the obstacles that are of glass then; only where simulated sensors fail.
 
     Raises:
         ParameterError: faults of cameras, or glass, where there are none that could have them.
@@ -158,7 +168,9 @@ class FaultyPerception:
             if not isinstance(suite, SensorSuite) or (of_images and not suite.imagers):
                 what = "camera or 3-D lidar that could have it" if of_images else "sensor that could see through it"
                 raise ParameterError(f"fault {of_images or wanted[0]!r}: there is no simulated {what}")
-            setattr(inner, "suite", FaultySensors(suite, faults, seed))  # noqa: B010  # of a protocol
+            sensors = FaultySensors(suite, faults, seed)
+            setattr(inner, "suite", sensors)  # noqa: B010  # of a protocol
+            self.glass = sensors.glass
         self._last: Scene | None = None
 
     def __getattr__(self, name: str) -> object:
@@ -190,6 +202,9 @@ class FaultySensors:
         inner: the sensors.
         faults: the faults and their times.
         seed: seed of the fog, and of what is of glass.
+
+    Attributes:
+        glass: time [s] → names of the obstacles that are of glass then.
     """
 
     def __init__(self, inner: SensorSuite, faults: FaultPlan, seed: int = 0) -> None:
@@ -197,8 +212,7 @@ class FaultySensors:
         self._rng = np.random.default_rng(seed)
         self._past: dict[str, deque[DepthImage | RangeImage]] = {}  # as they truly were
         self._frozen: dict[str, Image] = {}
-        resting = inner.obstacles.resting
-        self._resting = tuple(resting[k] for k in np.random.default_rng(seed).permutation(len(resting)))
+        self.glass = faults.glass(inner.obstacles.world, seed)
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._inner, name)
@@ -212,10 +226,6 @@ class FaultySensors:
             for reading in self._inner.observe(t, coordinates)
         )
         return tuple(reading for reading in readings if reading is not None)
-
-    def glass(self, t: float) -> tuple[str, ...]:
-        """Names of the obstacles that are of glass at time ``t`` [s]."""
-        return self._resting[: math.ceil(self._faults.size("glass", t) * len(self._resting))]
 
     def _wrong(self, image: DepthImage | RangeImage) -> DepthImage | RangeImage | None:
         """What comes in place of an image, of faults at its time; None where nothing does."""

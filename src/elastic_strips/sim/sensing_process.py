@@ -102,6 +102,7 @@ class SensingProcess:
         target: (3,) what a camera is turned to [m], or None.
         contact: description of a felt contact; empty without one.
         looked_at: sensor → how many of its readings were looked at since time 0.
+        glass: time [s] → names of the obstacles that are of glass then.
 
     Raises:
         ElasticStripsError: as for :class:`SensorPerception`.
@@ -110,6 +111,7 @@ class SensingProcess:
 
     def __init__(self, sensed: SensedWorld) -> None:
         self.sensors: SensorConfig = sensed.sensors
+        self.glass = sensed.faults.glass(sensed.world, sensed.seed)
         self._link, child = channel(_BUFFER)
         self._news, sender = Pipe(duplex=False)
         process: SpawnProcess | None = None

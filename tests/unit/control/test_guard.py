@@ -252,6 +252,16 @@ def test_without_new_scenes_it_comes_to_rest(silvermate):
     assert "scene" in drive.answers[-1].reason
 
 
+def test_what_a_scene_remarks_is_written_down(silvermate):
+    drive = GuardedDrive(silvermate, [FAR]).run(0.5, Desired(twist=[0.6, 0.0, 0.0]))
+    assert not drive.faults()
+    t = drive.k * DT
+    drive.guard.step(
+        t, drive.measurement, Scene([FAR], time=t, remark="a sonar hears glass"), Desired(twist=[0.6, 0.0, 0.0])
+    )
+    assert drive.faults() == ["a sonar hears glass"]
+
+
 def test_nothing_jumps_when_it_lets_go(slider):
     drive = GuardedDrive(slider, [Box((0.2, 2.0, 1.5), at=(1.3, 0.2, 0.75), name="short wall")])
     drive.run(4.0, Desired(twist=[0.7, 0.7, 0.0]))  # along it, and past its end

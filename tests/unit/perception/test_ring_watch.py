@@ -79,7 +79,7 @@ def test_glass_is_not_told_by_what_sees_through_it_alone(silvermate, sensors):
 def test_light_passes_through_glass_and_sound_does_not(silvermate):
     rays = Rays(np.array([[0.0, 0.0, 0.5]]), np.array([[1.0, 0.0, 0.0]]))
     obstacles = ObstacleRays(World(WALLS.with_obstacle(DOOR).with_obstacle(WALKER)))
-    assert set(obstacles.resting) == {"door", "end", "left", "right"}
+    assert set(obstacles.world.names_resting) == {"door", "end", "left", "right"}
     obstacles.make_of_glass({"door", "walker"})
     assert obstacles.glass == {"door"}, "what moves is none"
     for light, distance in ((True, 4.15), (False, 1.48)):

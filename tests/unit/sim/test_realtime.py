@@ -24,13 +24,14 @@ from elastic_strips.io.scene_file import PoseSpec
 from elastic_strips.robot import load_robot
 from elastic_strips.scene import Box, Cylinder, Keyframes, PedestrianMotion, Scene, Sphere, World
 from elastic_strips.scene.difference import with_difference
-from elastic_strips.sim.faults import FaultPlan
+from elastic_strips.sim.faults import Fault, FaultPlan, FaultyPerception
 from elastic_strips.sim.machine_process import TrueState
 from elastic_strips.sim.pedestrians import Pedestrians
 from elastic_strips.sim.perception import PerceptionError
 from elastic_strips.sim.realtime import RealtimeSimulation
 from elastic_strips.sim.scenarios import Scenario
 from elastic_strips.sim.scenarios.drive import driven_to_its_end, make_realtime
+from elastic_strips.sim.sensed_perception import SensorPerception
 from elastic_strips.sim.sensing_process import SensedWorld, SensingProcess, _News, _Sensing
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.sim.sensors.params import named_sensors
@@ -192,6 +193,18 @@ def test_sensors_that_fail_say_why(laser: SensorConfig):
     with pytest.raises(PerceptionError, match=r"\w+Error: "):
         sensing.sense(0.0)
     sensing.close()
+
+
+def test_the_sensors_process_tells_what_is_of_glass(laser: SensorConfig):
+    """The same that its sensors see through, for who judges a drive."""
+    robot, faults = load_robot(WALLED.robot), FaultPlan([Fault("glass", 1.0, 1.0, 0.5)])
+    world = World(Scene([Box((0.1, 0.1, 0.8), at=(3.0, 0.5 * k, 0.4), name=f"post-{k}") for k in range(-3, 3)]))
+    start = robot.space.from_coordinates(np.zeros(robot.nv))
+    inside = FaultyPerception(SensorPerception(robot, world, start, sensors=laser, seed=5), faults, 5)
+    sensing = SensingProcess(SensedWorld(robot, world, start, laser, 5, faults))
+    sensing.close()
+    assert [len(sensing.glass(t)) for t in (0.5, 1.5, 2.5)] == [0, 3, 0]
+    assert sensing.glass(1.5) == inside.glass(1.5)
 
 
 def test_sensors_that_cannot_be_are_refused_as_they_are(laser: SensorConfig):

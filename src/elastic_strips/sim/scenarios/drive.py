@@ -391,7 +391,7 @@ def conclude(scenario: Scenario, driven: Simulation[Controller], result: DriveRe
     touched = tuple(str(event) for event in getattr(driven.plant, "contact_events", ()))
     unseen: tuple[Contact, ...] = ()
     if sensors is not None:
-        glass = getattr(getattr(perception, "suite", None), "glass", None)
+        glass = getattr(perception, "glass", None)
         unseen = unseen_contacts(result.record, evaluation, driven.robot, driven.world, sensors, glass=glass)
     return DriveOutcome(
         scenario,

@@ -22,17 +22,10 @@ class ObstacleRays:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self._still = frozenset(
-            o.name or "" for o in world.scene if o.motion is None and o.name not in (*world.appears, *world.vanishes)
-        )
+        self._still = frozenset(world.names_resting)
         self._moving: tuple[tuple[Part, ...], Indices, _PartBodies] = (), np.zeros(0, dtype=np.intp), _PartBodies([])
         self.glass: frozenset[str] = frozenset()
         self._resting, self._panes = self._placed(self._still), self._placed(self.glass)
-
-    @property
-    def resting(self) -> tuple[str, ...]:
-        """Names of the obstacles that rest, and are there all the time."""
-        return tuple(name for name in self.world.scene.names if name in self._still)
 
     def make_of_glass(self, names: Collection[str]) -> None:
         """From now on light passes through these of the obstacles that rest, and through no others."""
