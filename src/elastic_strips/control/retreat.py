@@ -44,6 +44,7 @@ class Retreat:
         self._backs = False  # whether it backs off
         self._free = True  # whether it has touched nothing since
         self._ran = False  # whether it moved when it began to touch something
+        self._felt = False  # whether it touched something when asked last
 
     def note(self, row: Array) -> None:
         """Take note of a reference (nv,) that the robot followed on its way."""
@@ -66,7 +67,10 @@ class Retreat:
             stuck: whether it is to go on to a goal, and found no motion.
         """
         executor, planner = self._executor, self._planner
-        stands = executor.at_rest(t)
+        stands, felt = executor.at_rest(t), bool(executor.contact)
+        if felt and not self._felt and not stands:
+            self._ran = True  # also on its way from something else, which counts already
+        self._felt = felt
         if executor.active is self._leaving and not stands:
             certificate = planner.certify_leaving(executor.active.tail(begin), scene)
             if not certificate.certified:
@@ -97,13 +101,13 @@ class Retreat:
 
     def _ways(self, here: Array, *, touching: bool) -> Iterator[Array]:
         """Rows (K, nv) of the ways that lead away, best first: the way that it came; where what stands there is only
-        too near, a turn on the spot to either side, or straight ahead."""
+        too near, a turn on the spot to either side, straight ahead, or straight back."""
         yield self.way(here)
         space = self._planner.robot.space
         if touching or not space.planar:
             return
         part = np.linspace(0.0, 1.0, _ASIDE_STEPS)
-        for turn, ahead in ((_ASIDE_TURN, 0.0), (-_ASIDE_TURN, 0.0), (0.0, _RETREAT)):
+        for turn, ahead in ((_ASIDE_TURN, 0.0), (-_ASIDE_TURN, 0.0), (0.0, _RETREAT), (0.0, -_RETREAT)):
             rows = np.tile(here, (_ASIDE_STEPS, 1))
             rows[:, 2] += turn * part
             rows[:, :2] += np.outer(ahead * part, (np.cos(here[2]), np.sin(here[2])))

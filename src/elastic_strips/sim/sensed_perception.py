@@ -113,8 +113,7 @@ class SensorPerception:
         params: parameters of the scene; defaults with the robot's `body_radius` where None.
         seed: seed of the sensors' noise.
         look: time of reading before the first step [s]; more where None and joints look.
-        bumper: whether the robot has a contact sensor; during a contact it stands, and readings are ignored: an
-            obstacle that touches the robot covers its laser.
+        bumper: whether the robot has a contact sensor.
         computing: cost of processing readings.
         volume: parameters of the layer of images; where joints look, what was not seen is blocked unless these say
             otherwise.
@@ -224,8 +223,7 @@ class SensorPerception:
         self._observed = t
         looks = self._robot.looking
         readings = self.suite.observe(t, self._robot.seeing_row(coordinates, self.head) if looks else coordinates)
-        if not self._touched:  # else it would back off, and run into what it has not seen once more
-            self._come.extend((reading, self._past.at(reading.time)) for reading in readings)
+        self._come.extend((reading, self._past.at(reading.time)) for reading in readings)
 
     def work(self, t: float, estimate: Array, *, newest: bool = False) -> bool:
         """Choose where to look, at time ``t`` [s], and look at the readings that have come since, or at the newest of

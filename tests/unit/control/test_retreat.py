@@ -92,6 +92,25 @@ def test_it_does_not_back_off_for_ever_from_what_comes_near_while_it_stands():
     assert backed_off == 3
 
 
+@pytest.mark.parametrize("stands", [True, False])
+def test_what_it_runs_into_on_its_way_from_something_else_it_has_run_into(stands):
+    """So it backs off from it, also where nobody has seen it; from what came to it while it stood it does not."""
+    active = SimpleNamespace(at=lambda t: None, coordinates=np.zeros((1, 3)))
+    executor = SimpleNamespace(contact="", active=active, settled=False, at_rest=lambda t: t < 1.0 or t > 2.0 or stands)
+    planner = SimpleNamespace(
+        cramped=lambda state, scene: "too near",
+        knows_touched=lambda state, scene: False,
+        certify_leaving=lambda motion, scene: SimpleNamespace(certified=True),
+    )
+    active.tail = lambda t: active
+    retreat = Retreat(executor, planner)  # type: ignore[arg-type]
+    for k in range(30):
+        retreat._leaving = active if k >= 10 else None  # type: ignore[assignment]
+        executor.contact = "the bumper is pressed" if k >= 15 else ""
+        retreat.backs_off(0.1 * k, 0.1 * k, Scene([]), stuck=True)
+    assert retreat.due(8.0, touching=True, stands=True, unknown=True) is not stands
+
+
 def test_who_is_run_into_by_something_that_nobody_sees_stays(silvermate):
     """It may have come from behind."""
     walls = [Box((0.2, 5.0, 1.0), at=(x, 0.0, 0.5), name=f"x{x}") for x in (-2.2, 2.2)]  # they come down about it
@@ -152,6 +171,24 @@ def test_from_what_is_too_near_it_moves_away_where_it_can(silvermate):
         for place in places[::20]
     )
     assert least > 0.006
+
+
+def test_from_between_what_is_too_near_it_backs_off(silvermate):
+    """Two posts 1 cm beside the front of its base: it can neither turn nor get free ahead, and has come no way."""
+
+    def posts(y):
+        return [Cylinder(0.05, 1.0, at=(0.2, side * y, 0.5), name=f"post{side}") for side in (-1, 1)]
+
+    near, far = 0.2, 1.0
+    for _ in range(40):
+        y = 0.5 * (near + far)
+        apart = link_distances(silvermate, Scene(posts(y)), configuration(silvermate, np.zeros(silvermate.nv)))
+        near, far = (y, far) if apart.min() < 0.01 else (near, y)
+    found, places, _ = driven(
+        silvermate, lambda t: Scene(posts(far) if t > 0.0 else [], time=t), 6.0, bumper=lambda t, x: False
+    )
+    assert leavings(found)
+    assert places[:, 0].min() < -0.1
 
 
 def test_an_emergency_stop_is_no_touch(silvermate):
