@@ -19,6 +19,7 @@ _KEPT_ROWS, _ROW_SPACING = 60, 0.01
 """References that are kept, and their distance at least [m or rad]."""
 _TOUCH_WAIT = 1.0  # [s] at rest, after which the robot backs off
 _UNKNOWN_WAIT = 2.0  # [s] the same, from something that nobody has seen: who came goes on, and what stands does not
+_BLIND_WAIT = 4.0  # [s] the same, of a robot that does not see where it backs off to: most others have gone by then
 _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 """How far it goes at once [m in the metric of motions], and with which part of its speed."""
 _ASIDE_TURN, _ASIDE_STEPS = 0.5, 20
@@ -80,7 +81,8 @@ class Retreat:
         if not near and stands and stuck:
             near = planner.cramped(executor.active.at(begin), scene)
         unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
-        due = self.due(t, touching=bool(near), stands=stands, unknown=unknown) and executor.settled
+        blind = felt and not planner.params.backward
+        due = self.due(t, touching=bool(near), stands=stands, unknown=unknown, blind=blind) and executor.settled
         here, refused = executor.active.coordinates[-1], ""
         for k, way in enumerate(self._ways(here, touching=bool(executor.contact)) if due else ()):
             motion = self._slow(way, begin)
@@ -113,9 +115,9 @@ class Retreat:
             rows[:, :2] += np.outer(ahead * part, (np.cos(here[2]), np.sin(here[2])))
             yield rows
 
-    def due(self, t: float, *, touching: bool, stands: bool, unknown: bool = False) -> bool:
-        """Whether the robot, which touches something, known or not, or stands or not, is to back off at the time ``t``
-        [s]."""
+    def due(self, t: float, *, touching: bool, stands: bool, unknown: bool = False, blind: bool = False) -> bool:
+        """Whether the robot, which touches something, known or not, or stands or not, and may see behind it or not, is
+        to back off at the time ``t`` [s]."""
         if not touching:
             self._since, self._free, self._backs = None, True, False
             return False
@@ -129,7 +131,7 @@ class Retreat:
         if self._since is None:
             self._since = t
         often = len(self._touches) == _MOST_TOUCHES and t - self._touches[0] < _TOUCHES_TIME
-        wait = _UNKNOWN_WAIT if unknown else _TOUCH_WAIT
+        wait = _BLIND_WAIT if blind else _UNKNOWN_WAIT if unknown else _TOUCH_WAIT
         return t - self._since >= wait and not often and (self._ran or not unknown)
 
     def motion(self, here: Array, begin: float) -> Trajectory | None:

@@ -11,7 +11,7 @@ import pytest
 from brute_force import configuration, link_distances
 from simulated_time import planning_at_once
 
-from elastic_strips.control import Controller, RunState
+from elastic_strips.control import Controller, DriveParams, RunState
 from elastic_strips.control.retreat import Retreat
 from elastic_strips.control.vantage import Vantage
 from elastic_strips.errors import ConfigurationError, GoalError
@@ -24,9 +24,11 @@ DT = 0.01
 UNSEEN = 1.2  # [m] where a bumper is pressed
 
 
-def driven(robot, scene, seconds, *, bumper=lambda t, x: x > UNSEEN):
+def driven(robot, scene, seconds, *, bumper=lambda t, x: x > UNSEEN, params=None):
     """A controller, and the places x [m] of the base over time, of a drive onto something that nobody sees."""
-    controller = Controller(robot, robot.home(), robot.home(x=3.0), scene(0.0), workers=planning_at_once())
+    controller = Controller(
+        robot, robot.home(), robot.home(x=3.0), scene(0.0), workers=planning_at_once(), params=params
+    )
     plant = KinematicPlant(robot, controller.limits, seed=1)
     plant.reset(robot.space.to_coordinates(robot.home()))
     measured, places, touching = None, [], []
@@ -102,6 +104,7 @@ def test_what_it_runs_into_on_its_way_from_something_else_it_has_run_into(stands
         knows_touched=lambda state, scene: False,
         certify_leaving=lambda motion, scene: SimpleNamespace(certified=True),
     )
+    planner.params = SimpleNamespace(backward=True)
     active.tail = lambda t: active
     retreat = Retreat(executor, planner)  # type: ignore[arg-type]
     for k in range(30):
@@ -109,6 +112,17 @@ def test_what_it_runs_into_on_its_way_from_something_else_it_has_run_into(stands
         executor.contact = "the bumper is pressed" if k >= 15 else ""
         retreat.backs_off(0.1 * k, 0.1 * k, Scene([]), stuck=True)
     assert retreat.due(8.0, touching=True, stands=True, unknown=True) is not stands
+
+
+def test_who_does_not_see_behind_it_waits_longer_until_it_backs_off(silvermate):
+    """Others mostly go by then, and behind it there may be more of them."""
+    waited = []
+    for backward in (True, False):
+        params = DriveParams(backward=backward)
+        controller, _, _ = driven(silvermate, lambda t: Scene([], time=t), 10.0, params=params)
+        touched = next(event.time for event in controller.events if "bumper" in event.reason)
+        waited.append(leavings(controller)[0].time - touched)
+    assert waited[1] > waited[0] + 1.0
 
 
 def test_who_is_run_into_by_something_that_nobody_sees_stays(silvermate):
