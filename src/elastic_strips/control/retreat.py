@@ -9,7 +9,8 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ElasticStripsError
-from elastic_strips.scene import Scene
+from elastic_strips.scene import UNSEEN_LAYER, Scene
+from elastic_strips.scene.obstacle import LOST_LAYER
 from elastic_strips.trajectory import Trajectory
 
 from .executor import ExecutorLink
@@ -84,7 +85,11 @@ class Retreat:
         blind = felt and not planner.params.backward
         due = self.due(t, touching=bool(near), stands=stands, unknown=unknown, blind=blind) and executor.settled
         here, refused = executor.active.coordinates[-1], ""
-        for k, way in enumerate(self._ways(here, touching=bool(executor.contact)) if due else ()):
+        # It does not go where it does not see, unless what was not seen is an obstacle.
+        back = planner.params.backward or any(
+            name.startswith(UNSEEN_LAYER) and not name.startswith(LOST_LAYER) for name in scene.names
+        )
+        for k, way in enumerate(self._ways(here, touching=felt, back=back) if due else ()):
             motion = self._slow(way, begin)
             if motion is None or (k > 0 and planner.cramped(motion.at(motion.end_time), scene)):
                 continue  # of ways that it did not come those alone from whose end others can be planned
@@ -101,15 +106,15 @@ class Retreat:
             executor.log("refused", refused)
         return bool(executor.contact)
 
-    def _ways(self, here: Array, *, touching: bool) -> Iterator[Array]:
+    def _ways(self, here: Array, *, touching: bool, back: bool) -> Iterator[Array]:
         """Rows (K, nv) of the ways that lead away, best first: the way that it came; where what stands there is only
-        too near, a turn on the spot to either side, straight ahead, or straight back."""
+        too near, a turn on the spot to either side, straight ahead, or straight ``back`` where it may."""
         yield self.way(here)
         space = self._planner.robot.space
         if touching or not space.planar:
             return
         part = np.linspace(0.0, 1.0, _ASIDE_STEPS)
-        for turn, ahead in ((_ASIDE_TURN, 0.0), (-_ASIDE_TURN, 0.0), (0.0, _RETREAT), (0.0, -_RETREAT)):
+        for turn, ahead in ((_ASIDE_TURN, 0.0), (-_ASIDE_TURN, 0.0), (0.0, _RETREAT), (0.0, -_RETREAT))[: 3 + back]:
             rows = np.tile(here, (_ASIDE_STEPS, 1))
             rows[:, 2] += turn * part
             rows[:, :2] += np.outer(ahead * part, (np.cos(here[2]), np.sin(here[2])))

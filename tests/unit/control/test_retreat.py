@@ -187,8 +187,13 @@ def test_from_what_is_too_near_it_moves_away_where_it_can(silvermate):
     assert least > 0.006
 
 
-def test_from_between_what_is_too_near_it_backs_off(silvermate):
-    """Two posts 1 cm beside the front of its base: it can neither turn nor get free ahead, and has come no way."""
+@pytest.mark.parametrize(
+    "backward, layer, backs", [(True, "far", True), (False, "far", False), (False, f"{UNSEEN_LAYER}-9-0-0", True)]
+)
+def test_from_between_what_is_too_near_it_backs_off(silvermate, backward, layer, backs):
+    """Two posts 1 cm beside the front of its base: it can neither turn nor get free ahead, and has come no way. Where
+    it does not see behind it, it backs off only where what was not seen is an obstacle."""
+    far_away = Box((0.2, 0.2, 0.2), at=(0.0, 6.0, 0.1), name=layer)
 
     def posts(y):
         return [Cylinder(0.05, 1.0, at=(0.2, side * y, 0.5), name=f"post{side}") for side in (-1, 1)]
@@ -199,10 +204,14 @@ def test_from_between_what_is_too_near_it_backs_off(silvermate):
         apart = link_distances(silvermate, Scene(posts(y)), configuration(silvermate, np.zeros(silvermate.nv)))
         near, far = (y, far) if apart.min() < 0.01 else (near, y)
     found, places, _ = driven(
-        silvermate, lambda t: Scene(posts(far) if t > 0.0 else [], time=t), 6.0, bumper=lambda t, x: False
+        silvermate,
+        lambda t: Scene([far_away, *(posts(far) if t > 0.0 else [])], time=t),
+        6.0,
+        bumper=lambda t, x: False,
+        params=DriveParams(backward=backward),
     )
-    assert leavings(found)
-    assert places[:, 0].min() < -0.1
+    assert bool(leavings(found)) is backs
+    assert bool(places[:, 0].min() < -0.1) is backs
 
 
 def test_an_emergency_stop_is_no_touch(silvermate):
