@@ -354,11 +354,9 @@ class RayBodies:
         normal: Array | None,
     ) -> None: ...
 
-def fill_holes(
-    ranges: npt.NDArray[np.float32], unit: float, widest: int, corners: Indices, out: npt.NDArray[np.float32]
-) -> None:
+def fill_holes(ranges: npt.NDArray[np.float32], unit: float, widest: int, out: npt.NDArray[np.float32]) -> None:
     """Ranges (rows, columns) with narrow holes of lost ones filled in, as `filled` of
-    `elastic_strips.perception.volume_map` has them."""
+    `elastic_strips.perception.lost_pixels` has them."""
 
 def count_cells(low: Indices, high: Indices) -> int:
     """Cells in boxes (B, 3) of a grid."""

@@ -14,6 +14,7 @@
 #include "certificate.hpp"
 #include "filter.hpp"
 #include "grid.hpp"
+#include "holes.hpp"
 #include "lookahead.hpp"
 #include "path_proof.hpp"
 #include "rays.hpp"
@@ -812,11 +813,10 @@ void bind_volume(nb::module_& m) {
             "evidence that is out of order");
     new (self) VolumeMap(n, corner.data(), cell, {miss, floor, top, filled, emptied});
   });
-  m.def("fill_holes", [](Same<const float> ranges, double unit, int widest, Numbers corners, Same<float> out) {
-    Sizes()("rc q rc", ranges, corners, out);
-    require(widest > 0 && std::is_sorted(corners.data(), corners.data() + corners.size()), "no holes to look into");
-    fill_holes(ranges.data(), ranges.shape(0), ranges.shape(1), unit, widest, corners.data(), corners.size(),
-               out.data());
+  m.def("fill_holes", [](Same<const float> ranges, double unit, int widest, Same<float> out) {
+    Sizes()("rc rc", ranges, out);
+    require(widest > 0, "no holes to look into");
+    fill_holes(ranges.data(), ranges.shape(0), ranges.shape(1), unit, widest, out.data());
   });
   m.def("count_cells", [](Numbers low, Numbers high) {
     Sizes()("n3 n3", low, high);

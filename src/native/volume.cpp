@@ -581,68 +581,6 @@ std::size_t VolumeMap::count(bool unseen) const {
   return all;
 }
 
-void fill_holes(const float* ranges, std::size_t rows, std::size_t columns, double unit, int widest,
-                const std::int64_t* corners, std::size_t count, float* out) {
-  constexpr double inf = std::numeric_limits<double>::infinity();
-  constexpr int lines[4][2] = {{0, 1}, {1, 0}, {1, 1}, {1, -1}};
-  const auto h = static_cast<std::int64_t>(rows), w = static_cast<std::int64_t>(columns);
-  // How many steps it is from a pixel to the first that is not lost, and its range; 0 where that is none of the next.
-  const auto border = [&](std::int64_t r, std::int64_t c, const int* line, int sign, float& range) {
-    for (int k = 1; k <= widest; ++k) {
-      r += sign * line[0];
-      c += sign * line[1];
-      if (r < 0 || r >= h || c < 0 || c >= w) return 0;
-      range = ranges[r * w + c];
-      if (!std::isnan(range)) return k;
-    }
-    return 0;
-  };
-  struct Lost {
-    std::int64_t row, column;
-    double run, gap, value;
-  };
-  std::vector<Lost> lost;
-  std::vector<std::int32_t> number(rows * columns, -1);
-  for (std::int64_t r = 0; r < h; ++r) {
-    for (std::int64_t c = 0; c < w; ++c) {
-      out[r * w + c] = ranges[r * w + c];
-      if (!std::isnan(ranges[r * w + c])) continue;
-      Lost one{r, c, inf, inf, std::numeric_limits<double>::quiet_NaN()};
-      for (const auto& line : lines) {
-        float near = 0.0f, far = 0.0f;
-        const int before = border(r, c, line, 1, near), after = before == 0 ? 0 : border(r, c, line, -1, far);
-        const double wide = (before + after) * std::hypot(line[0], line[1]);
-        if (after == 0 || before + after > widest || wide >= one.run) continue;
-        one.run = wide;
-        one.value = std::min(near, far);
-      }
-      one.gap = one.run;
-      number[static_cast<std::size_t>(r * w + c)] = static_cast<std::int32_t>(lost.size());
-      lost.push_back(one);
-    }
-  }
-  for (const Lost& one : lost) {  // its run counts for those that are no further away than half of it
-    std::int64_t reach = 0;
-    for (std::size_t k = 0; k < count && one.run > 2.0 * static_cast<double>(k == 0 ? 0 : corners[k - 1]); ++k) {
-      reach = corners[k];
-    }
-    for (std::int64_t r = std::max<std::int64_t>(one.row - reach, 0); r <= std::min(one.row + reach, h - 1); ++r) {
-      for (std::int64_t c = std::max<std::int64_t>(one.column - reach, 0); c <= std::min(one.column + reach, w - 1);
-           ++c) {
-        const std::int32_t other = number[static_cast<std::size_t>(r * w + c)];
-        if (other >= 0) {
-          double& gap = lost[static_cast<std::size_t>(other)].gap;
-          gap = std::max(gap, one.run);
-        }
-      }
-    }
-  }
-  for (const Lost& one : lost) {
-    if (std::isnan(one.value)) continue;
-    out[one.row * w + one.column] = static_cast<float>(std::min(one.value, unit / one.gap));
-  }
-}
-
 std::size_t grid_boxes(const std::int64_t* low, const std::int64_t* high, std::size_t count, double cell, double* cells,
                        double* middles, double* edges, double* whole) {
   std::size_t n = 0;

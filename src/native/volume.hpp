@@ -106,12 +106,6 @@ class VolumeMap {
   Noted changed_, cleared_;
 };
 
-// Ranges (rows, columns) of an image with narrow holes of lost ones, which are no numbers, filled in; see `filled` in
-// elastic_strips.perception.volume_map, its twin. Holes up to `widest` pixels are looked into, and runs up to `corners`
-// (count) pixels away, ascending.
-void fill_holes(const float* ranges, std::size_t rows, std::size_t columns, double unit, int widest,
-                const std::int64_t* corners, std::size_t count, float* out);
-
 // Of boxes (count) of a grid of cells, from cell `low` (3) to before cell `high`: the middles of their cells (n, 3),
 // box by box, and the boxes' middles and edges (count, 3) [m]. `whole` (7): middle and half size (3) of what holds all
 // of them, and radius about that. Without `cells` it only counts these.

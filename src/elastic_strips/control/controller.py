@@ -28,7 +28,7 @@ from elastic_strips.trajectory.trajectory import stationary
 from elastic_strips.validation import check_able, check_count, check_number, check_type, named_arguments
 
 from .executor import ExecutorLink, MotionExecutor
-from .goal_keeper import GoalKeeper, may_look
+from .goal_keeper import GoalKeeper, may_leave, may_look
 from .interfaces import Command, Event, GoalReached, Measurement, RunState
 from .itinerary import Goals, configuration_of, goals_in_order
 from .local_planner import LocalPlanner
@@ -202,6 +202,7 @@ class Controller:
             except (ConfigurationError, GoalError) as error:
                 at_goal = isinstance(error, GoalError) or configuration_of(robot, first) is not None  # not at the start
                 looks = at_goal and may_look(robot, self.scene, first, self.replanner.deform)
+                looks = looks or may_leave(robot, self.scene, start, self.replanner.deform)
                 if not looks:
                     raise
                 strip = Strip.from_coordinates(robot, np.array([self.start, self.start]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor as Workers
 from concurrent.futures import Future
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -47,10 +48,22 @@ _DRIVES_ON = 0.5
 def may_look(robot: RobotModel, scene: Scene, goal: Goal | Sequence[Goal], deform: DeformParams) -> bool:
     """Whether something stands at a goal that a robot may look at from nearer: in a scene by sensors, which see better
     from there, or see from there alone that it is gone."""
-    if not (scene.held_up or len(scene.seen) < len(scene)) or place_of(robot, goal) is None:
+    if not _by_sensors(scene) or place_of(robot, goal) is None:
         return False
     q = configuration_of(robot, goal)
     return q is None or _taken(robot, scene, q, deform)
+
+
+def may_leave(robot: RobotModel, scene: Scene, start: npt.ArrayLike, deform: DeformParams) -> bool:
+    """Whether a robot stands too near something in a scene by sensors, and not in it: it may move away from it, or that
+    goes, or is further away than it seemed."""
+    q, touching = robot.check_q(start, what="start"), replace(deform, clearance=0.0)
+    return _by_sensors(scene) and _taken(robot, scene, q, deform) and not _taken(robot, scene, q, touching)
+
+
+def _by_sensors(scene: Scene) -> bool:
+    """Whether a scene is of sensors that see what is free."""
+    return bool(scene.held_up) or len(scene.seen) < len(scene)
 
 
 def _taken(robot: RobotModel, scene: Scene, q: Array, deform: DeformParams) -> bool:
@@ -484,7 +497,9 @@ class GoalKeeper:
         goal, executor = self._next_goal, self._executor
         nearer = goal is self._nearer
         new = not (self.looks or nearer or goal is self._asked_goal)  # no strip leads to it
-        if new and not may_look(self._robot, scene, goal, self._replanner.deform):
+        start, deform = self._configuration(self._plan_from), self._replanner.deform
+        leaves = new and may_leave(self._robot, scene, start, deform)
+        if new and not (leaves or may_look(self._robot, scene, goal, deform)):
             return False
         if new and (not executor.at_rest(t) or self._apart(self._plan_from, executor.active.coordinates[-1])):
             self._plan_to(goal, executor.active.coordinates[-1], scene)  # once more, from where it comes to rest
@@ -493,7 +508,7 @@ class GoalKeeper:
             executor.log("replanned", f"no other way to be at the goal: {error}")
             self._blocked = str(error)
             if new:
-                self._led, self._asked_goal = False, goal
+                self._led, self._asked_goal, self.looks = False, goal, leaves
         if self.looks and not nearer:  # it stands where it was to see more, and goes on from there
             self.goals.insert(0, goal)
         if not nearer and self._look_nearer(t, goal, scene):

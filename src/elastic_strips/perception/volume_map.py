@@ -14,27 +14,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from elastic_strips.arrays import Array, Image, Indices, Mask
+from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import ParameterError
 from elastic_strips.native import kernel
 from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Voxels
 from elastic_strips.validation import Bound, NonNegative, Positive, check_fields
 from elastic_strips.work import count_work
 
+from .lost_pixels import StillImages, filled
 from .readings import DepthImage, RangeImage
 from .volume_twin import BLOCK, PASSED, VolumeTwin
 
 _SIGMAS = 3.0  # standard deviations that count as the largest error
 _UNIT = 0.05  # of log-odds, in which the map counts
 _MOST_BLOCKS = 1 << 20
-_WIDEST_HOLE = 24  # [pixels] of the holes that are looked into
-_CORNERS = (1, 2, 4, 8, 12)  # [pixels] up to half of that: runs across its corners are short
 _OBSTACLES_A_BLOCK = 60  # of work that is counted, for one that is made anew: 0.3 ms
 _FINE_ROOM = 0.6  # [m] from the base to sensors, about which finer voxels are
 _EIGHTHS = np.stack(np.meshgrid(*[(0.25, 0.75)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -68,6 +66,8 @@ class VolumeMapParams:
         ground: what is no higher than this, and three standard deviations, is the floor and no obstacle.
         hole: nothing that gives no answer is wider than this, or it may be overlooked: holes of lost pixels in an image
             count as seen through to where something wider would fit into them, or to the nearer of their two borders.
+        answers_count: for how long [s] a lost pixel counts as ending where it ended before, at the nearest, while the
+            sensor stands still.
         hit, miss: log-odds that a hit adds, and that a look through takes away.
         floor, top: bounds of the log-odds; the floor is −floor.
         occupied: voxels above it become obstacles, until they are below −floor / 2.
@@ -92,7 +92,8 @@ class VolumeMapParams:
     fine_range: NonNegative = 1.5
     thinnest: Positive = 0.03
     ground: NonNegative = 0.04
-    hole: NonNegative = 0.1
+    hole: NonNegative = 0.05
+    answers_count: NonNegative = 0.5
     hit: Positive = 0.85
     miss: Positive = 0.4
     floor: Positive = 0.8
@@ -181,6 +182,7 @@ class VolumeMap:
         self._fine: _FineVoxels | None = None
         if p.fine_range:
             self._fine = _FineVoxels(p, int(self._corner[2]), lambda *given: make(*given, *units))
+        self._still: dict[str, StillImages] = {}  # by the sensor's name
         self._made: dict[_Block, _Made] = {}
         self._doubtful: dict[_Block, _Made] = {}  # within the radius
         self._doubts: set[_Block] = set()  # of these those in which something has changed
@@ -243,7 +245,8 @@ class VolumeMap:
         view = _optics(reading)
         sure = p.thinnest * float(np.abs(view[2]).min())
         # what is filled in only frees: where a lost pixel ends, nothing was seen
-        ranges = filled(reading.ranges, p.hole * float(np.abs(view[2]).min()))
+        still = self._still.setdefault(reading.sensor, StillImages(p.answers_count))
+        ranges = filled(still.filled(reading, T), p.hole * float(np.abs(view[2]).min()))
         # Behind what may be called free, and what may become an obstacle, nothing is of use yet.
         far = max(sure, p.hit_range)
         most = min(_longest(reading), p.range_max, far + float(p.error(np.array(far))))
@@ -437,68 +440,6 @@ class _FineVoxels:
             keys = _keys(self.map.changed(doubtful).reshape(-1, 3) // 2)
             self._changed |= keys
             self._refined |= keys
-
-
-def filled(ranges: Image, unit: float) -> Image:
-    """Ranges (H, W) with narrow holes of lost ones filled in.
-
-    A hole is as wide, at a pixel of it, as the shortest run of lost pixels through that, along its row, column and
-    diagonals, or through another one no further away than half of that one's run: across the corners of something
-    wide runs are short. What is hidden in it is no wider than the gap between the pixels at the ends of that run.
-
-    Args:
-        ranges: with ``NO_ANSWER`` where they are lost [m].
-        unit: distance [m] at which a gap of one pixel's width is as wide as what may be overlooked; that of a gap of n
-            is an n-th of it. A lost pixel is as far away as that, or as the nearer end of its run.
-    """
-    if unit == 0.0:
-        return ranges
-    native = kernel()
-    if native is None:
-        return _filled(ranges, unit)
-    out = np.empty(ranges.shape, dtype=np.float32)
-    native.fill_holes(np.ascontiguousarray(ranges, dtype=np.float32), unit, _WIDEST_HOLE, np.array(_CORNERS), out)
-    return out
-
-
-def _filled(ranges: Image, unit: float) -> Image:
-    """The kernel's readable twin."""
-    from scipy.ndimage import maximum_filter  # late: slow to import
-
-    lost = np.argwhere(np.isnan(ranges))
-    if not len(lost):
-        return ranges
-    around = np.pad(ranges, _WIDEST_HOLE, constant_values=np.nan)
-    gap, value = np.full(len(lost), np.inf), np.full(len(lost), np.nan)
-    for line in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        (one, near), (two, far) = (_border(around, lost + _WIDEST_HOLE, np.array(line) * sign) for sign in (1, -1))
-        wide = (one + two) * float(np.hypot(*line))
-        better = (one + two <= _WIDEST_HOLE) & (wide < gap)
-        gap[better], value[better] = wide[better], np.minimum(near, far)[better]
-    i, j = lost.T
-    runs = np.zeros(ranges.shape)
-    runs[i, j] = gap
-    for less, radius in pairwise((0, *_CORNERS)):
-        wide = maximum_filter(np.where(runs > 2 * less, runs, 0.0), 2 * radius + 1, mode="constant")
-        gap = np.maximum(gap, wide[i, j])
-    out = ranges.copy()
-    out[i, j] = np.minimum(value, unit / gap)
-    return out
-
-
-def _border(ranges: Image, at: Indices, step: Indices) -> tuple[Array, Array]:
-    """How many steps (n,) it is from pixels (n, 2) to the first that is not lost, and its range (n,); infinity and
-    ``NO_ANSWER`` where that is none of the next ones."""
-    steps, value = np.full(len(at), np.inf), np.full(len(at), np.nan)
-    for k in range(1, _WIDEST_HOLE + 1):
-        open_ = np.flatnonzero(np.isinf(steps))
-        if not len(open_):
-            break
-        i, j = (at[open_] + k * step).T
-        found = ranges[i, j]
-        there = ~np.isnan(found)
-        steps[open_[there]], value[open_[there]] = k, found[there]
-    return steps, value
 
 
 def _longest(reading: DepthImage | RangeImage) -> float:

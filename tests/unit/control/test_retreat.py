@@ -389,6 +389,30 @@ def test_a_robot_that_starts_in_something_does_not_look(silvermate, goal):
         Controller(silvermate, silvermate.home(), goal(silvermate), Scene([here], held_up="nothing has arrived since"))
 
 
+@pytest.mark.parametrize("until", [2.0, 99.0], ids=["goes", "stays"])
+def test_a_robot_that_starts_too_near_what_its_sensors_show_begins_and_gets_away(silvermate, until):
+    """It shows 9 mm from the robot; where that goes or the robot can back off, it reaches its goal."""
+    start = silvermate.home()
+    ahead = float(link_distances(silvermate, Scene([Box((0.1, 3.0, 3.0), at=(2.0, 0.0, 1.5))]), start).min())
+    shown = Box((0.1, 3.0, 3.0), at=(2.0 - ahead + 0.009, 0.0, 1.5), name="map-2-0")
+    assert 0.0 < link_distances(silvermate, Scene([shown]), start).min() < 0.015
+    goal, held_up = silvermate.home(x=-2.0), "nothing has arrived since"
+    first = Scene([shown], time=0.0, held_up=held_up)
+    with pytest.raises(ConfigurationError):
+        Controller(silvermate, start, goal, Scene([shown], time=0.0), workers=planning_at_once())
+    controller = Controller(silvermate, start, goal, first, workers=planning_at_once())
+    plant = KinematicPlant(silvermate, controller.limits, seed=1)
+    plant.reset(silvermate.space.to_coordinates(start))
+    measured = None
+    for k in range(round(60.0 / DT)):
+        scene = Scene([shown] if k * DT < until else [], time=k * DT, held_up=held_up)
+        measured = plant.step(controller.step(k * DT, measured, scene), DT)
+        if controller.ended:
+            break
+    assert controller.state is RunState.REACHED, controller.reason
+    assert controller.reached == 1, "where it stood at first is no goal"
+
+
 def test_a_goal_that_is_taken_in_a_known_scene_is_refused_at_once(silvermate):
     shown = Box((0.3, 0.3, 0.3), at=(4.0, 0.0, 0.8), name="box")
     with pytest.raises(GoalError):
