@@ -135,7 +135,9 @@ class Controller:
         executor, planner, replanner, keeper, pace: the parts.
 
     Raises:
-        ConfigurationError: start or goal is not valid, or in collision; or the strip is another robot's.
+        ConfigurationError: start or goal is not valid, or in collision; or the strip is another robot's. Where sensors
+            that see what is free show something too near the start, and not in the robot, it begins, and gets away from
+            that first.
         GoalError: no configuration that is free reaches the first goal. Where the scene is of sensors that see what is
             free, and a hand is to be there, the robot looks at it from nearer first.
 

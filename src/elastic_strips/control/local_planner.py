@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from elastic_strips.arrays import Array, Mask
-from elastic_strips.collision import BrokenSegment, Certificate
+from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.scene.obstacle import LOST_LAYER
@@ -205,23 +205,20 @@ class LocalPlanner:
     def cramped(self, state: ReferenceState, scene: Scene) -> str:
         """What stands nearer to a robot that rests in a state than any motion may be; empty where nothing does. What
         moves is not left, but evaded; where a mover may be that nothing sees, it is waited for until that is over."""
-        near = self._beside(state, scene)
+        near = self.timer.certify(self._still(state), self._outlook(scene)).broken
         if near is not None and near.obstacle.startswith(LOST_LAYER):
             kept = [scene.obstacle(name) for name in scene.names if not name.startswith(LOST_LAYER)]
             known = Scene(kept, time=scene.time)
-            near = self._beside(state, known)
+            near = self.timer.certify(self._still(state), self._outlook(known)).broken
         if near is None or (near.obstacle in scene and scene.obstacle(near.obstacle).motion is not None):
             return ""
         return f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}"
 
     def knows_touched(self, state: ReferenceState, scene: Scene) -> bool:
         """Whether something is in a scene, standing or moving, that a robot may touch that rests in a state."""
-        return self._beside(state, scene) is not None
-
-    def _beside(self, state: ReferenceState, scene: Scene) -> BrokenSegment | None:
         outlook = self._outlook(scene)
         outlook = replace(outlook, margins=replace(outlook.margins, margin=0.0))
-        return self.timer.certify(self._still(state), outlook).broken
+        return self.timer.certify(self._still(state), outlook).broken is not None
 
     def _still(self, state: ReferenceState) -> Trajectory:
         """A trajectory that stays where a state is."""

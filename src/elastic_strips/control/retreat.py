@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 
@@ -23,6 +24,7 @@ _UNKNOWN_WAIT = 2.0  # [s] the same, from something that nobody has seen: who ca
 _BLIND_WAIT = 4.0  # [s] the same, of a robot that does not see where it backs off to: most others have gone by then
 _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 """How far it goes at once [m in the metric of motions], and with which part of its speed."""
+_PARTS = (1.0, 0.4)  # of that, the second where nothing leads so far
 _ASIDE_TURN, _ASIDE_STEPS = 0.5, 20
 """How far [rad] it turns away at once from what stands too near, and in how many steps it is looked whether it can."""
 _MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
@@ -89,10 +91,11 @@ class Retreat:
         back = planner.params.backward or any(
             name.startswith(UNSEEN_LAYER) and not name.startswith(LOST_LAYER) for name in scene.names
         )
-        for k, way in enumerate(self._ways(here, touching=felt, back=back) if due else ()):
-            motion = self._slow(way, begin)
+        ways = product(_PARTS, self._ways(here, touching=felt, back=back)) if due else ()
+        for k, (part, way) in enumerate(ways):
+            motion = self._slow(way, begin, part)
             if motion is None or (k > 0 and planner.cramped(motion.at(motion.end_time), scene)):
-                continue  # of ways that it did not come those alone from whose end others can be planned
+                continue  # but for the way that it came, only those from whose end others can be planned
             certificate = planner.certify_leaving(motion, scene)
             if certificate.certified:
                 executor.log("leaving", f"the robot moves away, along the way that it came where it can: {near}")
@@ -149,11 +152,12 @@ class Retreat:
         """
         return self._slow(self.way(here), begin)
 
-    def _slow(self, rows: Array, begin: float) -> Trajectory | None:
+    def _slow(self, rows: Array, begin: float, part: float = 1.0) -> Trajectory | None:
         if len(rows) < 2:
             return None
+        far = part * _RETREAT
         try:
-            return self._planner.timer.easy.horizon(rows, distance=_RETREAT, start_time=begin, speed=_RETREAT_SPEED)
+            return self._planner.timer.easy.horizon(rows, distance=far, start_time=begin, speed=_RETREAT_SPEED)
         except ElasticStripsError:
             return None
 

@@ -68,11 +68,15 @@ def _widths(lost: Mask) -> Array:
     rows, columns = np.array(lost.shape) + 2
     open_ = np.ones((2 * rows - 1, 2 * columns - 1), dtype=bool)  # in half pixels
     open_[::2, ::2] = np.pad(lost, 1)
-    discs = np.rint(distance_transform_edt(open_) ** 2).astype(int)
-    discs = np.minimum(discs, _WIDEST_HOLE**2 + 1)
-    found = np.zeros(discs.shape, dtype=int)
-    for width in np.unique(discs)[1:]:  # squares, ascending
-        found[distance_transform_edt(discs < width) ** 2 <= 2 * width + 0.5] = width
+
+    def squares(open_: Mask) -> Indices:
+        """Squared distances to what is not open."""
+        return np.rint(np.asarray(distance_transform_edt(open_)) ** 2).astype(np.intp)
+
+    discs = np.minimum(squares(open_), _WIDEST_HOLE**2 + 1)
+    found = np.zeros_like(discs)
+    for width in np.unique(discs)[1:]:  # squares as well, ascending
+        found[squares(discs < width) <= 2 * width] = width
     found = found[2:-2:2, 2:-2:2]
     return np.where(found > _WIDEST_HOLE**2, np.nan, np.sqrt(found))
 

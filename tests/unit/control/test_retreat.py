@@ -149,17 +149,25 @@ def test_it_goes_on_where_what_it_touched_is_gone(silvermate):
     assert places[-1, 0] == pytest.approx(3.0, abs=0.06)
 
 
-def test_it_stays_where_the_way_back_is_not_free(silvermate):
+@pytest.mark.parametrize("behind", [0.47, 0.55])  # [m] from the middle of its base: no way at all, and half of one
+def test_it_goes_no_further_than_the_way_back_is_free(silvermate, behind):
     _, alone, _ = driven(silvermate, lambda t: Scene([], time=t), 3.0)
-    wall = Box((0.2, 2.0, 1.0), at=(alone[-1, 0] - 0.55, 0.0, 0.5), name="wall")  # comes down behind it
+    wall = Box((0.2, 2.0, 1.0), at=(alone[-1, 0] - behind, 0.0, 0.5), name="wall")  # comes down behind it
 
     def scene(t):
         return Scene([wall] if t > 2.9 else [], time=t)
 
     controller, places, _ = driven(silvermate, scene, 8.0)
-    assert not leavings(controller)
-    assert np.ptp(places[-300:, 0]) < 0.01
-    assert any("back off" in event.reason and "wall" in event.reason for event in controller.events)
+    rows = np.zeros((len(places), silvermate.nv))
+    rows[:, :3] = places
+    assert link_distances(silvermate, Scene([wall]), configuration(silvermate, rows[-1])).min() > 0.01
+    if behind < 0.5:
+        assert not leavings(controller)
+        assert np.ptp(places[-300:, 0]) < 0.01
+        assert any("back off" in event.reason and "wall" in event.reason for event in controller.events)
+    else:
+        assert leavings(controller)
+        assert 0.03 < places[:, 0].max() - places[-1, 0] < 0.2
 
 
 def test_from_what_is_too_near_it_moves_away_where_it_can(silvermate):
@@ -389,17 +397,31 @@ def test_a_robot_that_starts_in_something_does_not_look(silvermate, goal):
         Controller(silvermate, silvermate.home(), goal(silvermate), Scene([here], held_up="nothing has arrived since"))
 
 
+def test_what_no_motion_may_begin_beside_is_too_near(silvermate):
+    """All that is kept counts, the margin beyond what it may be off its path as well."""
+    start, face = silvermate.home(), Box((0.1, 3.0, 3.0), at=(2.0, 0.0, 1.5))
+    with Controller(silvermate, start, silvermate.home(x=-2.0), Scene([]), workers=planning_at_once()) as controller:
+        planner, state = controller.planner, controller.reference
+        error, kept = planner.margins.tracking_error, planner.margins.tracking_error + planner.margins.margin
+        ahead = float(link_distances(silvermate, Scene([face]), start).min())
+        for off, near in ((0.5 * error, True), (0.5 * (error + kept), True), (1.2 * kept, False)):
+            scene = Scene([Box((0.1, 3.0, 3.0), at=(2.0 - ahead + off, 0.0, 1.5), name="map-2-0")])
+            assert bool(planner.cramped(state, scene)) == near
+
+
+@pytest.mark.parametrize("off", [0.009, 0.022])  # [m]: less than half of what is kept, and less than that
 @pytest.mark.parametrize("until", [2.0, 99.0], ids=["goes", "stays"])
-def test_a_robot_that_starts_too_near_what_its_sensors_show_begins_and_gets_away(silvermate, until):
-    """It shows 9 mm from the robot; where that goes or the robot can back off, it reaches its goal."""
+def test_a_robot_that_starts_too_near_what_its_sensors_show_begins_and_gets_away(silvermate, until, off):
+    """Where that goes, or the robot can back off, it reaches its goal."""
     start = silvermate.home()
     ahead = float(link_distances(silvermate, Scene([Box((0.1, 3.0, 3.0), at=(2.0, 0.0, 1.5))]), start).min())
-    shown = Box((0.1, 3.0, 3.0), at=(2.0 - ahead + 0.009, 0.0, 1.5), name="map-2-0")
-    assert 0.0 < link_distances(silvermate, Scene([shown]), start).min() < 0.015
+    shown = Box((0.1, 3.0, 3.0), at=(2.0 - ahead + off, 0.0, 1.5), name="map-2-0")
+    assert 0.0 < link_distances(silvermate, Scene([shown]), start).min() < 0.024
     goal, held_up = silvermate.home(x=-2.0), "nothing has arrived since"
     first = Scene([shown], time=0.0, held_up=held_up)
-    with pytest.raises(ConfigurationError):
-        Controller(silvermate, start, goal, Scene([shown], time=0.0), workers=planning_at_once())
+    if off < 0.02:
+        with pytest.raises(ConfigurationError):
+            Controller(silvermate, start, goal, Scene([shown], time=0.0), workers=planning_at_once())
     controller = Controller(silvermate, start, goal, first, workers=planning_at_once())
     plant = KinematicPlant(silvermate, controller.limits, seed=1)
     plant.reset(silvermate.space.to_coordinates(start))

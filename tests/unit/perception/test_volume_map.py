@@ -374,7 +374,8 @@ def test_a_board_without_an_answer_is_not_called_free(thick, away):
 @each("shift", [0.0, 0.02])
 def test_who_stands_still_sees_through_pixels_that_are_lost_now_and_then(shift, rng):
     """Half of all pixels are lost in each image. From one place all of them answer, one after the other."""
-    volume, wall = VolumeMap(VolumeMapParams(length=10.0, height=2.0)), Scene([Box((0.1, 9.0, 2.4), at=(4.0, 0.0, 1.2))])
+    wall = Scene([Box((0.1, 9.0, 2.4), at=(4.0, 0.0, 1.2))])
+    volume = VolumeMap(VolumeMapParams(length=10.0, height=2.0))
     for k in range(8):
         image = depth_image(wall, pose(shift * k), 96, 128, 115.0)
         lost = rng.random(image.depth.shape) < 0.5
