@@ -1,7 +1,7 @@
 """Lost pixels: how far one sees through them at least, by what is beside them, and by what they answered a moment ago.
 
-What is hidden in a hole of lost pixels is no wider than the widest disc that fits into it: as no single pixel in a
-thousand is in doubt, but a strip is that is as wide as a board seen edge-on. Where half of all pixels are lost, as on a
+What is hidden in a hole of lost pixels is no wider than the widest disc that fits into it: single ones hide next to
+nothing, a strip of them as much as a board that is seen edge-on. Where half of all pixels are lost at any time, as on a
 floor that is seen from far away, a sensor that stands still sees through all of them one after the other; what never
 answers stays lost.
 """
