@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
@@ -27,6 +27,7 @@ _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 _PARTS = (1.0, 0.4)  # of that, the second where nothing leads so far
 _ASIDE_TURN, _ASIDE_STEPS = 0.5, 20
 """How far [rad] it turns away at once from what stands too near, and in how many steps it is looked whether it can."""
+_NEXT_ROUND = 0.5  # [s] after no way led away, until they are tried anew
 _MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
 """After so many touches within this time [s] it stands. What came to it while it stood counts where it moved away."""
 
@@ -49,6 +50,8 @@ class Retreat:
         self._free = True  # whether it has touched nothing since
         self._ran = False  # whether it moved when it began to touch something
         self._felt = False  # whether it touched something when asked last
+        self._tried, self._refused = 0, ""  # ways, one a tick, and why the first of them was refused
+        self._next_round = 0.0  # [s] when they are tried anew
 
     def note(self, row: Array) -> None:
         """Take note of a reference (nv,) that the robot followed on its way."""
@@ -58,7 +61,7 @@ class Retreat:
             self._came.append(row.copy())
 
     def backs_off(self, t: float, begin: float, scene: Scene, *, stuck: bool) -> bool:
-        """Whether the robot backs off, or touches something.
+        """Whether the robot backs off, tries to, or touches something: nothing else is planned then.
 
         Where it has stood so for a while, or so near to something that no motion is certified, it backs off along the
         way that it came, proven to be free of all else. From what is not in the scene it does so only where it ran into
@@ -86,36 +89,51 @@ class Retreat:
         unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
         blind = felt and not planner.params.backward
         due = self.due(t, touching=bool(near), stands=stands, unknown=unknown, blind=blind) and executor.settled
-        here, refused = executor.active.coordinates[-1], ""
-        # It does not go where it does not see, unless what was not seen is an obstacle.
-        back = planner.params.backward or any(
-            name.startswith(UNSEEN_LAYER) and not name.startswith(LOST_LAYER) for name in scene.names
-        )
-        ways = product(_PARTS, self._ways(here, touching=felt, back=back)) if due else ()
-        for k, (part, way) in enumerate(ways):
-            motion = self._slow(way, begin, part)
-            if motion is None or (k > 0 and planner.cramped(motion.at(motion.end_time), scene)):
-                continue  # but for the way that it came, only those from whose end others can be planned
-            certificate = planner.certify_leaving(motion, scene)
-            if certificate.certified:
-                executor.log("leaving", f"the robot moves away, along the way that it came where it can: {near}")
-                proven = planner.margins.tracking_error
-                executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
-                self.went(motion)
-                self._leaving = motion
-                return True
-            refused = refused or f"cannot back off: {certificate.broken}"
-        if refused:
-            executor.log("refused", refused)
-        return bool(executor.contact)
+        if not near:
+            self._tried, self._refused, self._next_round = 0, "", 0.0
+        if due and t >= self._next_round:
+            return self._tries_a_way(t, begin, scene, near)
+        return felt
 
-    def _ways(self, here: Array, *, touching: bool, back: bool) -> Iterator[Array]:
+    def _tries_a_way(self, t: float, begin: float, scene: Scene, near: str) -> bool:
+        """Back off along the next of the ways, if it is free. Whether there was one, free or not; after the last they
+        are left alone for a while. To look at them all takes several times as long as a planning tick may."""
+        executor, planner = self._executor, self._planner
+        ways = product(_PARTS, enumerate(self._ways(executor.active.coordinates[-1], scene, touching=self._felt)))
+        for part, (k, way) in islice(ways, self._tried, None):
+            self._tried += 1
+            motion = self._slow(way, begin, part)
+            if motion is None:
+                continue
+            # But for the way that it came, only those from whose end others can be planned.
+            cramped = planner.cramped(motion.at(motion.end_time), scene) if k > 0 else ""
+            certificate = None if cramped else planner.certify_leaving(motion, scene)
+            if certificate is None or not certificate.certified:
+                broken = certificate.broken if certificate is not None else f"where that ends, {cramped}"
+                self._refused = self._refused or f"cannot back off: {broken}"
+                return True
+            executor.log("leaving", f"the robot moves away, along the way that it came where it can: {near}")
+            proven = planner.margins.tracking_error
+            executor.submit(motion, certificate, at_goal=False, proven=proven, leaving=True)
+            self.went(motion)
+            self._leaving = motion
+            return True
+        if self._refused:
+            executor.log("refused", self._refused)
+        self._tried, self._refused, self._next_round = 0, "", t + _NEXT_ROUND
+        return self._felt
+
+    def _ways(self, here: Array, scene: Scene, *, touching: bool) -> Iterator[Array]:
         """Rows (K, nv) of the ways that lead away, best first: the way that it came; where what stands there is only
-        too near, a turn on the spot to either side, straight ahead, or straight ``back`` where it may."""
+        too near, a turn on the spot to either side, straight ahead, or straight back, unless it does not see where
+        that leads, and what was not seen is no obstacle."""
         yield self.way(here)
         space = self._planner.robot.space
         if touching or not space.planar:
             return
+        back = self._planner.params.backward or any(
+            name.startswith(UNSEEN_LAYER) and not name.startswith(LOST_LAYER) for name in scene.names
+        )
         part = np.linspace(0.0, 1.0, _ASIDE_STEPS)
         for turn, ahead in ((_ASIDE_TURN, 0.0), (-_ASIDE_TURN, 0.0), (0.0, _RETREAT), (0.0, -_RETREAT))[: 3 + back]:
             rows = np.tile(here, (_ASIDE_STEPS, 1))
@@ -169,6 +187,7 @@ class Retreat:
     def went(self, motion: Trajectory) -> None:
         """Told that the robot backs off by a motion: the way from its end on was not free."""
         self._since, self._backs = None, True
+        self._tried, self._refused = 0, ""
         if not self._ran:
             self._touches.append(motion.start_time)
         apart = [float(np.abs(row - motion.coordinates[-1]).max(initial=0.0)) for row in self._came]

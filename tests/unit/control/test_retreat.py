@@ -3,6 +3,7 @@ elsewhere. Both only where that is free."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from brute_force import configuration, link_distances
 from simulated_time import planning_at_once
 
 from elastic_strips.control import Controller, DriveParams, RunState
+from elastic_strips.control.local_planner import LocalPlanner
 from elastic_strips.control.retreat import Retreat
 from elastic_strips.control.vantage import Vantage
 from elastic_strips.errors import ConfigurationError, GoalError
@@ -41,6 +43,20 @@ def driven(robot, scene, seconds, *, bumper=lambda t, x: x > UNSEEN, params=None
         if controller.ended:
             break
     return controller, np.array(places), np.array(touching)
+
+
+def posts_beside(robot, places):
+    """Posts 1 cm beside the base at home, below its arm: at places x [m] along it, each with the side (-1 or 1)."""
+
+    def posts(y):
+        return [Cylinder(0.05, 0.4, at=(x, side * y, 0.2), name=f"post{k}") for k, (x, side) in enumerate(places)]
+
+    near, far = 0.2, 1.0
+    for _ in range(40):
+        y = 0.5 * (near + far)
+        apart = link_distances(robot, Scene(posts(y)), robot.home()).min()
+        near, far = (y, far) if apart < 0.01 else (near, y)
+    return posts(far)
 
 
 def leavings(controller):
@@ -172,24 +188,14 @@ def test_it_goes_no_further_than_the_way_back_is_free(silvermate, behind):
 
 def test_from_what_is_too_near_it_moves_away_where_it_can(silvermate):
     """A post has come to stand 1 cm beside the rear of its base, and it has come no way."""
-
-    def post(y):
-        return Cylinder(0.05, 1.0, at=(-0.25, y, 0.5), name="post")
-
-    near, far = 0.2, 1.0
-    for _ in range(40):
-        y = 0.5 * (near + far)
-        apart = link_distances(silvermate, Scene([post(y)]), configuration(silvermate, np.zeros(silvermate.nv)))
-        near, far = (y, far) if apart.min() < 0.01 else (near, y)
+    post = posts_beside(silvermate, [(-0.25, 1)])
     found, places, _ = driven(
-        silvermate, lambda t: Scene([post(far)] if t > 0.0 else [], time=t), 12.0, bumper=lambda t, x: False
+        silvermate, lambda t: Scene(post if t > 0.0 else [], time=t), 12.0, bumper=lambda t, x: False
     )
     assert leavings(found)
     assert places[-1, 0] > 0.5
     least = min(
-        link_distances(
-            silvermate, Scene([post(far)]), configuration(silvermate, [*place, *np.zeros(silvermate.nv - 3)])
-        ).min()
+        link_distances(silvermate, Scene(post), configuration(silvermate, [*place, *np.zeros(silvermate.nv - 3)])).min()
         for place in places[::20]
     )
     assert least > 0.006
@@ -202,24 +208,40 @@ def test_from_between_what_is_too_near_it_backs_off(silvermate, backward, layer,
     """Two posts 1 cm beside the front of its base: it can neither turn nor get free ahead, and has come no way. Where
     it does not see behind it, it backs off only where what was not seen is an obstacle."""
     far_away = Box((0.2, 0.2, 0.2), at=(0.0, 6.0, 0.1), name=layer)
-
-    def posts(y):
-        return [Cylinder(0.05, 1.0, at=(0.2, side * y, 0.5), name=f"post{side}") for side in (-1, 1)]
-
-    near, far = 0.2, 1.0
-    for _ in range(40):
-        y = 0.5 * (near + far)
-        apart = link_distances(silvermate, Scene(posts(y)), configuration(silvermate, np.zeros(silvermate.nv)))
-        near, far = (y, far) if apart.min() < 0.01 else (near, y)
+    posts = posts_beside(silvermate, [(0.2, -1), (0.2, 1)])
     found, places, _ = driven(
         silvermate,
-        lambda t: Scene([far_away, *(posts(far) if t > 0.0 else [])], time=t),
+        lambda t: Scene([far_away, *(posts if t > 0.0 else [])], time=t),
         6.0,
         bumper=lambda t, x: False,
         params=DriveParams(backward=backward),
     )
     assert bool(leavings(found)) is backs
     assert bool(places[:, 0].min() < -0.1) is backs
+
+
+def test_where_no_way_leads_it_looks_at_one_a_tick_and_then_leaves_them_for_a_while(silvermate, monkeypatch):
+    """Each takes as long as a planning tick may. Once what stands about it is gone, it goes on."""
+    posts = posts_beside(silvermate, [(-0.2, -1), (-0.2, 1), (0.2, -1), (0.2, 1)])
+    ends = [Box((0.1, 1.0, 1.0), at=(x, 0.0, 0.5), name=f"end{x}") for x in (-0.5, 0.5)]
+    looked = Counter()  # how often it is looked whether something stands too near, by time
+
+    def cramped(planner, state, scene, by=LocalPlanner.cramped):
+        looked[scene.time] += 1
+        return by(planner, state, scene)
+
+    monkeypatch.setattr(LocalPlanner, "cramped", cramped)
+
+    def scene(t):
+        return Scene([] if t == 0.0 or t > 8.0 else [*posts, *ends], time=t)
+
+    _, places, _ = driven(silvermate, scene, 12.0, bumper=lambda t, x: False)
+    assert np.ptp(places[:800], axis=0).max() < 0.01
+    tried = sorted(t for t, times in looked.items() if times > 1 and t < 8.0)
+    assert len(tried) > 10
+    assert max(times for t, times in looked.items() if t < 8.0) == 2, "where it stands, and where one way ends"
+    assert (np.diff(tried) > 0.4).sum() >= 4, "between the rounds"
+    assert places[-1, 0] > 0.5
 
 
 def test_an_emergency_stop_is_no_touch(silvermate):
