@@ -388,6 +388,43 @@ def test_who_stands_still_sees_through_pixels_that_are_lost_now_and_then(shift, 
         assert free.mean() > 0.95
 
 
+def in_black(at: tuple[float, float], t: float, others: list[Box]) -> DepthImage:
+    """An image of a wall and others, before which somebody stands at (x, y), of whom nothing comes back."""
+    there = Scene([Cylinder(0.2, 1.7, at=(*at, 0.85))])
+    wall = Box((0.1, 9.0, 2.4), at=(4.0, 0.0, 1.2))
+    image = depth_image(Scene([wall, *others]), pose(), 96, 128, 115.0)
+    before = depth_image(there, pose(), 96, 128, 115.0).depth < np.minimum(image.depth, 3.9)
+    return replace(image, time=t, depth=np.where(before, np.nan, image.depth))
+
+
+def within(at: tuple[float, float]) -> np.ndarray:
+    """Points in somebody who stands at (x, y)."""
+    x, y, z = np.meshgrid(np.linspace(-0.13, 0.13, 7), np.linspace(-0.13, 0.13, 7), np.linspace(0.7, 1.3, 13))
+    return np.column_stack([x.ravel() + at[0], y.ravel() + at[1], z.ravel()])
+
+
+def test_who_stands_behind_a_door_and_answers_nothing_is_not_seen_through_when_it_opens():
+    door, volume = Box((0.05, 1.2, 2.0), at=(1.2, 0.0, 1.0)), VolumeMap(VolumeMapParams(length=10.0, height=2.0))
+    for k in range(16):
+        volume.add(in_black((2.0, 0.1), 0.066 * k, [door] if k < 4 else []), np.eye(4))
+        assert not (volume.known(within((2.0, 0.1))) == 0).any()
+    assert (volume.known(within((2.0, 0.75))) == 0).all()
+
+
+def test_who_walks_into_what_was_seen_and_answers_nothing_frees_nothing_that_was_not_free():
+    """What a pixel answered before that counts for a while: so nothing is free but what was, when it was last seen."""
+    before, volume = (VolumeMap(VolumeMapParams(length=10.0, height=2.0)) for _ in range(2))
+    for k in range(24):
+        if k < 4:
+            before.add(in_black((9.0, 0.0), 0.066 * k, []), np.eye(4))
+        at = (2.0, max(1.5 - 0.066 * k, 0.0))
+        volume.add(in_black(at, 0.066 * k, []), np.eye(4))
+        free = volume.known(PLACES * 0.05) == 0
+        assert not (free & (before.known(PLACES * 0.05) != 0)).any()
+    behind = np.column_stack([np.full(9, 3.0), np.zeros(9), np.linspace(0.8, 1.2, 9)])
+    assert (volume.known(behind) == 0).all()  # as it was before
+
+
 def test_of_what_a_lost_pixel_answered_lately_the_nearest_counts():
     still, T = StillImages(0.5), np.eye(4)
     image = depth_image(Scene([]), pose(), 4, 6)
