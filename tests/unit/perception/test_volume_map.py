@@ -419,8 +419,8 @@ def test_who_walks_into_what_was_seen_and_answers_nothing_frees_nothing_that_was
             before.add(in_black((9.0, 0.0), 0.066 * k, []), np.eye(4))
         at = (2.0, max(1.5 - 0.066 * k, 0.0))
         volume.add(in_black(at, 0.066 * k, []), np.eye(4))
-        free = volume.known(PLACES * 0.05) == 0
-        assert not (free & (before.known(PLACES * 0.05) != 0)).any()
+        free = volume.known(PLACES[::7] * 0.05) == 0
+        assert not (free & (before.known(PLACES[::7] * 0.05) != 0)).any()
     behind = np.column_stack([np.full(9, 3.0), np.zeros(9), np.linspace(0.8, 1.2, 9)])
     assert (volume.known(behind) == 0).all()  # as it was before
 
