@@ -306,7 +306,8 @@ class ImageWatch:
         _, ray, inside = scan.locate(now.points[:, :2])
         ray = np.rint(ray).astype(np.intp)
         range_ = np.where(inside & scan.hits[ray], scan.ranges[ray], np.nan)
-        ends = np.column_stack((scan.origin + range_[:, None] * scan.direction[ray], now.points[:, 2]))
+        level = np.full(len(ray), scan.height)  # what leans is elsewhere above and below that
+        ends = np.column_stack((scan.origin + range_[:, None] * scan.direction[ray], level))
         apart = np.einsum("ij,ij->i", now.normals, now.points - ends)
         with np.errstate(invalid="ignore"):
             ok = np.abs(apart) < _FAR_OFF

@@ -21,19 +21,25 @@ def sensor(t: float, speed: float, rate: float = 0.0) -> np.ndarray:
     return T
 
 
-def seen(lag: ImageLag, walls, lateness: float, *, images=12, speed=0.5, rate=0.0, bias=0.0, seed=0) -> None:
+def looking_about(t: float) -> np.ndarray:
+    """A sensor that stands, and turns to and fro."""
+    return sensor(1.0, 0.0, 0.4 * math.sin(5.0 * t))
+
+
+def seen(lag: ImageLag, walls, lateness: float, *, images=12, at=None, speed=0.5, rate=0.0, bias=0.0, seed=0) -> None:
     """Points of images on walls (point, normal), displaced as those of a late image are: they were measured from where
     the sensor was then, and are put where it is said to be."""
     rng = np.random.default_rng(seed)
+    at = at or (lambda t: sensor(t, speed, rate))
     for k in range(images):
         t = PERIOD * k
-        T = sensor(t, speed, rate)
-        moved = T @ np.linalg.inv(sensor(t - lateness, speed, rate))
+        T = at(t)
+        moved = T @ np.linalg.inv(at(t - lateness))
         lag.come(t, T)
         points, normals, off = [], [], []
-        for at, normal in walls:
+        for wall, normal in walls:
             along = np.cross(normal, (0.0, 0.0, 1.0))
-            on = np.asarray(at) + np.outer(rng.uniform(-1.0, 1.0, 20), along)
+            on = np.asarray(wall) + np.outer(rng.uniform(-1.0, 1.0, 20), along)
             there = on @ moved[:3, :3].T + moved[:3, 3]
             points.append(there)
             normals.append(np.broadcast_to(normal, there.shape))
@@ -53,6 +59,14 @@ def test_late_images_are_told_from_those_on_time(speed, rate, lateness):
     assert late.seconds == pytest.approx(lateness, abs=0.08)
     assert not on_time.large
     assert abs(on_time.seconds) < 0.05
+
+
+@each("lateness", [0.0, 0.2, 0.3])
+def test_so_are_those_of_a_sensor_that_had_moved_otherwise_by_then(lateness):
+    late = ImageLag()
+    seen(late, [AHEAD, BESIDE], lateness, images=40, at=looking_about)
+    assert late.large is (lateness > 0.0)
+    assert late.seconds == pytest.approx(lateness, abs=0.04)
 
 
 @each("walls, speed, bias", [([BESIDE], 0.5, 0.0), ([AHEAD, BESIDE], 0.0, 0.0), ([AHEAD, BESIDE], 0.02, 0.0),
