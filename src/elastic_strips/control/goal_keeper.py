@@ -399,8 +399,9 @@ class GoalKeeper:
             start = self._configuration(end)
             self._plan_from = end
             # Where there is no way to how the robot was to be there, there may be one to another way to be there.
-            goal = self._asked_goal if replanner.no_way else self.goal_q
-            self._replan = self.plans.submit(replanner.another(scene, start, goal))
+            several = replanner.no_way and configuration_of(self._robot, self._asked_goal) is None
+            otherwise = self._asked_goal if several else None
+            self._replan = self.plans.submit(replanner.another(scene, start, self.goal_q, otherwise))
         if self._replan is not None and self._replan.done() and (stands or beside):
             found = self._finish(self._replan, replanner.take)
             if found.strip is not None:

@@ -39,6 +39,7 @@ _log = logging.getLogger(__name__)
 _STATIC_SPEED = 0.05  # [m/s] slower obstacles count as static for a planner
 _BLOCKING_SPEED = 0.3  # [m/s] slower obstacles block a path for other strips; faster ones have soon passed
 _FIRST_TIMEOUT, _WAITING_TIMEOUT = 10.0, 4.0  # [s] of the first plan, and of those for which the robot waits
+_ANY_WAY_TIMEOUT = 8.0  # [s] of a plan to a goal in any way to be there: these are looked for, too
 _FAMILY_TIMEOUT = 2.0  # [s] of a plan of further strips
 _BERTH_STEP, _MOST_BERTH = 0.2, 0.6
 """Additional distance [m] from obstacles that stand but can move: per further plan, and at most."""
@@ -63,6 +64,7 @@ class PlanRequest:
         why: why the last strip is given up.
         unused: whether nobody has driven what was planned last.
         tries: how many first strips to a goal came to nothing before: other configurations are looked for then.
+        otherwise: a goal to plan to where there is no way to that one.
     """
 
     scene: Scene
@@ -74,6 +76,7 @@ class PlanRequest:
     why: str = ""
     unused: bool = False
     tries: int = 0
+    otherwise: Goal | Sequence[Goal] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +142,15 @@ class StripPlanner:
             if report.certified:
                 return Replanned(report.strip, report.reason)
             reason = report.walled_in or report.reason
+        if asked.otherwise is not None:
+            try:
+                asked = replace(asked, goal=asked.otherwise, otherwise=None)
+                report = self._planned(still, asked, seed, _ANY_WAY_TIMEOUT, line=False)
+            except ElasticStripsError as error:
+                return Replanned(None, f"failed: {error}")
+            reason = report.walled_in or report.reason
+            if report.certified:
+                return Replanned(report.strip, report.reason)
         return Replanned(None, reason)
 
     def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:
@@ -344,15 +356,31 @@ class Replanner:
         self._why = f"the strip is broken: {broken}" if by_standing else result.reason
         return self._why
 
-    def another(self, scene: Scene, start: npt.ArrayLike, goal: Goal | Sequence[Goal]) -> Callable[[], Replanned]:
+    def another(
+        self,
+        scene: Scene,
+        start: npt.ArrayLike,
+        goal: Goal | Sequence[Goal],
+        otherwise: Goal | Sequence[Goal] | None = None,
+    ) -> Callable[[], Replanned]:
         """A function that plans another strip; see :meth:`StripPlanner.another`.
 
         Args:
             scene: the obstacles.
             start: configuration (nq,).
             goal: configuration (nq,), or any other goal.
+            otherwise: a goal to plan to where there is no way to that one, or None.
         """
-        asked = PlanRequest(scene, start, goal, self.deform, attempt=self.attempts, why=self._why, unused=self._unused)
+        asked = PlanRequest(
+            scene,
+            start,
+            goal,
+            self.deform,
+            attempt=self.attempts,
+            why=self._why,
+            unused=self._unused,
+            otherwise=otherwise,
+        )
         self.count += 1
         self.attempts += 1
         self._unused = False

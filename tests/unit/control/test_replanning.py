@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from brute_force import link_distances
+from cases import each
 
 from elastic_strips.collision import BrokenSegment
 from elastic_strips.control import DriveParams
@@ -43,6 +44,18 @@ def plan_anew(replanner, scene, start, goal):
     found = replanner.another(scene, start, goal)()
     replanner.take(found)
     return found.strip, found.reason
+
+
+@each("taken, x", [(False, 5.0), (True, 3.5)])
+def test_another_way_to_be_at_the_goal_is_looked_for_where_there_is_none_to_the_present_one(
+    replanner, silvermate, taken, x
+):
+    """And only there: to look for others takes long."""
+    scene = SCENE.with_obstacle(Box((0.4, 0.4, 0.8), at=(5.0, 0.0, 0.4), name="there")) if taken else SCENE
+    goal, otherwise = silvermate.home(x=5.0), BasePose(3.5, -1.0, yaw=0.0)
+    found = replanner.another(scene, silvermate.home(), goal, otherwise)()
+    assert found.strip is not None, found.reason
+    assert found.strip.coordinates[-1, 0] == pytest.approx(x)
 
 
 def test_what_stands_stops_the_robot_and_is_planned_around(replanner, silvermate):
