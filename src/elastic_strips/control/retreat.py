@@ -27,6 +27,7 @@ _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 _PARTS = (1.0, 0.4)  # of that, the second where nothing leads so far
 _ASIDE_TURN, _ASIDE_STEPS = 0.5, 20
 """How far [rad] it turns away at once from what stands too near, and in how many steps it is looked whether it can."""
+_LOOK_EVERY = 0.2  # [s] whether it stands too near
 _NEXT_ROUND = 0.5  # [s] after no way led away, until they are tried anew
 _MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
 """After so many touches within this time [s] it stands. What came to it while it stood counts where it moved away."""
@@ -50,6 +51,7 @@ class Retreat:
         self._free = True  # whether it has touched nothing since
         self._ran = False  # whether it moved when it began to touch something
         self._felt = False  # whether it touched something when asked last
+        self._near, self._looks_at = "", 0.0  # what it stood too near when it looked, and when [s] it looks again
         self._tried, self._refused = 0, ""  # ways, one a tick, and why the first of them was refused
         self._next_round = 0.0  # [s] when they are tried anew
 
@@ -84,8 +86,11 @@ class Retreat:
                 executor.brake(f"the way back is not free: {certificate.broken}")
             return True
         near = executor.contact
-        if not near and stands and stuck:
-            near = planner.cramped(executor.active.at(begin), scene)
+        if near or not (stands and stuck):
+            self._near, self._looks_at = "", 0.0
+        elif t >= self._looks_at:
+            self._near, self._looks_at = planner.cramped(executor.active.at(begin), scene), t + _LOOK_EVERY
+        near = near or self._near
         unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
         blind = felt and not planner.params.backward
         due = self.due(t, touching=bool(near), stands=stands, unknown=unknown, blind=blind) and executor.settled

@@ -224,10 +224,10 @@ def test_where_no_way_leads_it_looks_at_one_a_tick_and_then_leaves_them_for_a_wh
     """Each takes as long as a planning tick may. Once what stands about it is gone, it goes on."""
     posts = posts_beside(silvermate, [(-0.2, -1), (-0.2, 1), (0.2, -1), (0.2, 1)])
     ends = [Box((0.1, 1.0, 1.0), at=(x, 0.0, 0.5), name=f"end{x}") for x in (-0.5, 0.5)]
-    looked = Counter()  # how often it is looked whether something stands too near, by time
+    looked = Counter()  # how often it is looked whether something stands too near elsewhere, where a way ends; by time
 
     def cramped(planner, state, scene, by=LocalPlanner.cramped):
-        looked[scene.time] += 1
+        looked[scene.time] += bool(np.abs(state.coordinates[:3]).max() > 0.05)
         return by(planner, state, scene)
 
     monkeypatch.setattr(LocalPlanner, "cramped", cramped)
@@ -237,9 +237,9 @@ def test_where_no_way_leads_it_looks_at_one_a_tick_and_then_leaves_them_for_a_wh
 
     _, places, _ = driven(silvermate, scene, 12.0, bumper=lambda t, x: False)
     assert np.ptp(places[:800], axis=0).max() < 0.01
-    tried = sorted(t for t, times in looked.items() if times > 1 and t < 8.0)
+    tried = sorted(t for t, times in looked.items() if times and t < 8.0)
     assert len(tried) > 10
-    assert max(times for t, times in looked.items() if t < 8.0) == 2, "where it stands, and where one way ends"
+    assert max(looked[t] for t in tried) == 1
     assert (np.diff(tried) > 0.4).sum() >= 4, "between the rounds"
     assert places[-1, 0] > 0.5
 
