@@ -43,6 +43,7 @@ _APART_COUNT = 4  # configurations that no way leads to end a search as one with
 _ROUNDS_IN_ALL = 400  # where work is bounded
 _YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is free
 _HOPELESS_ROUNDS, _HOPELESS_MISS = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
+_NEAREST = 8  # of many goals; where the joints alone miss each of these, they are not asked to reach those further away
 _MOST_GOALS_NAMED = 3  # goals that are named where none is reached
 _LONGEST_GOAL_SEARCH = 2.0  # [s]
 
@@ -126,6 +127,7 @@ class _Source:
     Attributes:
         free, narrow, apart, touching: coordinate rows (nv,).
         found: whether there was one that is free, or has less room.
+        in_vain: whether the joints alone have missed the goal by far, as far as they have tried.
     """
 
     def __init__(self, search: _Finder, goal: Goal, rng: np.random.Generator) -> None:
@@ -136,6 +138,7 @@ class _Source:
         self.apart: list[Array] = []
         self.touching: list[Array] = []
         self.found: bool = False
+        self.in_vain: bool = False
         self.hand: PoseSearch | None = None
         self._search: _Finder = search
         self._rows: Iterator[Sequence[Array] | Array] = self._batches()
@@ -203,7 +206,7 @@ class _Source:
         promising, also = self._search.promising, self._search.force
         self.hand = hand = PoseSearch(robot, targets, near=near, rng=self.rng, also=also, promising=promising)
         if moves and hand.out_of_reach:
-            stands = False
+            stands, self.in_vain = False, True
 
         def rounds() -> Iterator[Array]:
             for k in range(_JOINT_ROUNDS if stands else 0):
@@ -211,9 +214,11 @@ class _Source:
                     if not self._search.further:
                         return
                     break
-                if moves and k >= _HOPELESS_ROUNDS and hand.distance > _HOPELESS_MISS:
+                if moves and ((k >= _HOPELESS_ROUNDS and self.in_vain) or self._search.too_far(self)):
                     break
-                yield hand.round(base=False)
+                rows = hand.round(base=False)
+                self.in_vain = hand.distance > _HOPELESS_MISS
+                yield rows
             for _ in range(_BASE_ROUNDS if moves and (self._search.further or not self.free) else 0):
                 self._search.look_about()
                 yield hand.round(base=True)
@@ -318,11 +323,21 @@ class _Finder:
         self.wide = ValidityChecker(robot, scene, margin=max(_GOAL_MARGIN, clearance), self_margin=own)
         self.tight = ValidityChecker(robot, scene, margin=clearance, self_margin=own, bounds=self.wide.bounds)
         self._sources = [_Source(self, one, np.random.default_rng((seed, k))) for k, one in enumerate(several)]
-        self.going = list(self._sources)
+        self.going = sorted(self._sources, key=self._away)  # the nearest first
+        self._nearest = self.going[:_NEAREST]
         self.rounds: int = 0
         self._looked = False
         self._left: list[tuple[tuple[bool, int, int, float], Array]] = []
         self._ground: Ground | None = None
+
+    def _away(self, source: _Source) -> float:
+        """How far a goal's hands are from the base [m]; 0 where it is none of hands."""
+        off = [np.asarray(hand.position)[:2] - self.here[:2] for hand in _hands_of(source.goal)]
+        return max((float(np.hypot(*each)) for each in off), default=0.0) if self.robot.space.planar else 0.0
+
+    def too_far(self, source: _Source) -> bool:
+        """Whether a goal is further away than the nearest ones, and the joints alone have missed each of these."""
+        return source not in self._nearest and all(near.in_vain for near in self._nearest)
 
     def look_about(self) -> None:
         """Find out where the base gets to about the goals, once."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,6 +13,7 @@ from cases import each, refused
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError
 from elastic_strips.planning import BasePose, HandPose, check_endpoints, find_goals, plan_report
 from elastic_strips.robot import RobotModel, load_robot
+from elastic_strips.robot.inverse_kinematics import PoseSearch
 from elastic_strips.scene import Box, Scene
 from elastic_strips.strip import DeformParams
 
@@ -69,6 +72,29 @@ def test_where_the_arm_cannot_reach_it_is_not_asked(silvermate):
     goals = all_about(silvermate, (6.0, 0.0, 0.95))
     search = find_goals(silvermate, Scene(), silvermate.home(), goals, rounds=len(goals), timeout=np.inf)
     assert len(search.configurations) > 0, search.reason
+
+
+def test_where_the_arm_misses_the_nearest_of_many_goals_it_is_not_asked_for_all(silvermate, monkeypatch):
+    """It is asked for eight, which are the last ones of the list, and gets there with the base, whichever it is."""
+    goals = [HandPose("hand_frame", (x, 0.0, 0.95)) for x in np.linspace(1.4, 1.0, 40)]
+    asked, by = Counter(), PoseSearch.round
+
+    def counted(search, *, base):
+        asked[base] += 1
+        return by(search, base=base)
+
+    monkeypatch.setattr(PoseSearch, "round", counted)
+    search = find_goals(silvermate, Scene(), silvermate.home(), goals, timeout=np.inf, rounds=100)
+    assert asked[False] == 8
+    assert asked[True] == 32
+    assert len(search.configurations) > 0
+    asked.clear()
+    here = [*goals, HandPose("hand_frame", (0.7, 0.0, 0.95))]
+    found = find_goals(
+        silvermate, Scene(), silvermate.home(), here, timeout=np.inf, rounds=100, count=60
+    ).configurations
+    assert (found[:, :4] == silvermate.home()[:4]).all(axis=1).any(), "it stays where it is"
+    assert asked[False] > len(here), "one of the eight is within reach, so others may be"
 
 
 def test_the_base_is_put_where_a_way_leads(silvermate):
