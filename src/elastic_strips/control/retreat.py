@@ -19,7 +19,8 @@ from .local_planner import LocalPlanner
 
 _KEPT_ROWS, _ROW_SPACING = 60, 0.01
 """References that are kept, and their distance at least [m or rad]."""
-_TOUCH_WAIT = 1.0  # [s] at rest, after which the robot backs off
+_TOUCH_WAIT = 1.0  # [s] at rest, after which the robot backs off; also after it has seen nothing for a while
+_SEES_NOTHING = 0.5  # [s] as long as this without a scene to plan with
 _UNKNOWN_WAIT = 2.0  # [s] the same, from something that nobody has seen: who came goes on, and what stands does not
 _BLIND_WAIT = 4.0  # [s] the same, of a robot that does not see where it backs off to: most others have gone by then
 _RETREAT, _RETREAT_SPEED = 0.2, 0.2
@@ -51,6 +52,7 @@ class Retreat:
         self._free = True  # whether it has touched nothing since
         self._ran = False  # whether it moved when it began to touch something
         self._felt = False  # whether it touched something when asked last
+        self._asked = self._sees_since = -np.inf  # [s] the last time, and the first one without a gap
         self._near, self._looks_at = "", 0.0  # what it stood too near when it looked, and when [s] it looks again
         self._tried, self._refused = 0, ""  # ways, one a tick, and why the first of them was refused
         self._next_round = 0.0  # [s] when they are tried anew
@@ -76,6 +78,9 @@ class Retreat:
             stuck: whether it is to go on to a goal, and found no motion.
         """
         executor, planner = self._executor, self._planner
+        if t - self._asked > _SEES_NOTHING:  # who stood before its sensors may be on their way
+            self._sees_since = t
+        self._asked = t
         stands, felt = executor.at_rest(t), bool(executor.contact)
         if felt and not self._felt and not stands:
             self._ran = True  # also on its way from something else, which counts already
@@ -94,6 +99,7 @@ class Retreat:
         unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
         blind = felt and not planner.params.backward
         due = self.due(t, touching=bool(near), stands=stands, unknown=unknown, blind=blind) and executor.settled
+        due = due and t - self._sees_since >= _TOUCH_WAIT
         if not near:
             self._tried, self._refused, self._next_round = 0, "", 0.0
         if due and t >= self._next_round:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from brute_force import configuration, link_distances
+from cases import each
 from simulated_time import planning_at_once
 
 from elastic_strips.control import Controller, DriveParams, RunState
@@ -128,6 +129,31 @@ def test_what_it_runs_into_on_its_way_from_something_else_it_has_run_into(stands
         executor.contact = "the bumper is pressed" if k >= 15 else ""
         retreat.backs_off(0.1 * k, 0.1 * k, Scene([]), stuck=True)
     assert retreat.due(8.0, touching=True, stands=True, unknown=True) is not stands
+
+
+@each("blind_until", [1.1, 5.0])
+def test_who_has_seen_nothing_for_a_while_waits_anew_before_it_backs_off(blind_until):
+    """Somebody stood before its sensors; where they are now, it does not know at once."""
+    went = []
+    active = SimpleNamespace(at=lambda t: None, coordinates=np.zeros((1, 3)))
+    executor = SimpleNamespace(contact="the bumper is pressed", active=active, settled=True, at_rest=lambda t: True)
+    executor.log = lambda kind, reason: None
+    executor.submit = lambda motion, certificate, **how: went.append(motion.start_time)
+    planner = SimpleNamespace(
+        knows_touched=lambda state, scene: True,
+        certify_leaving=lambda motion, scene: SimpleNamespace(certified=True),
+        params=SimpleNamespace(backward=True),
+        margins=SimpleNamespace(tracking_error=0.02),
+        robot=SimpleNamespace(space=SimpleNamespace(planar=True)),
+    )
+    retreat = Retreat(executor, planner)  # type: ignore[arg-type]
+    way = SimpleNamespace(coordinates=np.zeros((2, 3)))
+    retreat._slow = lambda rows, begin, part=1.0: SimpleNamespace(start_time=begin, **vars(way))  # type: ignore[method-assign]
+    for t in (*np.arange(0.0, 0.75, 0.1), *np.arange(blind_until, 9.0, 0.1)):
+        if not went:
+            retreat.backs_off(t, t, Scene([]), stuck=True)
+    assert went[0] >= (1.0 if blind_until < 1.5 else blind_until + 1.0) - 1e-6
+    assert went[0] < blind_until + (0.1 if blind_until < 1.5 else 1.2)
 
 
 def test_who_does_not_see_behind_it_waits_longer_until_it_backs_off(silvermate):
