@@ -214,7 +214,8 @@ class _Source:
                     if not self._search.further:
                         return
                     break
-                if moves and ((k >= _HOPELESS_ROUNDS and self.in_vain) or self._search.too_far(self)):
+                hopeless = k >= _HOPELESS_ROUNDS and self.in_vain if k else self._search.too_far(self)
+                if moves and hopeless:
                     break
                 rows = hand.round(base=False)
                 self.in_vain = hand.distance > _HOPELESS_MISS
