@@ -132,25 +132,19 @@ class StripPlanner:
         mobile = [o for o in still if scene.obstacle(o.name or "").motion is not None] if berth else []
         widths = (berth, 0.5 * berth, 0.0) if mobile else (0.0,)
         seed = self.seed + asked.attempt + 1
-        for width in widths:
+        tries = [(width, asked, _WAITING_TIMEOUT / len(widths)) for width in widths]
+        if asked.otherwise is not None:
+            tries.append((0.0, replace(asked, goal=asked.otherwise), _ANY_WAY_TIMEOUT))
+        for width, request, timeout in tries:
             around = Scene([*still, *(_around(o, width) for o in mobile)], time=still.time) if width else still
             try:
-                report = self._planned(around, asked, seed, _WAITING_TIMEOUT / len(widths), line=False)
+                report = self._planned(around, request, seed, timeout, line=False)
             except ElasticStripsError as error:
                 reason = f"failed: {error}"
                 continue
             if report.certified:
                 return Replanned(report.strip, report.reason)
             reason = report.walled_in or report.reason
-        if asked.otherwise is not None:
-            try:
-                asked = replace(asked, goal=asked.otherwise, otherwise=None)
-                report = self._planned(still, asked, seed, _ANY_WAY_TIMEOUT, line=False)
-            except ElasticStripsError as error:
-                return Replanned(None, f"failed: {error}")
-            reason = report.walled_in or report.reason
-            if report.certified:
-                return Replanned(report.strip, report.reason)
         return Replanned(None, reason)
 
     def _planned(self, scene: Scene, asked: PlanRequest, seed: int, timeout: float, *, line: bool = True) -> PlanReport:

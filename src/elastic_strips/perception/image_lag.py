@@ -33,6 +33,7 @@ class ImageLag:
 
     def __init__(self) -> None:
         self._poses: deque[tuple[float, Array]] = deque()  # the last ones: time [s] and (4, 4)
+        self._T_sensor_world = np.eye(4)  # of the newest one
         self._sum = self._weight = 0.0
 
     @property
@@ -61,6 +62,7 @@ class ImageLag:
             poses.clear()
             self._sum = self._weight = 0.0
         poses.append((time, T_world_sensor))
+        self._T_sensor_world = np.linalg.inv(T_world_sensor)
         while time - poses[0][0] > _POSES_FOR:
             poses.popleft()
 
@@ -90,7 +92,7 @@ class ImageLag:
 
     def _displaced(self, points: Array, normals: Array, lag: float) -> Array:
         """How far (n,) points are off along normals where the newest image is late by this [s]."""
-        late = self._pose(lag) @ np.linalg.inv(self._poses[-1][1])
+        late = self._pose(lag) @ self._T_sensor_world
         return np.einsum("ij,ij->i", normals, points - points @ late[:3, :3].T - late[:3, 3])
 
     def _pose(self, ago: float) -> Array:

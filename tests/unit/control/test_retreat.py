@@ -132,7 +132,7 @@ def test_what_it_runs_into_on_its_way_from_something_else_it_has_run_into(stands
 
 
 @each("blind_until", [1.1, 5.0])
-def test_who_has_seen_nothing_for_a_while_waits_anew_before_it_backs_off(blind_until):
+def test_who_has_seen_nothing_for_a_while_waits_anew_before_it_backs_off(blind_until, monkeypatch):
     """Somebody stood before its sensors; where they are now, it does not know at once."""
     went = []
     active = SimpleNamespace(at=lambda t: None, coordinates=np.zeros((1, 3)))
@@ -147,8 +147,8 @@ def test_who_has_seen_nothing_for_a_while_waits_anew_before_it_backs_off(blind_u
         robot=SimpleNamespace(space=SimpleNamespace(planar=True)),
     )
     retreat = Retreat(executor, planner)  # type: ignore[arg-type]
-    way = SimpleNamespace(coordinates=np.zeros((2, 3)))
-    retreat._slow = lambda rows, begin, part=1.0: SimpleNamespace(start_time=begin, **vars(way))  # type: ignore[method-assign]
+    way = np.zeros((2, 3))
+    monkeypatch.setattr(retreat, "_slow", lambda rows, t, part: SimpleNamespace(start_time=t, coordinates=way))
     for t in (*np.arange(0.0, 0.75, 0.1), *np.arange(blind_until, 9.0, 0.1)):
         if not went:
             retreat.backs_off(t, t, Scene([]), stuck=True)
