@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams
-from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
+from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE, seen_turn_speed
 from elastic_strips.errors import ElasticStripsError, ScenarioError
 from elastic_strips.perception import VolumeMapParams
 from elastic_strips.planning import HandPose, find_goals
@@ -178,7 +178,7 @@ def _driven(robot: RobotModel, task: _Reach) -> Figures:
         )
         perception = SensorPerception(robot, world, pick.start, sensors=sensors, seed=task.seed)
         if not sees_behind(robot, sensors):
-            params = replace(params, backward=False)
+            params = replace(params, backward=False, turn_speed=seen_turn_speed(behind=False, arm=True))
     driven = simulation(
         robot,
         world,

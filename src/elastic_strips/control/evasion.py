@@ -104,6 +104,7 @@ class EvasivePlanner(OneThread):
         dt: time between the samples of motions [s].
         hold: least time [s] for which a motion follows its manoeuvre before it brakes.
         backward: whether manoeuvres lead backwards, too; not for robots that see only ahead of them.
+        turn_speed: how fast the base turns in them at most [rad/s].
 
     Attributes:
         hold: the argument ``hold``.
@@ -119,6 +120,7 @@ class EvasivePlanner(OneThread):
         dt: float,
         hold: float,
         backward: bool = True,
+        turn_speed: float = np.inf,
     ) -> None:
         self.robot: RobotModel = robot
         self.limits: MotionLimits = limits
@@ -133,7 +135,7 @@ class EvasivePlanner(OneThread):
         self._braking = params.acceleration * float(limits.drive_acceleration[:2].min(initial=np.inf))
         self._radius = params.radius + params.radius_growth * self.time
         if limits.drive_dim:
-            self._lattice = lattice(limits, backward=backward)
+            self._lattice = lattice(limits, backward=backward, turn_speed=turn_speed)
             self._kinds = self._lattice.different
             self._rolling = RollOuts(limits, part=params.acceleration, dt=params.step)
             self._stopping = RollOuts(limits, part=params.acceleration, dt=_ROOM_STEP)

@@ -89,7 +89,7 @@ class LocalPlanner:
                 dt=params.sample_dt,
             )
         self.timer: StripTimer = StripTimer(robot, limits, params, self.deformer.spacing_weight, self.pace)
-        self.arrival: ArrivalTimes = ArrivalTimes(robot, limits)
+        self.arrival: ArrivalTimes = ArrivalTimes(robot, limits, params.turn_speed)
         self.evasion: EvasivePlanner | None = None
         if params.evasion is not None:
             self.evasion = EvasivePlanner(
@@ -99,6 +99,7 @@ class LocalPlanner:
                 dt=params.sample_dt,
                 hold=self.timer.held,
                 backward=params.backward,
+                turn_speed=params.turn_speed,
             )
         self.tracks: MoverTracks = MoverTracks()
         self.strip: Strip = strip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Annotated
 
 from elastic_strips.errors import ParameterError
@@ -26,6 +27,7 @@ DRIVE_STRIP = DeformParams(max_nodes=200, max_spacing=0.3, min_spacing=0.1, cert
 """Parameters of strips that are driven: nodes may be further apart and the certificate coarser, because motions have a
 certificate of their own."""
 _OrAny = Annotated[float, Bound(low=0.0, infinite=True)]
+_Speed = Annotated[float, Bound(above=0.0, infinite=True)]
 _Part = Annotated[float, Bound(above=0.0, high=1.0)]
 
 
@@ -55,6 +57,22 @@ LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 LASER_EASE = 0.6
 """Part of the largest speeds for a robot with only a laser: an obstacle that appears from behind another one is
 tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
+
+_SIDE_TURN_SPEED = 1.0  # [rad/s]
+
+
+def seen_turn_speed(*, behind: bool, arm: bool) -> float:
+    """How fast [rad/s] a base may turn for what its sensors see; inf: as fast as its motors allow.
+
+    Who stands beside a robot that sees only ahead comes into view as it turns towards them. They have to be told from
+    what stands, and the robot has to be at rest, before a hand is there that it stretches out ahead. What is no wider
+    than its base sweeps hardly anything as it turns.
+
+    Args:
+        behind: whether sensors look behind the robot.
+        arm: whether it has joints that reach out.
+    """
+    return inf if behind or not arm else _SIDE_TURN_SPEED
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,6 +222,7 @@ class DriveParams(Checked):
         gains: gains of tracking, and the lags of the motors that it leads; `calibrate` measures them.
         sensing: what the estimator assumes about wheels and fixes.
         backward: whether plans and manoeuvres may lead backwards; not for robots that see only ahead of them.
+        turn_speed: how fast the base turns at most [rad/s], besides what the motors allow.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.
@@ -245,6 +264,7 @@ class DriveParams(Checked):
     gains: TrackingGains = field(default_factory=lambda: TrackingGains(headroom=1.0))
     sensing: EstimatorParams = field(default_factory=EstimatorParams)
     backward: bool = True
+    turn_speed: _Speed = inf
     control_dt: Positive = 0.01
     plan_every: Count = 5
     latency: Whole = 2

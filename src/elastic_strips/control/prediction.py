@@ -127,11 +127,12 @@ class ArrivalTimes:
     Args:
         robot: the robot.
         limits: limits of its motors.
+        turn_speed: how fast its base turns at most [rad/s].
     """
 
     space: ConfigurationSpace
 
-    def __init__(self, robot: RobotModel, limits: MotionLimits) -> None:
+    def __init__(self, robot: RobotModel, limits: MotionLimits, turn_speed: float = np.inf) -> None:
         self.space = space = robot.space
         pace = np.empty(space.nv)
         pace[space.base_nv :] = limits.joint_speed
@@ -140,6 +141,7 @@ class ArrivalTimes:
             pace[:3] = top, top, 2.0 * top / limits.track
         elif limits.drive_dim == 3:
             pace[:3] = limits.drive_speed
+        pace[2 : space.base_nv] = np.minimum(pace[2 : space.base_nv], turn_speed)
         self.pace: Array = 0.75 * pace  # (nv,) [m/s, rad/s]
 
     def __call__(self, coordinates: Array) -> Array:

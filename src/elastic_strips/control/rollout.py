@@ -49,18 +49,21 @@ class Targets:
         return self.first[np.unique(self.kind, return_index=True)[1]]
 
 
-def lattice(limits: MotionLimits, *, backward: bool = True) -> Targets:
+def lattice(limits: MotionLimits, *, backward: bool = True, turn_speed: float = np.inf) -> Targets:
     """Grid of targets over all speeds of the base, rest included, each followed by several second targets.
 
     Args:
         limits: limits of the motors.
         backward: whether they lead backwards, too.
+        turn_speed: how fast they turn at most [rad/s].
     """
     top = _SPEED_SHARE * limits.drive_speed
     if limits.drive_dim == 2:
-        v, w = np.meshgrid(np.array(_DRIVE_SHARES) * top.min(), np.array(_TURN_RATES), indexing="ij")
+        v, w = np.meshgrid(np.array(_DRIVE_SHARES) * top.min(), np.clip(_TURN_RATES, -turn_speed, turn_speed), indexing="ij")
         first = _within(limits.to_drive(np.stack([v.ravel(), 0.0 * v.ravel(), w.ravel()], axis=1)), top)
-        onward = np.array([[v * top.min(), 0.0, w] for v, w in _SECOND_TARGETS])
+        ahead, turning = np.array(_SECOND_TARGETS).T
+        turning = np.clip(turning, -turn_speed, turn_speed)
+        onward = np.stack([ahead * top.min(), 0.0 * ahead, turning], axis=1)
         second = _within(limits.to_drive(onward), top)
     else:
         angle = 2.0 * np.pi * np.arange(16) / 16

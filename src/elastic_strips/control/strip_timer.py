@@ -134,7 +134,9 @@ class StripTimer:
         self.spacing_weight: Array = spacing_weight
         # less than the motors' limits: reserves for when the path changes
         easy = limits.scaled(speed=1.0, acceleration=params.acceleration_scale)
-        self.easy, self.hard = (Retimer(robot, each, dt=params.sample_dt) for each in (easy, limits))
+        self.easy, self.hard = (
+            Retimer(robot, each, dt=params.sample_dt, turn_speed=params.turn_speed) for each in (easy, limits)
+        )
         self.certifier: TrajectoryCertifier = TrajectoryCertifier(
             robot,
             clearance=params.clearance,

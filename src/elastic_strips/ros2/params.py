@@ -7,7 +7,7 @@ from typing import Annotated
 
 from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams, MonitorParams
-from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
+from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE, seen_turn_speed
 from elastic_strips.errors import ParameterError
 from elastic_strips.robot import RobotModel
 from elastic_strips.trajectory import MotionLimits
@@ -228,6 +228,7 @@ def drive_params(params: Ros2Params, limits: MotionLimits, period: float) -> Dri
         tracking_error=error,
         max_scene_age=params.oldest_scene,
         backward=params.backward,
+        turn_speed=seen_turn_speed(behind=params.backward, arm=len(limits.joint_speed) > 0),
         goal_position=params.goal_position,
         goal_angle=params.goal_angle,
     )

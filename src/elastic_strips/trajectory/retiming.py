@@ -51,16 +51,20 @@ class _Start:
 class Retimer:
     """Times nodes as fast as the limits allow (TOPP-RA). It has no mutable state: threads may share one."""
 
-    def __init__(self, robot: RobotModel, limits: MotionLimits | None = None, *, dt: float = 0.01) -> None:
+    def __init__(
+        self, robot: RobotModel, limits: MotionLimits | None = None, *, dt: float = 0.01, turn_speed: float = np.inf
+    ) -> None:
         """Prepare for a robot.
 
         Args:
             robot: the robot.
             limits: limits of its motors; :meth:`MotionLimits.for_robot` where None.
             dt: distance of the samples [s].
+            turn_speed: how fast the base turns at most [rad/s], besides the motors' limits, to within some per cent in
+                the sharpest bends; inf: as they allow. A start that turns faster is braked to it.
 
         Raises:
-            ParameterError: limits of another robot, or dt outside [1e-4, 0.1].
+            ParameterError: limits of another robot, dt outside [1e-4, 0.1], or a turn_speed that is not positive.
         """
         check_type("robot", robot, RobotModel, RobotError)
         check_type("limits", limits, MotionLimits, none=True)
@@ -73,6 +77,7 @@ class Retimer:
                 f"joints; {robot.name!r} has {k} and {robot.nv - robot.space.base_nv}"
             )
         self.dt: float = check_number("dt", dt, low=1e-4, high=0.1, unit="s")
+        self.turn_speed: float = check_number("turn_speed", turn_speed, above=0.0, infinite=True, unit="rad/s")
         self.weight: Array = metric(robot, self.limits)
         self._speed, self._acceleration = self.limits.speed, self.limits.acceleration
 
@@ -259,13 +264,20 @@ class Retimer:
         now = float((np.abs(start.velocity) / self._speed).max())  # part of the limits that the start uses
         with np.errstate(divide="ignore"):
             highest = (self._speed / rate).min(axis=1)  # path speed
-        bound = (margin[0] * speed * highest) ** 2
+        bound = (margin[0] * np.minimum(speed * highest, self._turning(path))) ** 2
         x = float(((start.velocity * self.weight) ** 2).sum())
         if x > bound[0]:  # too fast: brake to the bound, hard but not so hard that there is only one profile to
             falling = braked(path.grid, path.y1, path.y2, acceleration, x, 0.9)
             bound = np.maximum(bound, np.minimum(falling, (now * highest) ** 2))
         profile = fastest(path.grid, path.y1, path.y2, bound, acceleration, x)
         return None if profile is None else self._sampled(path, profile, start, max(speed, now))
+
+    def _turning(self, path: DrivePath) -> Array | float:
+        """(G,) path speed at which the base turns as fast as it may."""
+        if not (self.limits.drive_dim and np.isfinite(self.turn_speed)):
+            return np.inf
+        with np.errstate(divide="ignore"):
+            return self.turn_speed / np.abs(self.limits.to_twist(path.y1[:, : self.limits.drive_dim])[:, 2])
 
     def _sampled(self, path: DrivePath, profile: Profile, start: _Start, speed: float) -> Trajectory | str:
         # whole steps only: the robot arrives within the last one, and waits for what is left of it

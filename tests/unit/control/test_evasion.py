@@ -138,6 +138,15 @@ def test_manoeuvres_go_on_backing_off_in_a_turn_unless_they_may_not(jackal_box):
             assert (turned & (targets.first > 0.1).all(axis=1)).any() == backward
 
 
+def test_manoeuvres_turn_no_faster_than_they_may(jackal_box):
+    limits = limits_for(jackal_box)
+    fastest = []
+    for turn_speed in (np.inf, 1.0):
+        targets = lattice(limits, turn_speed=turn_speed)
+        fastest.append(max(np.abs(limits.to_twist(rims)[:, 2]).max() for rims in (targets.first, targets.second)))
+    assert fastest[1] < 1.0 + 1e-9 < 1.2 < fastest[0]
+
+
 @pytest.fixture
 def crowded(silvermate: RobotModel) -> tuple[EvasivePlanner, ReferenceState]:
     """A planner that has looked at what comes from several sides, between what stands."""

@@ -215,6 +215,14 @@ def test_silence_and_tracking_error_follow_from_the_rate(silvermate: RobotModel)
     assert (said.monitor.silence, said.tracking_error) == (0.3, 0.04)
 
 
+def test_who_sees_only_ahead_turns_slowly_with_an_arm(silvermate: RobotModel, jackal_box: RobotModel):
+    arm, none = (MotionLimits.for_robot(robot, wheel_speed=1.0) for robot in (silvermate, jackal_box))
+    capped = drive_params(Ros2Params(), arm, 0.02).turn_speed
+    assert capped < 1.5
+    assert drive_params(Ros2Params(backward=True), arm, 0.02).turn_speed == np.inf
+    assert drive_params(Ros2Params(), none, 0.02).turn_speed == np.inf
+
+
 @each("silence", (0.4, 1.5, 2.5, 10.0))
 @pytest.mark.parametrize("anew", [False, True])
 def test_a_robot_goes_on_after_a_silence_of_odometry(silence: float, anew: bool, silvermate: RobotModel):

@@ -107,6 +107,38 @@ def test_going_on_from_a_state(request, name, seed, part, distance):
     assert (np.abs(jump) <= 1e-3 * limits.speed).all()
 
 
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(name=st.sampled_from(ROBOTS), seed=st.integers(0, 10_000), most=st.sampled_from([0.2, 0.7]))
+def test_a_base_turns_no_faster_than_it_may(request, name, seed, most):
+    robot = request.getfixturevalue(name)
+    limits, nodes = limits_of(robot), arcs(robot, seed)
+    free, slow = (Retimer(robot, limits, turn_speed=turn_speed) for turn_speed in (np.inf, most))
+    motion = free.full(nodes)
+    capped = slow.full(nodes)
+    sound(capped, limits)
+    assert ends_at(capped, nodes[-1], 2e-3)
+    if not robot.space.base_nv:
+        np.testing.assert_array_equal(capped.coordinates, motion.coordinates)
+        return
+    assert np.abs(capped.v[:, 2]).max() < 1.1 * most
+    assert capped.duration > motion.duration or np.abs(motion.v[:, 2]).max() < 1.1 * most
+
+
+def test_who_turns_too_fast_already_is_braked_to_what_it_may(silvermate):
+    turning = [silvermate.space.to_coordinates(silvermate.home(yaw=yaw)) for yaw in np.linspace(0.0, 3.0, 16)]
+    fast = Retimer(silvermate).full(turning)
+    state = fast.at(0.4 * fast.duration)
+    assert abs(state.v[2]) > 1.5
+    ahead = nodes_ahead(silvermate, state.coordinates, np.array(turning))
+    after = Retimer(silvermate, turn_speed=0.5).horizon(ahead, state.v, a_start=state.a, start_time=0.0)
+    sound(after, MotionLimits.for_robot(silvermate))
+    turn = np.abs(after.v[:, 2])
+    assert turn[0] == pytest.approx(abs(state.v[2]), rel=1e-3)
+    assert turn[after.time > 1.0].max() < 0.52
+    with pytest.raises(ParameterError):
+        Retimer(silvermate, turn_speed=0.0)
+
+
 def nodes_ahead(robot: RobotModel, coordinates: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """The state, then the nodes after the nearest segment."""
     v = robot.space.difference(nodes[:-1], nodes[1:])

@@ -18,7 +18,7 @@ from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
 from elastic_strips.control.itinerary import configurations
-from elastic_strips.control.params import DRIVE_STRIP, LASER_ASSUMPTIONS, LASER_EASE
+from elastic_strips.control.params import DRIVE_STRIP, LASER_ASSUMPTIONS, LASER_EASE, seen_turn_speed
 from elastic_strips.control.process.executor_process import ExecutorProcess
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
 from elastic_strips.errors import ParameterError, RobotError, ScenarioError, nearest_name
@@ -315,11 +315,14 @@ def drive_params(
     deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
     params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
     if sensors is not None:
+        robot = robot or scenario.load_robot(preset="default")
+        behind = sees_behind(robot, sensors)
         params = replace(
             params,
             assumptions=LASER_ASSUMPTIONS,
             speed_scale=LASER_EASE,
-            backward=sees_behind(robot or scenario.load_robot(preset="default"), sensors),
+            backward=behind,
+            turn_speed=seen_turn_speed(behind=behind, arm=robot.nv > robot.space.base_nv),
             max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
         )
     return params

@@ -114,12 +114,15 @@ def test_who_sees_ahead_only_does_not_drive_backwards(silvermate):
     drive = outcome.result.record.control
     beside = np.abs(drive.coordinates[:, 0] + 1.5) < 0.4
     assert (drive.v[beside, 0] > 0.0).all(), "it has turned before it is there"
+    turning = np.abs(drive.v[:, 2]).max()
+    assert turning < 1.2, "who sees ahead only turns slowly enough for what comes into view"
+    assert make_simulation(behind, robot=silvermate).params.turn_speed > turning
     assert make_simulation(behind, robot=silvermate).params.backward
     assert make_simulation(behind, robot=silvermate, sensors=SensorConfig()).params.backward, "sonars look behind"
 
 
 def test_what_hangs_above_the_laser_is_told_apart(silvermate):
-    outcome = drive_scenario(scenario(BEAM), robot=silvermate, sensors=LASER, time_limit=20.0)
+    outcome = drive_scenario(scenario(BEAM), robot=silvermate, sensors=LASER, time_limit=7.0)
     assert [contact.obstacle for contact in outcome.evaluation.collisions] == ["beam"]
     assert outcome.unseen == ("beam",)
     assert outcome.seen_collisions == 0
