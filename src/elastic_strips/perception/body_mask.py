@@ -125,6 +125,11 @@ class BodyMask:
         own = (np.hypot(points[:, 0], points[:, 1]) <= base) & (points[:, 2] <= top)
         return points[own | _within(points, capsules)]
 
+    def near(self, points: Array, q: ArrayLike, margin: float) -> Mask:
+        """Which of the points (n, 3) [m], in the base's frame, are in one of the capsules about the robot's bodies in
+        configuration ``q`` (nq,), larger by ``margin`` [m]."""
+        return _within(points, self._capsules(q, margin))
+
     def above_or_below(self, places: Array, q: ArrayLike, margin: float) -> Mask:
         """Which of the places (n, 2) [m], in the base's plane, have one of the capsules about the
         robot's bodies in configuration ``q`` (nq,), larger by ``margin`` [m], above or below them."""

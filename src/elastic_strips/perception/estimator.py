@@ -28,6 +28,9 @@ from .tracking import TrackedObstacle, Tracker, View
 from .volume_map import VolumeMap, VolumeMapParams
 
 _OWN_MARGIN = 0.15  # [m] about the robot's bodies, where nothing else can be
+_TOUCHED_MARGIN = 0.12
+"""So near to the robot's bodies [m] motions cannot begin where something is in doubt: what they keep from it, and from a
+point to the far end of its voxel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,8 +246,7 @@ class SceneEstimator:
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
         self._scans[scan.sensor] = rays
-        if self.volume is not None:
-            self.volume.forget(self.tracker.traces())
+        self._forget_traces(pose_matrix(base_pose))
         if self.volume is not None and self._volume_params.unseen == "blocked":
             # What stands on the floor is taken to reach up to the laser's plane.
             p = self.volume.params
@@ -302,8 +304,22 @@ class SceneEstimator:
         clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view, self.params)
         self._track(view, clusters, kept.sensor, T)
         self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))
-        self.volume.forget(self.tracker.traces())
+        self._forget_traces(T)
         return True
+
+    def _forget_traces(self, T_world_base: Array) -> None:
+        """Forget what is known of where things were that turned out to move.
+
+        Who stood right at the robot, and has gone, leaves nothing in doubt there: the robot's motions were certified up
+        to where it is. Its sensors seldom see those places, and it could not leave them.
+        """
+        traces = self.tracker.traces()
+        if self.volume is None or not len(traces):
+            return
+        self.volume.forget(traces)
+        if self._mask is not None and self._q is not None:
+            local = (traces - T_world_base[:3, 3]) @ T_world_base[:3, :3]
+            self.volume.grant(traces[self._mask.near(local, self._q, _TOUCHED_MARGIN)])
 
 
 def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:
