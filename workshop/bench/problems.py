@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams, DriveResult, ObstacleAssumptions, Tolerance
-from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.planning import PlanReport, plan_report
 from elastic_strips.robot import PlanarFootprint, RobotModel, load_robot
@@ -18,7 +17,7 @@ from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.jobs import cached, parallel_map
 from elastic_strips.sim.scenarios.drive import STRIP
-from elastic_strips.sim.sensed_perception import SensorPerception, sees_behind
+from elastic_strips.sim.sensed_perception import SensorPerception, sensing_params
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import DeformParams
 from elastic_strips.trajectory import MotionLimits
@@ -83,13 +82,7 @@ def _problem_params(
         replan_after=0.4,
     )
     if sensors is not None:
-        params = replace(
-            params,
-            assumptions=LASER_ASSUMPTIONS,
-            speed_scale=LASER_EASE,
-            # Where nothing moves, what is behind is as it was seen before.
-            backward=not moving or sees_behind(robot, sensors),
-        )
+        params = sensing_params(params, robot, sensors, moving=moving)
     return params, limits
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.control import DriveParams
-from elastic_strips.control.params import LASER_ASSUMPTIONS, LASER_EASE, seen_turn_speed
 from elastic_strips.errors import ElasticStripsError, ScenarioError
 from elastic_strips.perception import VolumeMapParams
 from elastic_strips.planning import HandPose, find_goals
@@ -24,7 +23,7 @@ from elastic_strips.sim.closed_loop import simulation
 from elastic_strips.sim.evaluation import evaluate
 from elastic_strips.sim.evaluation.visibility import unseen_contacts
 from elastic_strips.sim.jobs import cached, parallel_map
-from elastic_strips.sim.sensed_perception import sees_behind
+from elastic_strips.sim.sensed_perception import sensing_params
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import DeformParams
 from workshop.datasets import house_scene, load_house
@@ -171,14 +170,8 @@ def _driven(robot: RobotModel, task: _Reach) -> Figures:
     world, sensors = World(Scene([*pick.scene, *walkers])), task.sensors
     params, perception = DriveParams(), None
     if sensors is not None:
-        params = DriveParams(
-            assumptions=LASER_ASSUMPTIONS,
-            speed_scale=LASER_EASE,
-            max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
-        )
+        params = sensing_params(params, robot, sensors)
         perception = SensorPerception(robot, world, pick.start, sensors=sensors, seed=task.seed)
-        if not sees_behind(robot, sensors):
-            params = replace(params, backward=False, turn_speed=seen_turn_speed(behind=False, arm=True))
     driven = simulation(
         robot,
         world,

@@ -59,11 +59,11 @@ def lattice(limits: MotionLimits, *, backward: bool = True, turn_speed: float = 
     """
     top = _SPEED_SHARE * limits.drive_speed
     if limits.drive_dim == 2:
-        v, w = np.meshgrid(np.array(_DRIVE_SHARES) * top.min(), np.clip(_TURN_RATES, -turn_speed, turn_speed), indexing="ij")
+        rates = np.clip(_TURN_RATES, -turn_speed, turn_speed)
+        v, w = np.meshgrid(np.array(_DRIVE_SHARES) * top.min(), rates, indexing="ij")
         first = _within(limits.to_drive(np.stack([v.ravel(), 0.0 * v.ravel(), w.ravel()], axis=1)), top)
         ahead, turning = np.array(_SECOND_TARGETS).T
-        turning = np.clip(turning, -turn_speed, turn_speed)
-        onward = np.stack([ahead * top.min(), 0.0 * ahead, turning], axis=1)
+        onward = np.stack([ahead * top.min(), 0.0 * ahead, np.clip(turning, -turn_speed, turn_speed)], axis=1)
         second = _within(limits.to_drive(onward), top)
     else:
         angle = 2.0 * np.pi * np.arange(16) / 16

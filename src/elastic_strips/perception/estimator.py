@@ -29,8 +29,8 @@ from .volume_map import VolumeMap, VolumeMapParams
 
 _OWN_MARGIN = 0.15  # [m] about the robot's bodies, where nothing else can be
 _TOUCHED_MARGIN = 0.12
-"""So near to the robot's bodies [m] motions cannot begin where something is in doubt: what they keep from it, and from a
-point to the far end of its voxel."""
+"""So near to the robot's bodies [m] no motion can begin where something is in doubt: what motions keep from it, and
+from a point to the far end of its voxel."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control.estimation import PoseBuffer
+from elastic_strips.control.params import IMAGE_EASE, LASER_ASSUMPTIONS, LASER_EASE, DriveParams, seen_turn_speed
 from elastic_strips.perception import (
     LaserScan,
     RangeImage,
@@ -87,6 +88,30 @@ def sees_behind(robot: RobotModel, sensors: SensorConfig) -> bool:
         part = np.floor(behind / (2.0 * (math.pi - _REAR)) * _REAR_PARTS).astype(int)
         looks[part[free & (part < _REAR_PARTS)]] = True
     return bool(looks.mean() >= _REAR_SEEN)
+
+
+def sensing_params(
+    params: DriveParams, robot: RobotModel, sensors: SensorConfig, *, moving: bool = True
+) -> DriveParams:
+    """Parameters of a drive for what a robot's sensors see: how right tracks are, how old a scene may be, and how fast
+    the robot drives and turns.
+
+    Args:
+        params: the others.
+        robot: the robot.
+        sensors: its sensors.
+        moving: whether anything may move; else what is behind the robot is as it was seen before.
+    """
+    behind = not moving or sees_behind(robot, sensors)
+    images = any(isinstance(sensor, (DepthParams, LidarParams)) for sensor in sensors.sensors)
+    return replace(
+        params,
+        assumptions=LASER_ASSUMPTIONS,
+        speed_scale=IMAGE_EASE if images else LASER_EASE,
+        backward=behind,
+        turn_speed=seen_turn_speed(behind=behind, arm=robot.nv > robot.space.base_nv),
+        max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
+    )
 
 
 _LASER_PLANE_HEIGHT = 0.3

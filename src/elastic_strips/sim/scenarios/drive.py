@@ -18,7 +18,7 @@ from elastic_strips.arrays import Array, Document
 from elastic_strips.collision.bounds import Displacement
 from elastic_strips.control import Controller, DriveParams, DriveResult, EvasionParams
 from elastic_strips.control.itinerary import configurations
-from elastic_strips.control.params import DRIVE_STRIP, LASER_ASSUMPTIONS, LASER_EASE, seen_turn_speed
+from elastic_strips.control.params import DRIVE_STRIP
 from elastic_strips.control.process.executor_process import ExecutorProcess
 from elastic_strips.control.replanning import Replanner, SwitchingReplanner
 from elastic_strips.errors import ParameterError, RobotError, ScenarioError, nearest_name
@@ -34,7 +34,7 @@ from elastic_strips.sim.machine_process import faulty_plant
 from elastic_strips.sim.perception import NoisyGroundTruth
 from elastic_strips.sim.plant import KinematicPlant, Plant
 from elastic_strips.sim.realtime import RealtimeSimulation
-from elastic_strips.sim.sensed_perception import sees_behind
+from elastic_strips.sim.sensed_perception import sensing_params
 from elastic_strips.sim.sensing_process import SENSING_TIME, SensedWorld, SensingProcess
 from elastic_strips.sim.sensors import SensorConfig
 from elastic_strips.strip import LookAt, OrientationConstraint
@@ -315,16 +315,7 @@ def drive_params(
     deform = DRIVE_STRIP.replaced(**scenario.params.get("default", {}))
     params = DriveParams(deform=deform, evasion=EvasionParams() if evade else None)
     if sensors is not None:
-        robot = robot or scenario.load_robot(preset="default")
-        behind = sees_behind(robot, sensors)
-        params = replace(
-            params,
-            assumptions=LASER_ASSUMPTIONS,
-            speed_scale=LASER_EASE,
-            backward=behind,
-            turn_speed=seen_turn_speed(behind=behind, arm=robot.nv > robot.space.base_nv),
-            max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
-        )
+        params = sensing_params(params, robot or scenario.load_robot(preset="default"), sensors)
     return params
 
 
