@@ -179,6 +179,7 @@ def test_they_are_copied_and_pickled(kind):
 
 def test_inf_is_taken_where_it_says_something():
     assert {(kind.__name__, name) for kind in CLASSES for name, bound in numbers(kind) if bound.infinite} == {
+        ("DriveParams", "turn_speed"),
         ("OdometryParams", "fix_period"),
         ("PlantParams", "acceleration_margin"),
         ("PlantParams", "speed_margin"),
