@@ -59,6 +59,21 @@ def test_a_start_from_which_there_is_nothing_to_pick_is_drawn_anew(silvermate, m
         reaches.reach(root, silvermate, 0)
 
 
+def test_what_is_reached_for_can_be_driven_to(looking_tiago, monkeypatch):
+    """One draw of this seed starts outside, in a corner of the house's box, with the can behind a wall."""
+    drawn = []
+
+    def picked(root, robot, seed):
+        drawn.append(house_pick(root, robot, seed))
+        return drawn[-1]
+
+    monkeypatch.setattr(reaches, "house_pick", picked)
+    pick, _ = reaches.reach(str(shared_data("house")), looking_tiago, 2724)
+    outside = [one.start[0] < -3.0 and one.start[1] > 4.0 for one in (*drawn, pick)]
+    assert any(outside)
+    assert not outside[-1]
+
+
 def test_walkers_are_for_reaches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = shared_data("house").parent
     with pytest.raises(SystemExit) as ended:

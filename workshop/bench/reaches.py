@@ -45,6 +45,7 @@ _ACCELERATION = 1.0  # [m/s²]
 _SMOOTH = 0.8  # [m] over which the corners of their ways are rounded
 _APART = 2.0  # [m] of the ways' ends from the robot's start, at least
 _TRIES = 50
+_GOALS = 6  # ways to be at a reach that are looked at, whether the base can drive to one
 _NEXT = 100_000  # added to a seed where its start or goal is none
 _TO_SPARE = DeformParams(clearance=VolumeMapParams().cell)  # what is seen is known to a voxel
 _ARM = 2.5  # [m] about a goal, within which the robot stands when it reaches it
@@ -128,8 +129,8 @@ def _drive(task: _Reach) -> Figures:
 
 
 def reach(root: str, robot: RobotModel, seed: int) -> tuple[Pick, list[HandPose]]:
-    """A start, and hand poses above furniture elsewhere that the robot reaches where it knows the house, with a voxel
-    to spare.
+    """A start, and hand poses above furniture elsewhere that the robot drives to and reaches where it knows the house,
+    with a voxel to spare.
 
     The start is one that the sensed scenes ask for: within `VolumeMapParams.start_radius` of it nothing stands.
 
@@ -150,7 +151,9 @@ def reach(root: str, robot: RobotModel, seed: int) -> tuple[Pick, list[HandPose]
         at[2] = pick.surface + _ABOVE
         poses = hand_poses(robot, at, before=_BEFORE)
         about = Scene([o for o in pick.scene if _room(Scene([o]), at[:2]) < _ARM])
-        if len(find_goals(robot, about, pick.start, poses, count=1, params=_TO_SPARE).configurations):
+        goals = find_goals(robot, about, pick.start, poses, count=_GOALS, params=_TO_SPARE).configurations
+        # One that starts outside may stand before a wall, with what it reaches for behind it.
+        if any(grid_path(robot, pick.scene, pick.start, goal).points is not None for goal in goals):
             return pick, poses
     raise ScenarioError(f"{root}: no start with room and no reach among {_TRIES}") from nowhere
 
