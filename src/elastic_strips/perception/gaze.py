@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, Indices
+from elastic_strips.arrays import Array, ArrayLike, Indices
 from elastic_strips.coal_shapes import outside, support_points
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
@@ -23,6 +24,8 @@ from .volume_map import VolumeMap
 _LATTICE = 0.08  # [m] between the points that stand for a body
 _MOST_TARGETS = 1500
 _CELL = 0.1  # [m] within which places are looked at together
+_BLIND_LOOKS = 4  # looks in vain that one counts as in which nothing was seen at all
+_ARRIVED = 0.2  # [rad or m] so near to where they are to be the joints are there
 _LOWEST, _LAYER, _ABOVE = 0.2, 0.2, 0.2  # [m] of what is looked at about the robot, from layer to layer, and above it
 
 
@@ -37,6 +40,7 @@ class GazeParams(Checked):
         margin: part of the picture at each of its borders that does not count.
         steps: postures that are tried, along each joint.
         forget: looks in vain count for this long [s].
+        seeing: after a look that showed nothing it looks for this long [s] where it saw something last.
         around: what has not been seen is looked at up to this distance [m] where nothing is to be passed through.
     """
 
@@ -46,6 +50,7 @@ class GazeParams(Checked):
     margin: Fraction = 0.08
     steps: Count = 13
     forget: Positive = 8.0
+    seeing: NonNegative = 1.0
     around: Positive = 1.4
 
 
@@ -89,7 +94,8 @@ class Gaze:
         if index is None or seeing.model.frames[index].parentJoint not in joints:
             raise RobotError(f"{frame!r} is no link of {robot.name!r} that {', '.join(robot.looking)} carry")
         first = min(joints)
-        k = np.array([seeing.model.joints[j].idx_v for j in joints])
+        self._k: Indices = np.array([seeing.model.joints[j].idx_v for j in joints])
+        k = self._k
         self.lower: Array = seeing.space.lower[k]
         self.upper: Array = seeing.space.upper[k]
         speed = seeing.model.velocityLimit[k]
@@ -103,6 +109,8 @@ class Gaze:
         self.target: Array | None = None
         self._since = -math.inf
         self._vain: dict[tuple[int, int, int], tuple[int, float]] = {}  # looks at a voxel, and the time of the last
+        self._looked: list[tuple[int, int, int]] = []  # voxels that it looks at
+        self._saw: Array | None = None  # values of the joints where it saw something last
 
     def _cameras(self, seeing: RobotModel, k: Indices, frame: int, anchor: int) -> Array:
         """(G, 4, 4) poses of the camera's link, in the frame of the joint that carries the head."""
@@ -114,6 +122,29 @@ class Gaze:
             placed = pin.updateFramePlacement(seeing.model, data, frame)
             poses.append((data.oMi[anchor].inverse() * placed).homogeneous)
         return np.array(poses)
+
+    def note(self, t: float, q: ArrayLike, *, blind: bool) -> None:
+        """An image has come. Who sees nothing, such as before a wall nearer than the camera sees, looks where it last
+        saw something, and does not look there again soon.
+
+        Args:
+            t: time [s].
+            q: (nq,) configuration at exposure, with the joints that look.
+            blind: whether the image says nothing.
+        """
+        values = self._robot.seeing.space.to_coordinates(np.asarray(q, dtype=float))[self._k]
+        if not blind:
+            self._saw = values
+        elif self._looked and np.abs(values - self.wanted).max() <= _ARRIVED:
+            self._count(t, self._looked, _BLIND_LOOKS)
+            self._looked = []
+            if self._saw is not None:
+                self.wanted, self._since, self.target = self._saw, t + self.params.seeing - self.params.dwell, None
+
+    def _count(self, t: float, voxels: Sequence[tuple[int, int, int]], looks: int) -> None:
+        """Count looks at voxels."""
+        for key in voxels:
+            self._vain[key] = (self._vain.get(key, (0, t))[0] + looks, t)
 
     def look(self, t: float, row: Array, ahead: Array, values: Array, volume: VolumeMap, step: float = 0.2) -> Array:
         """Where the joints that look are to go.
@@ -150,9 +181,8 @@ class Gaze:
         inside = seen[best]
         if inside.any():
             self.target = np.average(targets[inside], axis=0, weights=weights[inside] + 1e-12)
-            for voxel in np.floor(targets[inside] / _CELL).astype(int).tolist():
-                key = (voxel[0], voxel[1], voxel[2])
-                self._vain[key] = (self._vain.get(key, (0, t))[0] + 1, t)
+            self._looked = [(v[0], v[1], v[2]) for v in np.floor(targets[inside] / _CELL).astype(int).tolist()]
+            self._count(t, self._looked, 1)
         return self.wanted
 
     def _targets(self, t: float, row: Array, ahead: Array, volume: VolumeMap, step: float) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control.estimation import PoseBuffer
 from elastic_strips.control.params import IMAGE_EASE, LASER_ASSUMPTIONS, LASER_EASE, DriveParams, seen_turn_speed
 from elastic_strips.perception import (
+    DepthImage,
     LaserScan,
     RangeImage,
     Reading,
@@ -122,6 +123,7 @@ _GLANCE_PERIOD = 0.1  # [s] between choices of where to look
 LOOK_AHEAD = 5.0  # [s] of the way that is looked at
 _LOOK, _LOOK_ABOUT = 1.5, 8.0
 """Time [s] of reading before the first step, and that of a robot that looks about."""
+_BLIND = 0.5  # part of an image's pixels that say nothing where it is not believed for that
 _CONTACT_PERIOD = 0.05  # [s] between queries of the contact sensor
 
 
@@ -182,6 +184,7 @@ class SensorPerception:
         self.gaze: Gaze | None = None
         self.suite: SensorSuite = SensorSuite(robot.seeing, world, sensors, seed=seed, time=-look)
         camera = next((s for s in self.suite.config.sensors if isinstance(s, DepthParams)), None)
+        self._camera = "" if camera is None else camera.name
         if robot.looking and camera is not None:
             wide = camera.field_of_view
             high = 2.0 * math.atan(math.tan(0.5 * wide) * camera.rows / camera.columns)
@@ -269,9 +272,18 @@ class SensorPerception:
                 continue
             self.looked_at[reading.sensor] += 1
             self.estimator.update(reading, pose)
+            self._mind(t, reading)
             self.newest[reading.sensor] = reading, pose
         self._spent += self.computing.reading() - began
         return bool(come)
+
+    def _mind(self, t: float, reading: Reading) -> None:
+        """Tell the gaze whether the image of its camera shows anything."""
+        if self.gaze is None or not isinstance(reading, DepthImage) or reading.q is None:
+            return
+        report = self.estimator.watched.get(reading.sensor)
+        if reading.sensor == self._camera and report is not None and (not report.reason or report.unanswered > _BLIND):
+            self.gaze.note(t, reading.q, blind=bool(report.reason))
 
     def attend(self, ahead: Callable[[float], Array]) -> None:
         """Be told what gives the coordinate rows (K, nv) that the robot comes through in so many seconds, the next one

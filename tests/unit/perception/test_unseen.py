@@ -118,6 +118,28 @@ def test_what_is_looked_at_in_vain_is_left_after_a_while(tiago):
     assert len(seen) > 5
 
 
+def test_who_sees_nothing_looks_where_they_saw_last(tiago):
+    """A wall nearer than the camera sees hides what it wants to look at: it does not stare at that."""
+    gaze = Gaze(tiago, "xtion_depth_optical_frame", np.eye(4), (1.02, 0.8), (0.3, 3.5))
+    row, volume = tiago.space.to_coordinates(tiago.home()), VolumeMap(BLOCKED)
+    none = np.zeros((0, tiago.nv))
+
+    def image(t, head, blind):
+        gaze.note(t, tiago.seeing.space.from_coordinates(tiago.seeing_row(row, head)), blind=blind)
+
+    image(0.0, np.zeros(2), False)
+    away = gaze.look(0.0, row, none, np.zeros(2), volume).copy()
+    assert np.abs(away).max() > 0.3
+    image(0.1, 0.2 * away, True)  # it is on its way
+    np.testing.assert_array_equal(gaze.wanted, away)
+    image(0.5, away, True)
+    for t in (0.5, 0.9, 1.4):
+        np.testing.assert_allclose(gaze.look(t, row, none, np.zeros(2), volume), 0.0, atol=1e-12)
+    image(1.6, np.zeros(2), False)
+    again = gaze.look(1.7, row, none, np.zeros(2), volume)
+    assert np.abs(again - away).max() > 0.2
+
+
 def test_a_head_without_a_camera_is_no_trouble(tiago):
     perception = SensorPerception(
         tiago, World(Scene([])), tiago.home(), sensors=SensorConfig(sensors=(LASER,)), look=0.2
