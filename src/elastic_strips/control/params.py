@@ -57,9 +57,9 @@ LASER_ASSUMPTIONS = ObstacleAssumptions(position_error=0.04, velocity_error=0.2)
 LASER_EASE = 0.6
 """Part of the largest speeds for a robot with only a laser: an obstacle that appears from behind another one is
 tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
-IMAGE_EASE = 0.8
-"""That part for a robot with a depth camera or a 3-D lidar, which see most things earlier, over what stands before
-them."""
+CAMERA_EASE = 0.8
+"""That part for a robot with a depth camera, too, which sees most things earlier, over what stands before them. Not for
+a 3-D lidar alone, which looks half as often."""
 
 _SIDE_TURN_SPEED = 1.0  # [rad/s]
 

@@ -12,7 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.collision import BodySet, ObstacleProximity
 from elastic_strips.control.estimation import PoseBuffer
-from elastic_strips.control.params import IMAGE_EASE, LASER_ASSUMPTIONS, LASER_EASE, DriveParams, seen_turn_speed
+from elastic_strips.control.params import CAMERA_EASE, LASER_ASSUMPTIONS, LASER_EASE, DriveParams, seen_turn_speed
 from elastic_strips.perception import (
     DepthImage,
     LaserScan,
@@ -104,11 +104,11 @@ def sensing_params(
         moving: whether anything may move; else what is behind the robot is as it was seen before.
     """
     behind = not moving or sees_behind(robot, sensors)
-    images = any(isinstance(sensor, (DepthParams, LidarParams)) for sensor in sensors.sensors)
+    camera = any(isinstance(sensor, DepthParams) for sensor in sensors.sensors)
     return replace(
         params,
         assumptions=LASER_ASSUMPTIONS,
-        speed_scale=IMAGE_EASE if images else LASER_EASE,
+        speed_scale=CAMERA_EASE if camera else LASER_EASE,
         backward=behind,
         turn_speed=seen_turn_speed(behind=behind, arm=robot.nv > robot.space.base_nv),
         max_scene_age=max(params.max_scene_age, sensors.oldest + params.plan_every * params.control_dt),
