@@ -59,7 +59,7 @@ LASER_EASE = 0.6
 tracked as moving only some tenths of a second later, and the robot has to be at rest when it arrives."""
 CAMERA_EASE = 0.8
 """That part for a robot with a depth camera, too, which sees most things earlier, over what stands before them. Not for
-a 3-D lidar alone, which looks half as often."""
+a 3-D lidar alone, which turns ten times a second."""
 
 _SIDE_TURN_SPEED = 1.0  # [rad/s]
 
