@@ -225,7 +225,8 @@ class DriveParams(Checked):
         gains: gains of tracking, and the lags of the motors that it leads; `calibrate` measures them.
         sensing: what the estimator assumes about wheels and fixes.
         backward: whether plans and manoeuvres may lead backwards; not for robots that see only ahead of them.
-        turn_speed: how fast the base turns at most [rad/s], besides what the motors allow.
+        turn_speed: how fast the base turns at most [rad/s], besides what the motors allow. Who stands beside a robot
+            that sees only ahead has to be seen before its hand is there: 1 rad/s, where it has an arm.
         control_dt: period of the control loop.
         plan_every: control periods from one planning tick to the next.
         latency: control periods from sensing to the first command of the motion that was planned on it.

@@ -31,6 +31,7 @@ _OWN_MARGIN = 0.15  # [m] about the robot's bodies, where nothing else can be
 _TOUCHED_MARGIN = 0.12
 """So near to the robot's bodies [m] no motion can begin where something is in doubt: what motions keep from it, and
 from a point to the far end of its voxel."""
+_POSTURE_FOR = 0.3  # [s] for which the posture of an image tells where the arm is
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,7 @@ class SceneEstimator:
         self._mask = None if robot is None else BodyMask(robot)
         self._base = (0.0, 0.0)  # where it is [m]
         self._q: Array | None = None  # how the robot stood in the newest image
+        self._posed = -math.inf  # [s] when that was
         self._volume_params = volume or VolumeMapParams()
         blocked = self._volume_params.unseen == "blocked"
         self.volume: VolumeMap | None = VolumeMap(self._volume_params) if blocked else None
@@ -246,7 +248,7 @@ class SceneEstimator:
         ignored[at] = self.tracker.of_movers(rays.origin + rays.ranges[at, None] * rays.direction[at])
         self.map.add_scan(rays, ignored)
         self._scans[scan.sensor] = rays
-        self._forget_traces(pose_matrix(base_pose))
+        self._forget_traces(scan.time, pose_matrix(base_pose))
         if self.volume is not None and self._volume_params.unseen == "blocked":
             # What stands on the floor is taken to reach up to the laser's plane.
             p = self.volume.params
@@ -259,10 +261,10 @@ class SceneEstimator:
 
         def own(columns: Array) -> Mask:
             """Which columns (n, 2) [m] the robot is in, or so near to that nothing else can be."""
-            if self._mask is None or self._q is None:
+            if self._mask is None or (q := self._posture(view.time)) is None:
                 return np.hypot(*(columns - T_world_base[:2, 3]).T) <= self.params.robot_radius
             local = (columns - T_world_base[:2, 3]) @ T_world_base[:2, :2]
-            return self._mask.above_or_below(local, self._q, _OWN_MARGIN)
+            return self._mask.above_or_below(local, q, _OWN_MARGIN)
 
         self._lost.update(self.tracker.moving, self.tracker.lost, view, sensor, own)
 
@@ -281,7 +283,7 @@ class SceneEstimator:
             )
         count_work(pixels=image.ranges.size * (1 if isinstance(image, DepthImage) else 2))
         T = pose_matrix(base_pose)
-        self._q = image.q
+        self._q, self._posed = image.q, image.time
         kept, own = self._mask.apart(image)
         if self.volume is None:
             self.volume = VolumeMap(self._volume_params)
@@ -304,10 +306,15 @@ class SceneEstimator:
         clusters = moving_clusters(seen.points, seen.fresh, seen.standing, view, self.params)
         self._track(view, clusters, kept.sensor, T)
         self.volume.add(kept, T, seen, self.tracker.of_movers(seen.points[:, :2]))
-        self._forget_traces(T)
+        self._forget_traces(image.time, T)
         return True
 
-    def _forget_traces(self, T_world_base: Array) -> None:
+    def _posture(self, time: float) -> Array | None:
+        """Configuration (nq,) of the newest image; None where that is so old by ``time`` [s] that the arm may be
+        elsewhere."""
+        return self._q if time - self._posed <= _POSTURE_FOR else None
+
+    def _forget_traces(self, time: float, T_world_base: Array) -> None:
         """Forget what is known of where things were that turned out to move.
 
         Who stood right at the robot, and has gone, leaves nothing in doubt there: the robot's motions were certified up
@@ -317,9 +324,9 @@ class SceneEstimator:
         if self.volume is None or not len(traces):
             return
         self.volume.forget(traces)
-        if self._mask is not None and self._q is not None:
+        if self._mask is not None and (q := self._posture(time)) is not None:
             local = (traces - T_world_base[:3, 3]) @ T_world_base[:3, :3]
-            self.volume.grant(traces[self._mask.near(local, self._q, _TOUCHED_MARGIN)])
+            self.volume.grant(traces[self._mask.near(local, q, _TOUCHED_MARGIN)])
 
 
 def scan_scene(scan: LaserScan, base_pose: ArrayLike, params: SceneEstimatorParams | None = None) -> Scene:
