@@ -29,7 +29,8 @@ double ObstaclePairs::measure(const Frames& frames, std::size_t node, double pla
     return Queries{narrow_, frames, parts_, moving_}.exact(node, body, part, moves).distance - GJK_EXCESS - uncertainty;
   }
   narrow_.bodies->ends_at(frames, node, body, one, two);
-  return capsule_bound(*narrow_.bodies, one, two, body, parts_, part, moves, uncertainty);
+  const double cheap = capsule_bound(*narrow_.bodies, one, two, body, parts_, part, moves, uncertainty);
+  return std::max(cheap, PlacedBox(*narrow_.bodies, frames, node, body).bound(parts_, part, moves, uncertainty));
 }
 
 double ObstaclePairs::loose(std::int64_t pair) const {

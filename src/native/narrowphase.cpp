@@ -40,6 +40,30 @@ double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std
   return std::sqrt(sum) - 0.5 * (two - one).norm() - bodies.radius[body] - uncertainty;
 }
 
+PlacedBox::PlacedBox(const Bodies& bodies, const Frames& frames, std::size_t node, std::size_t body)
+    : skin_(bodies.skin) {
+  const coal::AABB& box = bodies.solids[body].shape->aabb_local;
+  Vec3 t;
+  bodies.placement(frames, node, body, R_, t);
+  center_ = R_ * (0.5 * (box.min_ + box.max_)) + t;
+  half_ = 0.5 * (box.max_ - box.min_);
+  world_half_ = R_.cwiseAbs() * half_;
+}
+
+double PlacedBox::bound(const Parts& parts, std::size_t part, const Vec3* shift, double uncertainty) const {
+  const Mat3 R = Eigen::Map<const Mat3>(parts.rotation + 9 * part);
+  const Vec3 half = Eigen::Map<const Vec3>(parts.box_half + 3 * part);
+  Vec3 between = R * Eigen::Map<const Vec3>(parts.box_center + 3 * part) +
+                 Eigen::Map<const Vec3>(parts.translation + 3 * part) - center_;
+  if (shift != nullptr) between += *shift;
+  // two boxes are at least as far apart as the boxes about them in any frame: in the world's and in the body's
+  const Vec3 gaps = (between.cwiseAbs() - world_half_ - R.cwiseAbs() * half).cwiseMax(0.0);
+  const Mat3 own = R_.transpose() * R;
+  const Vec3 own_gaps = ((R_.transpose() * between).cwiseAbs() - half_ - own.cwiseAbs() * half).cwiseMax(0.0);
+  const double apart = std::max(gaps.squaredNorm(), own_gaps.squaredNorm());
+  return apart > 0.0 ? std::sqrt(apart) + skin_ - uncertainty : -FAR;  // of how deep they are it says nothing
+}
+
 void Narrowphase::turn_to(const Parts& parts) {
   if (parts.stamp == stamp_) return;
   stamp_ = 0;

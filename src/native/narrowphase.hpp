@@ -48,6 +48,19 @@ struct Moving {
 double capsule_bound(const Bodies& bodies, const Vec3& one, const Vec3& two, std::size_t body, const Parts& parts,
                      std::size_t part, const Vec3* shift, double uncertainty);
 
+// A body's box in the frame of its shape, and the box about it in the world's, at a node.
+struct PlacedBox {
+  PlacedBox(const Bodies& bodies, const Frames& frames, std::size_t node, std::size_t body);
+
+  // Lower bound of the body's distance to a part's box, as that of capsule_bound.
+  double bound(const Parts& parts, std::size_t part, const Vec3* shift, double uncertainty) const;
+
+ private:
+  Mat3 R_;
+  Vec3 center_, half_, world_half_;
+  double skin_;
+};
+
 // What an exact query found, in the world's frame; the direction leads away from the obstacle.
 struct Found {
   double distance;

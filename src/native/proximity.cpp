@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace strips {
 
@@ -56,13 +57,17 @@ std::vector<std::int64_t> follow(const Bodies& bodies, const Frames& frames, con
 
 // Bound one pair by its capsule, and measure it where that is below `reach`.
 static void measure(Queries& ask, std::size_t node, std::size_t body, std::size_t k, const Vec3& one, const Vec3& two,
-                    double reach, Distances& d) {
+                    double reach, std::optional<PlacedBox>& box, Distances& d) {
   const std::size_t part = static_cast<std::size_t>(d.part[k]);
   Vec3 shift;
   double uncertainty = 0.0;
   const Vec3* moves = ask.moving.at(static_cast<double>(node), part, shift, uncertainty) ? &shift : nullptr;
   ++ask.counts.pairs;
-  const double cheap = capsule_bound(*ask.narrow.bodies, one, two, body, ask.parts, part, moves, uncertainty);
+  double cheap = capsule_bound(*ask.narrow.bodies, one, two, body, ask.parts, part, moves, uncertainty);
+  if (!(cheap >= reach)) {
+    if (!box) box.emplace(*ask.narrow.bodies, ask.frames, node, body);
+    cheap = std::max(cheap, box->bound(ask.parts, part, moves, uncertainty));
+  }
   if (cheap >= reach) {
     d.bound[k] = cheap;
     d.exact[k] = INFINITY;
@@ -84,13 +89,14 @@ void refine(Queries& ask, double influence, Distances& d) {
     for (std::size_t g = 0; g < d.bodies; ++g) {
       bool placed = false;
       Vec3 one, two;
+      std::optional<PlacedBox> box;
       for (std::size_t k = d.begin(n, g), end = d.end(n, g); k < end; ++k) {
         if (!(bound[k] < influence && since[k] > d.limit[d.part[k]])) continue;
         if (!placed) {
           ask.narrow.bodies->ends_at(ask.frames, n, g, one, two);
           placed = true;
         }
-        measure(ask, n, g, k, one, two, influence, d);
+        measure(ask, n, g, k, one, two, influence, box, d);
       }
     }
   }
@@ -100,7 +106,8 @@ void refine_at(Queries& ask, std::size_t node, std::size_t body, std::size_t at,
   if (!(d.bound[at] < reach && d.since[at] > 0.0)) return;
   Vec3 one, two;
   ask.narrow.bodies->ends_at(ask.frames, node, body, one, two);
-  measure(ask, node, body, at, one, two, reach, d);
+  std::optional<PlacedBox> box;
+  measure(ask, node, body, at, one, two, reach, box, d);
 }
 
 namespace {

@@ -85,6 +85,13 @@ class BodySet:
         _LINKS[robot] = links
         return links
 
+    @property
+    def boxes(self) -> tuple[Array, Array]:
+        """Centres and half sizes (G, 3) [m] of the boxes about the shapes, in the shapes' own frames."""
+        low = np.array([each.aabb_local.min_ for each in self.geometries]).reshape(-1, 3)
+        high = np.array([each.aabb_local.max_ for each in self.geometries]).reshape(-1, 3)
+        return 0.5 * (low + high), 0.5 * (high - low)
+
     @staticmethod
     def control_points(robot: RobotModel) -> BodySet:
         """The robot's control points, each a tiny sphere."""

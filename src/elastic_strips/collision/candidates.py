@@ -155,6 +155,26 @@ class CandidateParts:
         distance = self.box_distance(0.5 * (one + two), part) - half - radius
         return distance if moved is None else distance - moved[1]
 
+    def apart(
+        self, center: Array, rotation: Array, half: Array, part: Indices, moved: tuple[Array, Array] | None
+    ) -> Array:
+        """Lower bounds (K,) [m] of the distances of boxes with centres (K, 3), rotations (K, 3, 3) and half sizes
+        (K, 3) to the boxes of ``part`` (K,), as :meth:`capsule_distance`; −∞ where they may touch.
+
+        Two boxes are at least as far apart as the boxes about them in any frame: in the world's and in the first's.
+        """
+        turn, own = self.rotation[part], np.matmul(np.swapaxes(rotation, 1, 2), self.rotation[part])
+        between = self.translation[part] - center + np.matmul(turn, self.box_center[part][..., None])[..., 0]
+        if moved is not None:
+            between = between + moved[0]
+        extent = np.matmul(np.abs(rotation), half[..., None])[..., 0]
+        gaps = np.abs(between) - extent - np.matmul(np.abs(turn), self.box_half[part][..., None])[..., 0]
+        inner = np.abs(np.matmul(between[:, None], rotation)[:, 0]) - half
+        inner -= np.matmul(np.abs(own), self.box_half[part][..., None])[..., 0]
+        apart = np.sqrt((np.maximum(np.stack((gaps, inner)), 0.0) ** 2).sum(axis=2)).max(axis=0)
+        apart[apart <= 0.0] = -np.inf
+        return apart if moved is None else apart - moved[1]
+
     def box_distance(self, points: Array, part: Indices | slice) -> Array:
         """Distance [m] of world points (K, 3) to the oriented boxes of ``part`` (K,): 0 inside."""
         local = np.matmul((points - self.translation[part])[..., None, :], self.rotation[part])[..., 0, :]

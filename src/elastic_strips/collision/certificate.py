@@ -27,7 +27,7 @@ from elastic_strips.summary import Summary
 
 from .bounds import BodySet
 from .candidates import CandidateParts, MovingParts
-from .narrowphase import Narrowphase
+from .narrowphase import Narrowphase, lower_bounds
 from .self_distance import SelfProximity
 
 _HALF_TURN = "half turn"
@@ -156,8 +156,7 @@ class ObstaclePairs:
 
     def lower_bounds(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)
-        ends, moved = self.bodies.ends_at(kin, node, body), self.moving.between(place, part)
-        return self.candidates.capsule_distance(ends, self.bodies.radius[body], part, moved)
+        return lower_bounds(self.bodies, kin, (node, body, part), self.candidates, self.moving.between(place, part))
 
     def distances(self, kin: Kinematics, node: Indices, place: Array, pair: Indices) -> Array:
         body, part = self._split(pair)

@@ -164,6 +164,35 @@ class Contacts:
         return len(self.node)
 
 
+def lower_bounds(
+    bodies: BodySet,
+    kin: Kinematics,
+    at: tuple[Indices, Indices, Indices],
+    candidates: CandidateParts,
+    moved: tuple[Array, Array] | None,
+    reach: Array | float = inf,
+) -> Array:
+    """Cheap distances (K,) [m] of bodies to parts, never above the true ones: by capsules and by boxes.
+
+    Args:
+        bodies, kin: the bodies, and where they are.
+        at: node, body and part (K,) of each.
+        candidates: the parts.
+        moved: shift (K, 3) and uncertainty (K,) of the parts [m]; None where nothing moves.
+        reach: boxes are only looked at where the capsules' bounds are not so large [m].
+    """
+    node, body, part = at
+    cheap = candidates.capsule_distance(bodies.ends_at(kin, node, body), bodies.radius[body], part, moved)
+    left = np.flatnonzero(~(cheap >= reach))
+    if len(left):
+        rotation, translation = bodies.placements(kin, node[left], body[left])
+        center, half = (each[body[left]] for each in bodies.boxes)
+        center = np.matmul(rotation, center[..., None])[..., 0] + translation
+        still = None if moved is None else (moved[0][left], moved[1][left])
+        cheap[left] = np.fmax(cheap[left], candidates.apart(center, rotation, half, part[left], still) + bodies.skin)
+    return cheap
+
+
 class Narrowphase(OneThread):
     """Workspace: exact distances between bodies and obstacle parts; keeps Coal's functors of each pair."""
 

@@ -24,7 +24,7 @@ from elastic_strips.work import count_work
 
 from .bounds import BodySet
 from .candidates import CandidateParts, MovingParts, NodePrediction
-from .narrowphase import Contacts, Narrowphase
+from .narrowphase import Contacts, Narrowphase, lower_bounds
 from .near_parts import NearParts
 
 if TYPE_CHECKING:
@@ -530,7 +530,7 @@ class ObstacleProximity(OneThread):
             return
         node, body, part = self._rows.triple(at)
         moved = self.moving.displaced(node, part)
-        cheap = candidates.capsule_distance(self._ends[node, body], self.bodies.radius[body], part, moved)
+        cheap = lower_bounds(self.bodies, kin, (node, body, part), candidates, moved, reach)
         far = cheap >= reach
         self._bound[at[far]] = cheap[far]
         self._exact[at[far]] = np.inf

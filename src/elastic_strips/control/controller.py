@@ -366,6 +366,13 @@ class Controller:
         return not stands and self._steps >= self._next_tick
 
     @property
+    def pause(self) -> float:
+        """Time [s] from the beginning of the last planning tick to the next one: half of the period of the planning
+        where that one had the strip's step alone, as the two together take too long."""
+        period = self.params.plan_every * self.params.control_dt
+        return 0.5 * period if self.planner.prepared else period
+
+    @property
     def ended(self) -> bool:
         """Whether the last goal is reached."""
         keeper = self.keeper
@@ -514,7 +521,7 @@ class Controller:
         if self.plans_next:
             self._publish(t)  # what is planned now continues what is ready by now
             seconds, period = self._planning_tick(t), self._here.period.seconds
-            every = self.params.plan_every * self.params.control_dt / period
+            every = self.pause / period
             self._next_tick = self._steps + max(1, round(every), int(np.ceil(seconds / period - 1e-9)))
         self._publish(t)
         command = self._here.command(t)

@@ -43,6 +43,9 @@ _MOST_CURVES = 4  # onto a strip, that are tried in a tick
 _REGAINED_EVERY = 4  # ticks, after which the joints of a strip that misses its constraint are moved to satisfy it
 _PASSING_SPEED = 0.3  # part of the speed limits with which a curve from the end of a strip on begins
 _SAME_DIRECTION_COSINE = 0.995  # of the angle by which the end of the strip may turn until the way on is made anew
+_TOGETHER = 0.5
+"""Part of the nominal latency that the strip's step and the motion along it may take together: where they take longer,
+a tick has one of the two, so that the robot's motion waits for neither."""
 BROKEN_STEPS = 4
 """Steps for which a strip that has broken gets new nodes; then other means have to help."""
 _STUCK_EVERY = 4
@@ -66,6 +69,7 @@ class LocalPlanner:
         report: report of the strip's last tick; None before the first.
         evasion: plans manoeuvres off the strip; None where the robot only brakes and waits.
         tracks: how moving obstacles have changed their velocities of late.
+        prepared: whether the last tick had the strip's step alone: the next one, which comes sooner, plans the motion.
         passed: when the end of the strip before was passed [s], and the reference (nv,) then; None where the robot has
             not gone on from one strip to another since :meth:`take`.
     """
@@ -105,6 +109,7 @@ class LocalPlanner:
         self.strip: Strip = strip
         self.off_strip: bool = False
         self.report: DeformReport | None = None
+        self.prepared: bool = False
         self.passed: tuple[float, Array] | None = None
         self._next: tuple[Strip, Tolerance] | None = None  # how the strip goes on, and how near its end is passed
         self._curve: Array | None = None  # rows that lead the robot onto the strip, and do not give way
@@ -121,7 +126,8 @@ class LocalPlanner:
         self._ticks = self._age = 0
         self._broken = 0  # steps in a row that have left the strip without a certificate
         self._kept = 0  # ticks for which the strip stays as it is
-        self._step_took = self._evasion_took = 0.0  # [s] the last time
+        self._step_took = self._motion_took = self._evasion_took = 0.0  # [s] the last time
+        self._stepped = False  # whether the last tick had a step of the strip
 
     def take(self, strip: Strip, *, beside: bool = False, as_it_is: bool = False) -> None:
         """Follow another strip from now on.
@@ -145,7 +151,7 @@ class LocalPlanner:
         """Follow a strip, after rows (R, nv) of a curve onto it."""
         self.strip = strip
         self._curve, self._last, self._broken, self._kept = curve, None, 0, 0
-        self.off_strip = self._joins = False
+        self.off_strip = self._joins = self.prepared = False
 
     def lead_on(self, strip: Strip, within: Tolerance) -> None:
         """Let motions go on from the end of the strip along another one, without a stop where that can be.
@@ -168,6 +174,7 @@ class LocalPlanner:
         self.deformer.reset()
         self.timer.certifier.reset()
         self._last = self._proof = None
+        self.prepared = False
         self.tracks = MoverTracks()
 
     def certify(self, motion: Trajectory, scene: Scene, tracking_error: float | None = None) -> Certificate:
@@ -239,8 +246,13 @@ class LocalPlanner:
         """
         if self.evasion is not None:
             self.tracks.take(scene)
-        result = self._unchanged(scene, active, begin) or self._plan(now, scene, active, begin)
-        self._names, self._last = scene.names, result
+        prepared, self.prepared = self.prepared, False
+        result = None if prepared else self._unchanged(scene, active, begin)
+        if result is None:
+            result = self._plan(now, scene, active, begin, prepared)
+        self._names = scene.names
+        if not self.prepared:
+            self._last = result
         return result
 
     def _unchanged(self, scene: Scene, active: Trajectory, begin: float) -> PlanResult | None:
@@ -262,8 +274,8 @@ class LocalPlanner:
             return None
         return PlanResult(PlanOutcome.UNCHANGED, active, last.certificate, "", last.report, last.speed)
 
-    def _plan(self, now: float, scene: Scene, active: Trajectory, begin: float) -> PlanResult:
-        """Deform the strip, and plan a motion along it.
+    def _plan(self, now: float, scene: Scene, active: Trajectory, begin: float, prepared: bool) -> PlanResult:
+        """Deform the strip, unless it is ``prepared``, and plan a motion along it, unless that is for the next tick.
 
         Where planning is slow the active trajectory is certified first: a robot that has to brake does so at once.
         """
@@ -276,7 +288,32 @@ class LocalPlanner:
             brake = self._brake(start, active, outlook, self.report, watch)
             if brake is not None:
                 return brake
-        report = self._deform(now, outlook, start, watch)
+        last = self._last
+        apart = not prepared and last is not None and self._takes_long
+        if apart and start.v.any():
+            prepared = bool(self.refuted(active, scene, start.time))  # then another motion comes first
+            watch.mark("motion certificate")
+        report = self._deform(now, outlook, start, watch, prepared)
+        if apart and last is not None and self._stepped:
+            self.prepared = True
+            if start.v.any() and (last.accepted or last.outcome is PlanOutcome.UNCHANGED):
+                return PlanResult(PlanOutcome.UNCHANGED, active, None, "", report, last.speed, watch.phases)
+            return PlanResult(PlanOutcome.NONE, None, last.certificate, last.reason, report, last.speed, watch.phases)
+        began = self.pace.reading()
+        result = self._motion(start, active, outlook, report, watch)
+        self._motion_took = self.pace.reading() - began
+        return result
+
+    @property
+    def _takes_long(self) -> bool:
+        """Whether the strip's step and the motion along it are not to be in the same tick."""
+        nominal = max(self.params.latency, 1) * self.params.control_dt
+        return self._step_took + self._motion_took > _TOGETHER * nominal
+
+    def _motion(
+        self, start: ReferenceState, active: Trajectory, outlook: Outlook, report: DeformReport, watch: PhaseClock
+    ) -> PlanResult:
+        """A motion along the strip, onto it or off it."""
         curved = self._joins and self._runs_on(start, report)
         result = self._curved(start, active, outlook, report, watch) if curved else None
         if result is None:
@@ -494,8 +531,11 @@ class LocalPlanner:
             self._compared = scene, before, not before.allows(scene)
         return self._compared[2]
 
-    def _deform(self, now: float, outlook: Outlook, start: ReferenceState, watch: PhaseClock) -> DeformReport:
-        """One tick of the strip from the start state on; several where it has just lost its certificate.
+    def _deform(
+        self, now: float, outlook: Outlook, start: ReferenceState, watch: PhaseClock, prepared: bool
+    ) -> DeformReport:
+        """One tick of the strip from the start state on; several where it has just lost its certificate; none where it
+        is ``prepared``.
 
         What no sensor has seen does not push the strip, and is not in its certificate: it will be seen before the robot
         is there, or end the motions, which are certified among all that is in the scene.
@@ -518,19 +558,23 @@ class LocalPlanner:
             if self.off_strip and self._keeper is not None:
                 last = int(np.count_nonzero(source < 0)) + 1
                 coordinates = np.vstack([self._keeper.path(coordinates[:last]), coordinates[last:]])
-            regained = self._regained(coordinates)
+            regained = None if prepared else self._regained(coordinates)
             strip = self.deformer.carry(strip, coordinates, source)
         prediction = None
         if len(expected):
             prediction = partial(self.arrival.prediction, expected, start.time - scene.time)
         watch.mark("strip")
-        self._ticks += 1
+        self._ticks += not prepared
+        self._stepped = False
         before, last = self.report, self._last
         waits = last is not None and last.outcome in (PlanOutcome.NONE, PlanOutcome.BRAKE)
         stuck = self._broken > BROKEN_STEPS
         every = _STUCK_EVERY if stuck else 1 if prediction is None else 2
         if before is not None and self._kept:
             self._kept -= 1
+            self.strip, self.report = strip, replace(before, strip=strip)
+            return self.report
+        if before is not None and prepared:
             self.strip, self.report = strip, replace(before, strip=strip)
             return self.report
         if before is not None and waits and scene.names == self._names and self._ticks % every:
@@ -542,7 +586,7 @@ class LocalPlanner:
             report = deform(strip if regained is None else regained)
             if regained is not None and not report.certified:
                 report = deform(strip)
-            self._step_took = self.pace.reading() - began
+            self._step_took, self._stepped = self.pace.reading() - began, True
             self._broken = 0 if report.certified else self._broken + 1
         if before is not None and before.certified and not self.off_strip:
             for _ in range(params.recover_iterations):

@@ -35,7 +35,6 @@ from .requests import GoalState
 from .shared_memory import clear_left
 
 _log = logging.getLogger(__name__)
-_PLAN_PERIOD = 0.05  # [s]
 _HAND_PERIOD = 0.01  # [s] from one look for a newer scene to the next, where a guard waits for it
 _SEE_PERIOD = 0.005  # [s] from one look at what has come to the next
 _LEAD_TIME = 0.1  # [s] from now to time 0
@@ -256,7 +255,7 @@ def _plan(
         if goals is not None and node.requests.number >= goals and over and controller.executor.at_rest(t):
             return
         ticks += 1
-        time.sleep(max(0.0, t + _PLAN_PERIOD - executor.now))
+        time.sleep(max(0.0, t + controller.pause - executor.now))
     node.telling.log(f"the executor is lost: {executor.lost}")
 
 

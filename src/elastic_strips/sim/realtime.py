@@ -200,7 +200,7 @@ class RealtimeSimulation(Simulation[Controller]):
 
     def _drive(self, machine: MachineProcess, limit: float) -> None:
         """Plan until the drive is over, the time ``limit`` [s] at the latest, and the robot stands."""
-        params, controller, executor = self.params, self.controller, self.executor
+        controller, executor = self.controller, self.executor
         over = False
         while True:
             t = self.time = executor.now
@@ -222,7 +222,7 @@ class RealtimeSimulation(Simulation[Controller]):
                 time.sleep(_STOPPING_TIME)
                 return
             if not self.eager:  # the perception's time is part of the tick
-                time.sleep(max(0.0, t + params.plan_every * params.control_dt - executor.now))
+                time.sleep(max(0.0, t + controller.pause - executor.now))
 
     def _observe(self, machine: MachineProcess) -> None:
         """Take in the machine's states, and let the world go on."""

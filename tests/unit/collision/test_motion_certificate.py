@@ -21,6 +21,7 @@ from elastic_strips.collision.strip_certificate import Certifier
 from elastic_strips.native import twin
 from elastic_strips.robot import Kinematics, load_robot
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
+from elastic_strips.work import counted
 
 ROUND = """<robot name="round"><link name="base_link"><collision><origin xyz="0 0 0.2"/><geometry>
   <cylinder radius="0.3" length="0.2"/></geometry></collision></link></robot>"""
@@ -72,9 +73,11 @@ def test_the_verdict_is_that_of_all_samples_and_asks_less(name, request, rng):
         times = np.linspace(0.0, 1.0, len(coordinates))
         ahead = forecast(rng, sorted(rng.choice(3, int(rng.integers(0, 3)), replace=False).tolist())).predict(times)
         v = robot.space.difference(coordinates[:-1], coordinates[1:])
-        before = certifier.queries
+        before = counted()
         mine = certifier.certify(coordinates, v, scene, ahead, clearance=CLEARANCE, self_clearance=1e-3)
-        theirs, obstacles, pairs = at_every_sample(robot, coordinates, v, scene, ahead, CLEARANCE)
+        between = counted()
+        theirs, _, _ = at_every_sample(robot, coordinates, v, scene, ahead, CLEARANCE)
+        after = counted()
         assert mine.certified == theirs.certified
         assert mine.segments.all() == (mine.broken is None)
         if mine.broken is not None:
@@ -82,8 +85,8 @@ def test_the_verdict_is_that_of_all_samples_and_asks_less(name, request, rng):
             assert mine.broken.certain
             assert mine.states[mine.broken.segment] == SegmentState.COLLIDING
         else:
-            asked[0] += certifier.queries - before
-            asked[1] += obstacles.narrow.queries + pairs.queries
+            for k, work in enumerate((between - before, after - between)):
+                asked[k] += work.pairs + work.queries
         verdicts[mine.certified] += 1
     assert min(verdicts.values()) >= 10
     assert asked[0] < 0.9 * asked[1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -297,6 +299,27 @@ def test_hardly_any_pair_is_asked(silvermate):
     second = bench.proximity.narrow.queries - first
     assert 0 < second < 4 * first / 60, (second, first)
     bench.check(tolerance=1.1e-4)
+
+
+@each("native", [True, False])
+def test_what_boxes_keep_apart_is_not_asked(silvermate, native):
+    """In front of the flat front of the base, whose capsule reaches further than it."""
+    home = silvermate.space.to_coordinates(silvermate.home())[None]
+    with nullcontext() if native else twin():
+        bench = Bench(silvermate, Scene([Box((0.1, 0.4, 0.2), at=(2.0, 0.0, 0.1), name="crate")]), home)
+        bench.update()
+        front = 2.0 - 0.05 - bench.truth()[0, :, 0].min()  # [m] where the base ends
+        pose = np.eye(4)
+        pose[:3, 3] = front + INFLUENCE + 0.06, 0.0, 0.1
+        bench.scene = bench.scene.moved("crate", pose)
+        bench.update()
+        candidates, bodies = bench.proximity.candidates, bench.proximity.bodies
+        part = np.zeros(len(bodies), dtype=np.intp)
+        capsules = candidates.capsule_distance(bodies.capsule_ends(bench.kin)[0], bodies.radius, part, None)
+        assert capsules.min() < INFLUENCE
+        assert bench.proximity.narrow.queries == 0
+        assert bench.proximity.bound.min() >= INFLUENCE
+        bench.check()
 
 
 def test_a_moved_obstacle_is_asked_alone(silvermate):

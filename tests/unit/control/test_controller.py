@@ -78,6 +78,26 @@ def test_it_drives_a_machine_of_ones_own_to_its_goals(silvermate):
         assert [e.kind for e in controller.events if e.kind in ("goal", "fault")] == ["goal"]
 
 
+def test_the_motion_comes_soon_after_a_tick_that_had_the_strip_alone(silvermate):
+    goal, readings = silvermate.home(x=2.5), itertools.count()
+    with Controller(silvermate, silvermate.home(), goal, Scene([CRATE]), workers=planning_at_once()) as controller:
+        controller.pace.meter = lambda: 0.003 * next(readings)
+        wheels, ticks = Wheels(silvermate), {}
+
+        def see(t):
+            if controller.tick is not None:
+                ticks[controller.tick.time] = controller.planner.prepared
+            return Scene([CRATE], time=t)
+
+        drive(controller, wheels, 3000, see)
+        assert controller.state is RunState.REACHED, controller.reason
+        times, alone = np.array(sorted(ticks)), np.array([ticks[t] for t in sorted(ticks)])[:-1]
+        period = controller.params.plan_every * controller.params.control_dt
+        assert alone.sum() > 10
+        assert np.diff(times)[alone].max() < 0.8 * period
+        assert np.diff(times)[~alone].min() > 0.9 * period
+
+
 def test_a_robot_sets_off_from_where_it_has_come_to_rest(silvermate):
     """Not from where it was to rest: such a motion begins beside the reference, and is refused."""
     start, goal = silvermate.home(), silvermate.home(x=2.0)

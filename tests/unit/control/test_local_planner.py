@@ -274,6 +274,61 @@ def test_every_tick_is_planned_anew_where_asked_for(silvermate):
     assert ride.deformed == [True] * 6
 
 
+def slow(ride: Ride, seconds: float = 0.008) -> Ride:
+    """Whatever is measured takes so long [s] from now on."""
+    clock = itertools.count()
+    ride.planner.pace.meter = lambda: seconds * next(clock)
+    return ride
+
+
+@each("obstacles", [[PILLAR], [PILLAR, WALKER]])
+def test_where_the_two_take_long_a_tick_has_the_strip_or_the_motion(silvermate, obstacles):
+    ride = slow(Ride(silvermate, Scene(obstacles)))
+    ticks = [(ride.tick(), ride.planner.prepared) for _ in range(13)]
+    assert ticks[0][0].accepted  # nothing is known yet of how long it takes
+    assert not ticks[0][1]
+    assert not ticks[1][1]
+    for k in range(2, 11, 3):  # the strip, the motion, and one in which the motion is kept
+        assert ride.deformed[k : k + 3] == [True, False, False]
+        (strip, prepared), (motion, after), (kept, _) = ticks[k : k + 3]
+        assert prepared
+        assert strip.outcome is PlanOutcome.UNCHANGED
+        assert strip.report.certified
+        assert not after
+        assert motion.accepted, motion.reason
+        assert len(motion.report.strip) <= len(strip.report.strip)  # along the one that was deformed
+        assert kept.motion is motion.motion
+    assert ride.planner.certify(ride.active.tail(ride.time), ride.scene.at(ride.time)).certified
+    assert ride.active.at(ride.time).v[0] > 0.3
+
+
+def test_a_refuted_motion_does_not_wait_for_the_strip(silvermate):
+    """Somebody steps into the way in a tick that would have had the strip's step alone."""
+    ride = slow(Ride(silvermate, Scene([PILLAR])))
+    for _ in range(17):
+        ride.tick()
+    assert ride.deformed[-3:] == [True, False, False]
+    robot = ride.active.at(ride.time + 0.02).coordinates[0]
+    comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
+    result = ride.tick(Scene([PILLAR, comer.observed(comer.pose, comer.motion)], time=ride.time))
+    assert result.outcome in (PlanOutcome.BRAKE, PlanOutcome.EVADE, PlanOutcome.FOLLOW)
+    assert not ride.planner.prepared
+    assert not ride.deformed[-1]
+
+
+def test_a_new_strip_is_deformed_and_driven_in_one_tick(silvermate):
+    """What was prepared was another one."""
+    ride = slow(Ride(silvermate, Scene([PILLAR])))
+    while not ride.planner.prepared:
+        ride.tick()
+    aside = ride.planner.strip.coordinates.copy()
+    aside[:, 1] += 0.05
+    ride.planner.take(Strip.from_coordinates(silvermate, aside), beside=True)
+    ride.tick()
+    assert ride.deformed[-1]
+    assert not ride.planner.prepared
+
+
 def test_after_a_reset_nothing_is_taken_for_known(silvermate):
     ride = Ride(silvermate, Scene([PILLAR]))
     ride.tick()

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
+
+import pytest
+
+from elastic_strips.control.process.priority import undisturbed
 
 _RAISES = """
 import gc, os
@@ -33,3 +38,23 @@ keep_memory()
 
 def test_what_is_kept_is_let_go_at_the_end():
     assert subprocess.run([sys.executable, "-c", _KEEPS], capture_output=True, text=True, check=True).stderr == ""
+
+
+def test_during_a_tick_nothing_is_collected_and_threads_give_way_soon():
+    before = sys.getswitchinterval()
+    assert gc.isenabled()
+    with undisturbed():
+        assert not gc.isenabled()
+        assert sys.getswitchinterval() < 0.1 * before
+    assert gc.isenabled()
+    assert sys.getswitchinterval() == pytest.approx(before)
+
+
+def test_who_lets_them_give_way_sooner_still_is_not_slowed_down():
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with undisturbed():
+            assert sys.getswitchinterval() == pytest.approx(1e-5)
+    finally:
+        sys.setswitchinterval(before)

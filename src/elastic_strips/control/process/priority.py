@@ -5,11 +5,13 @@ from __future__ import annotations
 import atexit
 import gc
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 _REALTIME_PRIORITY = 10  # above the kernel's default of 1, below its own threads
 _PRIORITY_NICENESS = -15  # where there is no real-time priority; 0 is usual, -20 the most
+_SWITCH_INTERVAL = 2e-4  # [s] after which a thread that holds the interpreter is asked for it, during a tick
 
 
 def keep_memory() -> None:
@@ -26,12 +28,18 @@ def keep_memory() -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Let garbage collection wait meanwhile: the next one comes afterwards, not in the middle of a tick."""
-    enabled = gc.isenabled()
+    """Let garbage collection wait meanwhile: the next one comes afterwards, not in the middle of a tick.
+
+    And let threads of this process take the interpreter from each other sooner: a tick lends it to others whenever it
+    computes in the native kernel, many times, and each of them may keep it for as long as that.
+    """
+    enabled, interval = gc.isenabled(), sys.getswitchinterval()
     gc.disable()
+    sys.setswitchinterval(min(interval, _SWITCH_INTERVAL))
     try:
         yield
     finally:
+        sys.setswitchinterval(interval)
         if enabled:
             gc.enable()
 
