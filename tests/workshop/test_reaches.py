@@ -32,6 +32,15 @@ def test_people_walk_smoothly_and_not_through_furniture(silvermate):
         assert outside_scene(places[::5], pick.scene).min() > 0.1
 
 
+def test_nobody_begins_in_touch_with_the_robot(silvermate):
+    root = str(shared_data("house"))
+    scene, start = house_pick(root, silvermate, 0).scene, np.zeros(silvermate.nv)
+    for one in people(root, silvermate, scene, start, 3, seed=4):
+        start[:2] = one.at(0.0).pose[:2, 3]  # a robot that stands on somebody's way
+        found = people(root, silvermate, scene, start, 3, seed=4)
+        assert min(np.hypot(*(other.at(0.0).pose[:2, 3] - start[:2])) for other in found) > 0.9
+
+
 def test_a_drive_that_is_too_short_is_a_failure_with_its_kind():
     root, sensors = str(shared_data("house").parent), named_sensors("laser", "silvermate")
     figures = bench_reaches("silvermate", [0], root=root, walkers=1, sensors=sensors, seconds=1.0, processes=1)

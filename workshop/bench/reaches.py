@@ -44,6 +44,7 @@ _PACE, _SET_OUT = 0.7, 0.05  # [m/s] their speed, and that at the ends of their 
 _ACCELERATION = 1.0  # [m/s²]
 _SMOOTH = 0.8  # [m] over which the corners of their ways are rounded
 _APART = 2.0  # [m] of the ways' ends from the robot's start, at least
+_FIRST = 1.0  # [m] of a person from the robot at first, at least: who begins in touch with it is no one's fault
 _TRIES = 50
 _GOALS = 6  # ways to be at a reach that are looked at, whether the base can drive to one
 _NEXT = 100_000  # added to a seed where its start or goal is none
@@ -89,6 +90,9 @@ def people(root: str, robot: RobotModel, scene: Scene, start: Array, count: int,
         times = np.concatenate((times, 2.0 * times[-1] - times[-2::-1]))
         z = np.full((len(times), 1), 0.5 * height)
         shift = float(rng.uniform(0.0, times[-1]))
+        at_first = [np.interp(shift, times, there_and_back[:, k]) for k in (0, 1)]
+        if np.hypot(*(at_first - start[:2])) < _FIRST:
+            continue
         track = Keyframes(times - shift, np.hstack((there_and_back, z)), loop=True)
         found.append(
             Cylinder(

@@ -14,15 +14,16 @@ from elastic_strips.arrays import Array
 from elastic_strips.collision.certificate import LEFT_PATH
 from elastic_strips.errors import ConfigurationError, ElasticStripsError
 from elastic_strips.planning import BasePose, Goal, PlanReport, check_endpoints
-from elastic_strips.robot import RobotModel
+from elastic_strips.robot import PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
+from elastic_strips.scene.sight import sight_shares
 from elastic_strips.strip import DeformParams, Strip
 from elastic_strips.strip.followed import FollowedPath
 from elastic_strips.validation import check_array, check_number
 
 from .executor import ExecutorLink
 from .interfaces import GoalReached, RunState
-from .itinerary import Goals, configuration_of, frames_of, goals_in_order, off_goal, place_of
+from .itinerary import Goals, configuration_of, frames_of, goals_in_order, hand_places, off_goal, place_of
 from .local_planner import LocalPlanner
 from .params import DriveParams, Tolerance
 from .path_drive import PathDrive
@@ -38,8 +39,13 @@ _PLANNING_TIME = 0.1
 _NEARER = (1.1, 1.5)
 """Distances [m] from a goal, from which a robot looks at it where all ways to be there seem taken from afar …"""
 _SIDES = 12  # … from so many sides
+_IN_SIGHT_TO = 0.25  # [m] before a hand's place, that it is seen from there
+_MOST_PLACES = 12  # of a hand, that are to be seen
+_MOST_SHARE = 0.2
+"""Part of the hand's places, that may be seen less from a place than from the one that sees most of them."""
 _ELSEWHERE = 0.5  # [m] from one such place to the next
-_MOST_LOOKS = 3  # such places, after which there is no way to the goal for now
+_MOST_LOOKS = 3  # such places, after which there is no way to the goal for now …
+_LOOKS_ANEW = 20.0  # [s] after which it looks from all of them again: things have moved, or others hide them
 _LOOKS_AGAIN = 8.0  # [s] from one plan to the goal to the next at the last of them
 _DRIVES_ON = 0.5
 """Time [s] for which the robot drives on towards the goal before, while the way to another one is planned."""
@@ -137,6 +143,7 @@ class GoalKeeper:
         self.looks: bool = False
         self._nearer: Sequence[Goal] = ()  # places from which the robot looks at the goal before it goes on to it
         self._looked_from: list[Array] = []  # (2,) each [m], from where nothing was free at the goal
+        self._looked = -np.inf  # [s] when it has looked from the last of them
         self._blocked = ""  # why
         self._led = True  # whether a strip leads to the present goal, or led there
         self._plan_from: Array = start  # (nv,) where either begins
@@ -528,17 +535,30 @@ class GoalKeeper:
         here = executor.active.coordinates[-1]
         if self._is_elsewhere(here[:2]):  # else it got nowhere since
             self._looked_from.append(here[:2].copy())
+            self._looked = t
         if len(self._looked_from) > _MOST_LOOKS:
-            return False
+            if t < self._looked + _LOOKS_ANEW:
+                return False
+            self._looked_from, self._looked = [here[:2].copy()], t
         sides = 2.0 * np.pi / _SIDES * np.arange(_SIDES)
         places = [at + far * np.array([np.cos(side), np.sin(side)]) for far in _NEARER for side in sides]
-        self._nearer = [
-            BasePose(*place.tolist(), yaw=float(np.arctan2(*(at - place)[::-1])))
-            for place in places
-            if self._is_elsewhere(place)
-        ]
+        places = self._with_sight([place for place in places if self._is_elsewhere(place)], goal, at, scene)
+        self._nearer = [BasePose(*place.tolist(), yaw=float(np.arctan2(*(at - place)[::-1]))) for place in places]
         self._plan_to(self._nearer, here, scene)
         return True
+
+    def _with_sight(self, places: list[Array], goal: Goal | Sequence[Goal], at: Array, scene: Scene) -> list[Array]:
+        """Those of some places (2,) from which most is seen of where a hand is to be: a camera sits about as high as
+        the robot, and what is known to stand hides things from it."""
+        height = PlanarFootprint.of(self._robot, self._robot.home_q).height
+        points = hand_places(goal)
+        points = points[:: -(-len(points) // _MOST_PLACES)] if len(points) else np.array([[*at, 0.5 * height]])
+        eyes = np.array([[*place, height] for place in places]).reshape(-1, 3)
+        shares = sight_shares(standing(scene.seen), eyes, points, _IN_SIGHT_TO)
+        most = float(shares.max(initial=0.0)) - _MOST_SHARE
+        return [
+            place for place, share in zip(places, shares.tolist(), strict=True) if share > 0.0 and share >= most
+        ] or places
 
     def _is_elsewhere(self, place: Array) -> bool:
         """Whether a place (2,) is away from all from which the robot has looked at its goal."""

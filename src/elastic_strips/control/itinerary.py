@@ -84,6 +84,20 @@ def place_of(robot: RobotModel, goal: Goal | Sequence[Goal]) -> Array | None:
     return None if q is None else robot.space.to_coordinates(q)[:2]
 
 
+def hand_places(goal: Goal | Sequence[Goal]) -> Array:
+    """(K, 3) places [m] at which a goal, or any of several, has a hand; a place counts once."""
+    if isinstance(goal, Mapping):
+        goal = by_name(cast("Mapping[str, object]", goal))
+    if isinstance(goal, HandPose):
+        return np.array([goal.position])
+    several: Sequence[Goal] = ()
+    if isinstance(goal, AllOf):
+        several = goal.hands
+    elif not isinstance(goal, (Mapping, BasePose)) and is_goal_region(goal):
+        several = cast("Sequence[Goal]", goal)
+    return np.unique(np.concatenate([np.zeros((0, 3)), *map(hand_places, several)]), axis=0)
+
+
 def faced(robot: RobotModel, here: Array, goal: Goal | Sequence[Goal]) -> Goal | Sequence[Goal]:
     """A base pose of any heading, turned as the base arrives there; any other goal as it is.
 

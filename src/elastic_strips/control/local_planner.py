@@ -291,7 +291,7 @@ class LocalPlanner:
         last = self._last
         apart = not prepared and last is not None and self._takes_long
         if apart and start.v.any():
-            prepared = bool(self.refuted(active, scene, start.time))  # then another motion comes first
+            prepared = bool(self.refuted(active, scene, start.time, anyway=True))  # then another motion comes first
             watch.mark("motion certificate")
         report = self._deform(now, outlook, start, watch, prepared)
         if apart and last is not None and self._stepped:
@@ -453,7 +453,7 @@ class LocalPlanner:
         self._next = self._onward = None
         self.passed = float(times[k]), rows[k]
 
-    def refuted(self, active: Trajectory, scene: Scene, begin: float) -> str:
+    def refuted(self, active: Trajectory, scene: Scene, begin: float, *, anyway: bool = False) -> str:
         """Why the rest of the active trajectory is certified no longer, where a scene is not what it was certified for;
         empty where it still is.
 
@@ -461,8 +461,10 @@ class LocalPlanner:
             active: the trajectory that is executed.
             scene: the newest scene.
             begin: time [s] from which on it could be braked.
+            anyway: whether it is looked at too where the scene is what it was certified for.
         """
-        if not self._surprised(active, scene):
+        surprised = self._surprised(active, scene)
+        if not (anyway or surprised):
             return ""
         left = scene
         if self._proof is not None and self._proof[0] is active:  # what stands as it stood is proven already
@@ -471,7 +473,8 @@ class LocalPlanner:
         if certificate.certified:
             self._proof = active, self._as_proven(active, self._outlook(scene))
             return ""
-        self._proof = None
+        if surprised:
+            self._proof = None
         return f"the held motion is no longer certified: {certificate.broken}"
 
     def _brake(

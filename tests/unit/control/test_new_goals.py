@@ -489,6 +489,46 @@ def test_a_goal_that_is_taken_in_every_way_is_waited_for(silvermate):
     assert drive.until(lambda: drive.controller.ended)
 
 
+def test_it_looks_at_its_goal_from_where_that_is_in_sight(silvermate):
+    """Something seems to stand where the hand is to be, and a wall before it: what is behind that is not seen from the
+    nearest place about it."""
+    hand = HandPose("hand_frame", (3.2, 0.0, 0.9))
+    drive = ride(silvermate, hand, seed=1)
+    taken = Box((0.3, 0.3, 0.3), at=(3.2, 0.0, 0.9), name="taken")
+    wall = Box((0.1, 1.4, 1.8), at=(2.6, 0.0, 0.9), name="wall")
+    unseen = Box((0.1, 0.1, 0.1), at=(3.2, 0.0, 1.3), name=f"{UNSEEN_LAYER}-8-0-3")  # sensors see what is free
+    drive.scene = Scene([PILLAR, taken, wall, unseen])
+    assert drive.until(lambda: any(e.kind == "looking" for e in drive.controller.events), 30.0)
+    assert drive.controller.keeper.looks
+    x, y = drive.controller.keeper.goal[:2]
+    assert 1.0 < np.hypot(x - 3.2, y) < 1.6
+    crossing = np.array([y, 0.0]) @ np.array([(3.2 - 2.6), 0.0]) / (3.2 - x) if x < 2.6 else np.inf
+    assert abs(crossing) > 0.7, "the wall is not between the two"
+
+
+def test_who_has_looked_from_all_places_in_vain_does_so_again_later(silvermate):
+    """What is in the way may go, and what hid it, too."""
+    drive = ride(silvermate, HandPose("hand_frame", (3.2, 0.0, 0.9)), seed=1)
+    taken = Box((0.3, 0.3, 0.3), at=(3.2, 0.0, 0.9), name="taken")
+    unseen = Box((0.1, 0.1, 0.1), at=(3.2, 0.0, 1.3), name=f"{UNSEEN_LAYER}-8-0-3")
+    drive.scene = Scene([PILLAR, taken, unseen])
+
+    places: list[tuple[float, np.ndarray]] = []
+
+    def note():
+        keeper = drive.controller.keeper
+        if keeper.looks and not (places and np.array_equal(places[-1][1], keeper.goal)):
+            places.append((drive.k * DT, keeper.goal))
+        return False
+
+    drive.until(note, 100.0)
+    times = np.array([t for t, _ in places])
+    pauses = np.flatnonzero(np.diff(times) > 20.0)  # no place is tried
+    assert len(pauses) >= 1
+    assert pauses[0] >= 1, "it has looked from several before"
+    assert len(times) - 1 - pauses[0] >= 2, "and looks from several after"
+
+
 def test_where_no_way_leads_to_one_way_to_be_there_one_to_another_is_planned(silvermate):
     """A low wall comes up around where the base was to stand; the hand reaches its goal from beside that, too."""
     hand = HandPose("hand_frame", (4.0, 0.0, 0.8))
