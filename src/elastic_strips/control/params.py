@@ -228,7 +228,8 @@ class DriveParams(Checked):
         turn_speed: how fast the base turns at most [rad/s], besides what the motors allow. Who stands beside a robot
             that sees only ahead has to be seen before its hand is there: 1 rad/s, where it has an arm.
         control_dt: period of the control loop.
-        plan_every: control periods from one planning tick to the next.
+        plan_every: control periods from one planning tick to the next; half as many where a tick has the strip's step
+            alone, because that and the motion take more than half the nominal latency together.
         latency: control periods from sensing to the first command of the motion that was planned on it.
         sample_dt: step of planned motions; between samples base and joints go on exact arcs and lines.
         tracking_error: largest distance of any point of the robot from its place by the planned motion. Measured on

@@ -51,7 +51,7 @@ class SceneEstimatorParams:
         recent_motion_speed: its largest speed meanwhile, until it is seen to move [m/s].
         motion_onset_time: a thing that is where nothing was, or no longer where it was, is in the scene as a thing of
             unknown motion too, before its velocity is known, and for this long after that was last seen.
-            motion_onset_speed: its largest speed meanwhile [m/s].
+        motion_onset_speed: its largest speed meanwhile, and of what does not go where it is expected [m/s].
         shape_change: a mover keeps its shape until its radius has changed by more than this.
         cell: edge of the map's cells.
         tile: edge of the tiles that the map's obstacles consist of.

@@ -23,6 +23,10 @@ _SOLID_SLACK = 0.01
 _HEIGHTS = (0.35, 1.05)  # [m] between which images look for what only a plane has seen
 _LEAST_PART, _MOST_PART = 20.0, 80.0  # of its points, in percent, between whose heights images look for what they saw
 
+_REMEMBERED_SHARE = 0.8  # of how far a thing was from where it was expected, from one time it is seen to the next
+_MOST_ASIDE = 0.2
+"""A mover that is so far [m] aside from where it is expected, time after time, does not move as it seems to: of what
+comes out from behind something, the middle of what is seen moves by itself."""
 _STRAY_STEP = 0.05
 """A mover's solid grows in such steps [m] while it is not seen."""
 
@@ -92,6 +96,7 @@ class Track:
         self.misses: int = 0
         self.votes: int = 0
         self.contradicted: int = 0  # how often scans did, of late
+        self.aside: Array = np.zeros(2)  # how far it was from where it was expected, on average of late [m]
         self.confirmed = self.lost = self.moving = False
         # when it last moved, when it came to rest, and when scans last contradicted that it stands
         self.moved = self.rested = self.displaced_at = -math.inf
@@ -146,6 +151,7 @@ class Track:
         total = self.pp + noise
         gain_p, gain_v = self.pp / total, self.pv / total
         d = self.measured(cluster, shape) - self.p
+        self.aside = _REMEMBERED_SHARE * self.aside + (1.0 - _REMEMBERED_SHARE) * d
         self.p, self.v = self.p + gain_p * d, self.v + gain_v * d
         self.vv -= gain_v * self.pv
         self.pp, self.pv = (1.0 - gain_p) * self.pp, (1.0 - gain_p) * self.pv
@@ -213,7 +219,8 @@ class Track:
         position, velocity = self.p.copy(), self.v.copy()
         position.flags.writeable = velocity.flags.writeable = False
         motion: Motion = Twist(np.array([velocity[0], velocity[1], 0.0]))
-        if self.begins_to_move(params):
+        astray = self.moving and math.hypot(self.aside[0], self.aside[1]) > _MOST_ASIDE
+        if astray or self.begins_to_move(params):
             motion = UnknownMotion(min(params.motion_onset_speed, self.speed + 2.0 * math.sqrt(self.vv)))
         elif not self.moving:
             speed = self.speed if self.may_creep(params) else 0.0

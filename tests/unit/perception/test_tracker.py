@@ -278,6 +278,24 @@ def test_what_is_where_a_mover_should_be_and_does_not_move_like_it_is_followed_a
     assert np.hypot(*(others[0].v - (0.0, -0.8))) < 0.3
 
 
+def test_what_does_not_go_where_it_is_expected_has_no_known_velocity():
+    """A cart comes out from behind something: more and more of it is seen, and the middle of that runs to the side. Once
+    all of it is seen, it comes nearer, and is aside from where it was expected again and again."""
+    tracker, whole = Tracker(SceneEstimatorParams()), 9
+    known: list[tuple[int, float]] = []
+    for k in range(60):
+        t = 0.05 * k
+        length, y = min(0.1 * (k + 1), 0.1 * whole), 2.5 - 0.7 * max(t - 0.05 * whole, 0.0)
+        front = np.column_stack([np.linspace(2.5, 2.5 - length, 9), np.full(9, y)])
+        tracker.update(SeenThrough(t, all_of_it=False), [Cluster(front, np.zeros(2), True, displaced=True)])
+        for mover in tracker.movers:
+            if k > whole + 3 and isinstance(mover.obstacle.motion, Twist):
+                known.append((k, float(np.hypot(*(mover.velocity - (0.0, -0.7))))))
+    assert known, "in the end it is known"
+    assert max(error for _, error in known) < 0.5, known
+    assert known[-1][1] < 0.2
+
+
 @each("height, top", [(0.4, 2.0), (1.5, 2.0), (2.3, 2.3)])
 def test_who_moves_is_as_tall_as_people_whatever_a_scan_says_of_what_stands(height, top):
     """An arm above the plane of the scan runs into people, too; images leave them out of their map."""
