@@ -40,7 +40,7 @@ _NEARER = (1.1, 1.5)
 """Distances [m] from a goal, from which a robot looks at it where all ways to be there seem taken from afar …"""
 _SIDES = 12  # … from so many sides
 _IN_SIGHT_TO = 0.25  # [m] before a hand's place, that it is seen from there
-_MOST_PLACES = 12  # of a hand, that are to be seen
+_MOST_PLACES = 6  # of a hand, that are to be seen
 _MOST_SHARE = 0.2
 """Part of the hand's places, that may be seen less from a place than from the one that sees most of them."""
 _ELSEWHERE = 0.5  # [m] from one such place to the next

@@ -290,7 +290,7 @@ class LocalPlanner:
                 return brake
         last = self._last
         apart = not prepared and last is not None and self._takes_long
-        if apart and start.v.any():
+        if apart and last is not None and start.v.any() and last.outcome is not PlanOutcome.BRAKE:
             prepared = bool(self.refuted(active, scene, start.time, anyway=True))  # then another motion comes first
             watch.mark("motion certificate")
         report = self._deform(now, outlook, start, watch, prepared)

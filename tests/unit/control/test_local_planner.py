@@ -310,10 +310,35 @@ def test_a_refuted_motion_does_not_wait_for_the_strip(silvermate):
     assert ride.deformed[-3:] == [True, False, False]
     robot = ride.active.at(ride.time + 0.02).coordinates[0]
     comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
-    result = ride.tick(Scene([PILLAR, comer.observed(comer.pose, comer.motion)], time=ride.time))
+    ride.scene = Scene([PILLAR, comer.observed(comer.pose, comer.motion)], time=ride.time)
+    result = ride.tick()
     assert result.outcome in (PlanOutcome.BRAKE, PlanOutcome.EVADE, PlanOutcome.FOLLOW)
     assert not ride.planner.prepared
     assert not ride.deformed[-1]
+
+
+def test_a_strip_gives_way_while_the_robot_brakes(silvermate, monkeypatch):
+    """A braked motion is refuted in every tick; the strip would never have its turn."""
+    ride = slow(Ride(silvermate, Scene([PILLAR])))
+    for _ in range(17):
+        ride.tick()
+    motion, planner = ride.planner.timer.motion, ride.planner
+
+    def none(*args, **options):
+        return replace(motion(*args, **options), outcome=PlanOutcome.NONE, motion=None, certificate=None)
+
+    monkeypatch.setattr(planner.timer, "motion", none)
+    planner.evasion = None
+    robot = ride.active.at(ride.time + 0.02).coordinates[0]
+    comer = Cylinder(0.25, 1.7, at=(robot + 0.5, -0.9, 0.85), name="comer", motion=Twist((0.0, 1.0, 0.0)))
+    ride.scene = Scene([PILLAR, comer.observed(comer.pose, comer.motion)], time=ride.time)
+    first = ride.tick()
+    assert first.outcome is PlanOutcome.BRAKE
+    ride.active = first.motion
+    ride.scene = ride.scene.without("pillar")
+    assert ride.active.at(ride.time + 0.02).v[0] > 0.1, "it still moves"
+    ride.tick()
+    assert ride.deformed[-1]
 
 
 def test_a_new_strip_is_deformed_and_driven_in_one_tick(silvermate):

@@ -279,8 +279,8 @@ def test_what_is_where_a_mover_should_be_and_does_not_move_like_it_is_followed_a
 
 
 def test_what_does_not_go_where_it_is_expected_has_no_known_velocity():
-    """A cart comes out from behind something: more and more of it is seen, and the middle of that runs to the side. Once
-    all of it is seen, it comes nearer, and is aside from where it was expected again and again."""
+    """A cart comes out from behind something: more and more of it is seen, and the middle of that runs to the side.
+    Once all of it is seen, it comes nearer, and is aside from where it was expected again and again."""
     tracker, whole = Tracker(SceneEstimatorParams()), 9
     known: list[tuple[int, float]] = []
     for k in range(60):
