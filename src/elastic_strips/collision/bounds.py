@@ -43,6 +43,7 @@ class BodySet:
         ends: (G, 2, 3) end points of a capsule that contains the body, in the aligned joint frame [m].
         radius: (G,) radius of that capsule [m].
         skin: distance [m] to add to Coal's distances (control points are tiny spheres).
+        boxes: centres and half sizes (G, 3) [m] of the boxes about the shapes, in the shapes' own frames.
     """
 
     tree: KinematicTree
@@ -55,8 +56,16 @@ class BodySet:
     ends: Array
     radius: Array
     skin: float = 0.0
+    boxes: tuple[Array, Array] = field(init=False, repr=False)
     _kept: list[_native.Bodies] = field(default_factory=list, init=False, repr=False)
     _radii: list[Array] = field(default_factory=list, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for each in self.geometries:
+            each.computeLocalAABB()  # a shape that was just made has none, and its box would be inside out
+        low = np.array([each.aabb_local.min_ for each in self.geometries]).reshape(-1, 3)
+        high = np.array([each.aabb_local.max_ for each in self.geometries]).reshape(-1, 3)
+        object.__setattr__(self, "boxes", (0.5 * (low + high), 0.5 * (high - low)))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -84,13 +93,6 @@ class BodySet:
         )
         _LINKS[robot] = links
         return links
-
-    @property
-    def boxes(self) -> tuple[Array, Array]:
-        """Centres and half sizes (G, 3) [m] of the boxes about the shapes, in the shapes' own frames."""
-        low = np.array([each.aabb_local.min_ for each in self.geometries]).reshape(-1, 3)
-        high = np.array([each.aabb_local.max_ for each in self.geometries]).reshape(-1, 3)
-        return 0.5 * (low + high), 0.5 * (high - low)
 
     @staticmethod
     def control_points(robot: RobotModel) -> BodySet:

@@ -464,7 +464,8 @@ class LocalPlanner:
             anyway: whether it is looked at too where the scene is what it was certified for.
         """
         surprised = self._surprised(active, scene)
-        if not (anyway or surprised):
+        anew = self._proof is None or self._proof[1].scene is not scene  # else it was certified for this very scene
+        if not (surprised or (anyway and anew)):
             return ""
         left = scene
         if self._proof is not None and self._proof[0] is active:  # what stands as it stood is proven already

@@ -322,6 +322,24 @@ def test_what_boxes_keep_apart_is_not_asked(silvermate, native):
         bench.check()
 
 
+@each("native", [True, False])
+def test_control_points_are_measured_as_links_are(silvermate, native):
+    """Their shapes are made where the bodies are, and nobody has asked them for their boxes yet."""
+    coordinates = silvermate.space.to_coordinates(silvermate.home())[None]
+    points = silvermate.control_points(silvermate.home())
+    ball = Sphere(0.05, at=tuple(points[-1] + [0.2, 0.0, 0.0]), name="ball")
+    with nullcontext() if native else twin():
+        bodies = BodySet.control_points(silvermate)
+        proximity, kin = ObstacleProximity(bodies, influence=INFLUENCE), Kinematics(silvermate.tree, 1)
+        kin.update(coordinates)
+        proximity.update(kin, Scene([ball]))
+        contacts = proximity.contacts()
+    assert np.isfinite(bodies.boxes[1]).all()
+    truth = np.linalg.norm(points - ball.pose[:3, 3], axis=1) - 0.05
+    assert set(contacts.body.tolist()) == set(np.flatnonzero(truth < INFLUENCE).tolist())
+    np.testing.assert_allclose(contacts.distance, truth[contacts.body], atol=1e-4)
+
+
 def test_a_moved_obstacle_is_asked_alone(silvermate):
     coordinates = np.tile(silvermate.space.to_coordinates(silvermate.home()), (20, 1))
     coordinates[:, 0] = np.linspace(0.0, 2.0, 20)

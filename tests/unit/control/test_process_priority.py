@@ -50,6 +50,17 @@ def test_during_a_tick_nothing_is_collected_and_threads_give_way_soon():
     assert sys.getswitchinterval() == pytest.approx(before)
 
 
+def test_ticks_of_two_threads_leave_it_as_it_was():
+    before, one, other = sys.getswitchinterval(), undisturbed(), undisturbed()
+    one.__enter__()
+    other.__enter__()
+    one.__exit__(None, None, None)
+    assert sys.getswitchinterval() < 0.1 * before
+    other.__exit__(None, None, None)
+    assert sys.getswitchinterval() == pytest.approx(before)
+    gc.enable()
+
+
 def test_who_lets_them_give_way_sooner_still_is_not_slowed_down():
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)

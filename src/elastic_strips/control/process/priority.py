@@ -6,12 +6,25 @@ import atexit
 import gc
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 _REALTIME_PRIORITY = 10  # above the kernel's default of 1, below its own threads
 _PRIORITY_NICENESS = -15  # where there is no real-time priority; 0 is usual, -20 the most
 _SWITCH_INTERVAL = 2e-4  # [s] after which a thread that holds the interpreter is asked for it, during a tick
+
+
+class _Ticks:
+    """Workspace: how many ticks run in this process, in threads of their own, and the switch interval [s] before."""
+
+    def __init__(self) -> None:
+        self.lock: threading.Lock = threading.Lock()
+        self.running: int = 0
+        self.interval: float = 0.0
+
+
+_TICKS = _Ticks()
 
 
 def keep_memory() -> None:
@@ -33,13 +46,20 @@ def undisturbed() -> Iterator[None]:
     And let threads of this process take the interpreter from each other sooner: a tick lends it to others whenever it
     computes in the native kernel, many times, and each of them may keep it for as long as that.
     """
-    enabled, interval = gc.isenabled(), sys.getswitchinterval()
+    enabled = gc.isenabled()
     gc.disable()
-    sys.setswitchinterval(min(interval, _SWITCH_INTERVAL))
+    with _TICKS.lock:
+        if not _TICKS.running:
+            _TICKS.interval = sys.getswitchinterval()
+            sys.setswitchinterval(min(_TICKS.interval, _SWITCH_INTERVAL))
+        _TICKS.running += 1
     try:
         yield
     finally:
-        sys.setswitchinterval(interval)
+        with _TICKS.lock:
+            _TICKS.running -= 1
+            if not _TICKS.running:
+                sys.setswitchinterval(_TICKS.interval)
         if enabled:
             gc.enable()
 
