@@ -45,6 +45,7 @@ _YAWS_TRIED, _PLACES_TRIED = 16, 60  # tried, of a base whose yaw or place is fr
 _HOPELESS_ROUNDS, _HOPELESS_MISS = 2, 0.05  # rounds after which joints that miss by more [m] are left for the base
 _NEAREST = 8  # of many goals; where the joints alone miss each of these, they are not asked to reach those further away
 _MOST_GOALS_NAMED = 3  # goals that are named where none is reached
+_ELSEWHERE = 0.3  # [m] from all that are chosen, from which on a base stands elsewhere
 _LONGEST_GOAL_SEARCH = 2.0  # [s]
 
 
@@ -91,7 +92,9 @@ def find_goals(
 ) -> GoalSearch:
     """Configurations that reach a goal and touch nothing, the nearest to the start first.
 
-    Where possible they keep 3 cm from the obstacles, otherwise the least clearance.
+    Where possible they keep 3 cm from the obstacles, otherwise the least clearance. Where more are found than asked
+    for, the nearest is among them, and of the others those in which the base stands far from these: where no way leads
+    to one of them, one may lead to another.
 
     Args:
         robot: the robot.
@@ -378,9 +381,22 @@ class _Finder:
         if not rows:
             return self._nothing()
         goals = sources[0].said if len(sources) == 1 else f"any of {len(sources)} goals"
-        order = np.argsort(self._distances(rows), kind="stable")[:count]
-        found = self._configurations([rows[k] for k in order])
+        order = np.argsort(self._distances(rows), kind="stable")
+        found = self._configurations([rows[k] for k in order[self._spread(np.array(rows)[order], count)]])
         return GoalSearch(found, f"{goals}: {plural(len(found), 'configuration')}")
+
+    def _spread(self, rows: Array, count: int) -> Array:
+        """Which of some rows (N, nv), the nearest first: that one, those whose base is the furthest from all that are
+        chosen, as long as it stands elsewhere, and the nearest of the others."""
+        if not self.robot.space.planar or len(rows) <= count:
+            return np.arange(min(len(rows), count))
+        chosen, apart = [0], np.hypot(*(rows[:, :2] - rows[0, :2]).T)
+        while len(chosen) < count and apart.max() >= _ELSEWHERE:
+            k = int(np.argmax(apart))
+            chosen.append(k)
+            apart = np.minimum(apart, np.hypot(*(rows[:, :2] - rows[k, :2]).T))
+        left = np.setdiff1d(np.arange(len(rows)), chosen)[: count - len(chosen)]
+        return np.sort(np.concatenate((chosen, left)).astype(int))
 
     def taken(self, most: int) -> Array:
         """What was found since the last time (K, nq), to be tried in this order: of each goal one after the other,

@@ -117,6 +117,19 @@ def test_the_base_is_put_where_a_way_leads(silvermate):
     assert len(shut.configurations) > 0, "where no way leads anywhere, what is free is an answer"
 
 
+def test_where_there_are_many_the_base_stands_all_about(silvermate):
+    """Beside one another all of them may be where no way leads to: between the table and a wall."""
+    table = Box((0.4, 0.4, 0.7), at=(3.0, 0.0, 0.35), name="table")
+    goals = all_about(silvermate, (3.0, 0.0, 0.95))
+    search = find_goals(silvermate, Scene([table]), silvermate.home(), goals, rounds=100, timeout=np.inf)
+    rows = silvermate.space.to_coordinates(search.configurations)
+    assert len(rows) == 6
+    apart = np.hypot(*(rows[:, None, :2] - rows[None, :, :2]).transpose(2, 0, 1))
+    assert apart[~np.eye(6, dtype=bool)].min() > 0.25
+    away = np.linalg.norm(rows - silvermate.space.to_coordinates(silvermate.home()), axis=1)
+    assert (np.diff(away) >= 0.0).all(), "the nearest first"
+
+
 def test_what_is_found_keeps_the_clearances_that_are_asked_for(silvermate):
     params = DeformParams(clearance=0.02, self_clearance=0.03)
     goals = all_about(silvermate, (3.0, 1.0, 0.7))
