@@ -11,7 +11,7 @@ import numpy as np
 from elastic_strips.arrays import Array
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import UNSEEN_LAYER, Scene
-from elastic_strips.scene.obstacle import LOST_LAYER
+from elastic_strips.scene.obstacle import LOST_LAYER, STOOD_LAYER
 from elastic_strips.trajectory import Trajectory
 
 from .executor import ExecutorLink
@@ -143,7 +143,7 @@ class Retreat:
         if touching or not space.planar:
             return
         back = self._planner.params.backward or any(
-            name.startswith(UNSEEN_LAYER) and not name.startswith(LOST_LAYER) for name in scene.names
+            name.startswith(UNSEEN_LAYER) and not name.startswith((LOST_LAYER, STOOD_LAYER)) for name in scene.names
         )
         part = np.linspace(0.0, 1.0, _ASIDE_STEPS)
         for turn, ahead in ((_ASIDE_TURN, 0.0), (-_ASIDE_TURN, 0.0), (0.0, _RETREAT), (0.0, -_RETREAT))[: 3 + back]:

@@ -258,6 +258,8 @@ class SceneEstimator:
 
     def _track(self, view: View, clusters: Sequence[Cluster], sensor: str, T_world_base: Array) -> None:
         self.map.forget(self.tracker.update(view, clusters, sensor))
+        walking = [track for track in self.tracker.moving if track.seen == view.time]
+        self.map.walk(np.array([track.p for track in walking]), np.array([track.radius for track in walking]))
 
         def own(columns: Array) -> Mask:
             """Which columns (n, 2) [m] the robot is in, or so near to that nothing else can be."""

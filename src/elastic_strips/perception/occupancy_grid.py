@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from elastic_strips.arrays import Array, ArrayLike, Mask
 from elastic_strips.errors import SceneError
 from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Voxels
+from elastic_strips.scene.obstacle import STOOD_LAYER
 
 from .params import SceneEstimatorParams
 from .readings import RangeRing, ScanRays, pose_matrix
@@ -27,7 +28,8 @@ class OccupancyGrid:
     The grid grows with the seen area. Rays free the cells that they pass, up to `SceneEstimatorParams.carve_margin`
     before their ends; where they end, every cell that the padded point touches is hit. A scan counts once per cell,
     and where it both hits and frees a cell, it hits it. A cell that is hit is an obstacle at once, however often it was
-    free before; it takes some scans to be free again.
+    free before; it takes some scans to be free again. What stands where something has moved may go again: where that was
+    not seen for a while, it is among what was not seen.
 
     The grids of the base methods (`workshop.baselines.certainty_grid`) stay apart: they are windows that move with the
     base and forget what leaves them, and follow the rules of their papers, by which every reading counts.
@@ -40,6 +42,7 @@ class OccupancyGrid:
         log_odds: (X, Y) log-odds of being occupied.
         filled: (X, Y) whether a cell is an obstacle: on above ``occupied``, off below −``floor`` / 2.
         seen: (X, Y) whether anything is known.
+        walked: (X, Y) whether something has moved there, over what was known to be free.
         corner: indices of the first cell, multiples of the tile; cell (i, j) begins at (corner + (i, j)) · cell [m].
     """
 
@@ -50,11 +53,15 @@ class OccupancyGrid:
         self.seen: Mask = np.zeros((0, 0), dtype=bool)
         self.corner: NDArray[np.int64] = np.zeros(2, dtype=np.int64)
         self.filled: Mask = np.zeros((0, 0), dtype=bool)
+        self.walked: Mask = np.zeros((0, 0), dtype=bool)
+        self._hit_at: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)  # time of the last hit [s]
+        self._doubted = np.zeros((0, 0), dtype=bool)  # filled cells of which it is in doubt whether they still are
         self._shown = np.zeros((0, 0), dtype=bool)  # cells that the obstacles are made of
         self._blocked = np.zeros((0, 0), dtype=bool)  # unseen cells that are obstacles
         self._center: Array | None = None  # of the disc that they lie in
-        self._stale: dict[str, dict[_Tile, float]] = {name: {}, UNSEEN_LAYER: {}}  # tile → when it is due
-        self._made: dict[str, dict[_Tile, Obstacle]] = {name: {}, UNSEEN_LAYER: {}}
+        layers = name, UNSEEN_LAYER, STOOD_LAYER
+        self._stale: dict[str, dict[_Tile, float]] = {layer: {} for layer in layers}  # tile → when it is due
+        self._made: dict[str, dict[_Tile, Obstacle]] = {layer: {} for layer in layers}
         self._time = -math.inf
 
     def add_scan(self, rays: ScanRays, ignored: Mask | None = None) -> None:
@@ -106,6 +113,13 @@ class OccupancyGrid:
             i, j = self._touched(points)
             self._change(i, j, np.full(len(i), -self.params.floor), at_once=True)
 
+    def walk(self, places: Array, radii: Array) -> None:
+        """Something moves at places (n, 2) [m], as far about them as ``radii`` (n,) [m]: what stands there later may go
+        again. What stands there already does not move."""
+        for place, radius in zip(places, radii.tolist(), strict=True):
+            i, j = self._disc(place, radius)
+            self.walked[i, j] |= self.seen[i, j] & ~self.filled[i, j]
+
     def clear_footprint(self, x: float, y: float) -> None:
         """Free the cells under the base at (x, y) [m]; unseen cells about it count from now on."""
         p = self.params
@@ -146,18 +160,29 @@ class OccupancyGrid:
         )
 
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """One `Voxels` for each tile with occupied cells, ``map-3-5``, and for each with blocked ones, ``unseen-3-5``.
+        """One `Voxels` for each tile with occupied cells, ``map-3-5``, for each with blocked ones, ``unseen-3-5``, and
+        for each with cells of which it is in doubt whether they are still occupied, ``unseen-stood-3-5``.
 
         An obstacle stays the same object as long as no cell of its tile changes; a cell that becomes free, or
         occupied next to it, changes it with a delay (``settle_delay``), so that not
         every scan makes new obstacles.
         """
+        self._doubt_walked()
         for kind, stale in self._stale.items():
             due = sorted(tile for tile, time in stale.items() if time <= self._time)
             self._rebuild(kind, due)
             for tile in due:
                 del stale[tile]
         return tuple(o for made in self._made.values() for _, o in sorted(made.items()))
+
+    def _doubt_walked(self) -> None:
+        """Find out which cells are in doubt: filled ones where something has moved, that were not hit for a while."""
+        i, j = np.nonzero(self.walked & (self.filled | self._doubted))
+        doubted = self.filled[i, j] & (self._time - self._hit_at[i, j] > self.params.stood_time)
+        other = doubted != self._doubted[i, j]
+        self._doubted[i[other], j[other]] = doubted[other]
+        for kind in (self.name, STOOD_LAYER):
+            self._mark(kind, i[other], j[other], -math.inf)
 
     def _rebuild(self, kind: str, tiles: Iterable[_Tile]) -> None:
         p, n, made = self.params, self.params.tile_cells, self._made[kind]
@@ -167,7 +192,10 @@ class OccupancyGrid:
             cells = slice(first[0], first[0] + n), slice(first[1], first[1] + n)
             if kind == self.name:
                 self._shown[cells] = self.filled[cells]
-            at = np.argwhere(self.filled[cells] if kind == self.name else self._blocked[cells])
+            if kind == UNSEEN_LAYER:
+                at = np.argwhere(self._blocked[cells])
+            else:
+                at = np.argwhere(self.filled[cells] & (self._doubted[cells] == (kind == STOOD_LAYER)))
             if not len(at):
                 made.pop(tile, None)
                 continue
@@ -184,6 +212,7 @@ class OccupancyGrid:
             hits = np.unique(hit_i * self.seen.shape[1] + hit_j)
             hit_i, hit_j = np.divmod(hits, self.seen.shape[1])
             self._change(hit_i, hit_j, np.minimum(np.maximum(self.log_odds[hit_i, hit_j], 0.0) + p.hit, p.top))
+            self._hit_at[hit_i, hit_j] = self._time
         if not len(direction) or not reach.max() > 0.0:
             return
         limit = np.array(self.seen.shape) + self.corner
@@ -302,7 +331,7 @@ class OccupancyGrid:
         if shape.prod() > _MAX_CELLS:
             raise SceneError(f"the map would have {shape[0]} × {shape[1]} cells; at most {_MAX_CELLS} are kept")
         at = tuple(slice(a, a + s) for a, s in zip((self.corner - low).tolist(), size.tolist(), strict=True))
-        for name in ("log_odds", "filled", "seen", "_shown", "_blocked"):
+        for name in ("log_odds", "filled", "seen", "walked", "_hit_at", "_doubted", "_shown", "_blocked"):
             old = getattr(self, name)
             new = np.zeros(shape, dtype=old.dtype)
             if size.all():

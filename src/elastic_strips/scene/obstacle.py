@@ -32,6 +32,8 @@ UNSEEN_LAYER = "unseen"
 """Names of obstacles that stand for what no sensor has seen begin with this and a hyphen."""
 LOST_LAYER = f"{UNSEEN_LAYER}-track"
 """The same of those of them that stand for where a mover may be that nothing sees."""
+STOOD_LAYER = f"{UNSEEN_LAYER}-stood"
+"""The same of those of them that stand for what stood where things move, and may have gone since it was seen."""
 
 _Self = TypeVar("_Self", bound="Obstacle")
 

@@ -122,6 +122,37 @@ def test_a_mover_that_stops_goes_back_into_the_map_and_leaves_nothing_behind():
     assert not estimator.map.occupied(np.array([[2.26, y] for y in (-1.0, -0.5, 0.0, 0.3)])).any()
 
 
+@pytest.mark.parametrize("stays", [True, False])
+def test_who_stands_where_one_walks_may_have_gone_while_nothing_looks(stays):
+    """It stands from 1.8 s on. The robot looks elsewhere from 6 to 11 s; what never moved stays what it was."""
+    estimator = SceneEstimator(SceneEstimatorParams(stood_time=3.0))
+    front, crate = np.array([[2.26, 0.8]]), np.array([[1.76, -2.5]])  # of it, and of what stands in the room
+
+    def at(t):
+        return [(2.5, -1.0 + min(t, 1.8), 0.25)] if stays or t < 6.0 else []
+
+    def layers(places):
+        points = np.column_stack((places, [0.5]))
+        scene = estimator.scene()
+        obstacles = {name: scene.obstacle(name) for name in scene.names}
+        return {
+            name.rstrip("-0123456789")
+            for name, o in obstacles.items()
+            for part in o.parts
+            for box, where in part.boxes
+            if (np.abs(points - o.pose[:3, 3] - where) <= np.asarray(box.halfSide) + 1e-9).all()
+        }
+
+    found = {}
+    for t, _ in drive(estimator, 13.0, at, pose_at=lambda t: (0.0, 0.0, math.pi if 6.0 < t < 11.0 else 0.0)):
+        found[round(t, 1)] = layers(front), layers(crate)
+    assert "map" in found[6.0][0]
+    assert found[10.9][0] == {"unseen-stood"}
+    assert ("map" in found[13.0][0]) == stays
+    assert stays or not found[13.0][0]
+    assert all(found[t][1] == {"map"} for t in (6.0, 10.9, 13.0))
+
+
 def test_who_has_come_to_rest_may_set_off_again_for_a_while():
     """It brakes at 0.5 m/s², stands from 2 s on, and sets off at 7 s: somebody who is known to move."""
 
