@@ -28,8 +28,8 @@ class OccupancyGrid:
     The grid grows with the seen area. Rays free the cells that they pass, up to `SceneEstimatorParams.carve_margin`
     before their ends; where they end, every cell that the padded point touches is hit. A scan counts once per cell,
     and where it both hits and frees a cell, it hits it. A cell that is hit is an obstacle at once, however often it was
-    free before; it takes some scans to be free again. What stands where something has moved may go again: where that was
-    not seen for a while, it is among what was not seen.
+    free before; it takes some scans to be free again. What stands where something has moved may go again: where that
+    was not seen for a while, it is among what was not seen.
 
     The grids of the base methods (`workshop.baselines.certainty_grid`) stay apart: they are windows that move with the
     base and forget what leaves them, and follow the rules of their papers, by which every reading counts.

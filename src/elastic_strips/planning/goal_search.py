@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, Mask
+from elastic_strips.arrays import Array, Indices, Mask
 from elastic_strips.errors import ConfigurationError, GoalError, ParameterError, plural
 from elastic_strips.robot import RobotModel
 from elastic_strips.robot.inverse_kinematics import PoseSearch, PoseTarget
@@ -385,7 +385,7 @@ class _Finder:
         found = self._configurations([rows[k] for k in order[self._spread(np.array(rows)[order], count)]])
         return GoalSearch(found, f"{goals}: {plural(len(found), 'configuration')}")
 
-    def _spread(self, rows: Array, count: int) -> Array:
+    def _spread(self, rows: Array, count: int) -> Indices:
         """Which of some rows (N, nv), the nearest first: that one, those whose base is the furthest from all that are
         chosen, as long as it stands elsewhere, and the nearest of the others."""
         if not self.robot.space.planar or len(rows) <= count:
@@ -396,7 +396,7 @@ class _Finder:
             chosen.append(k)
             apart = np.minimum(apart, np.hypot(*(rows[:, :2] - rows[k, :2]).T))
         left = np.setdiff1d(np.arange(len(rows)), chosen)[: count - len(chosen)]
-        return np.sort(np.concatenate((chosen, left)).astype(int))
+        return np.sort(np.concatenate((chosen, left)).astype(np.intp))
 
     def taken(self, most: int) -> Array:
         """What was found since the last time (K, nq), to be tried in this order: of each goal one after the other,
