@@ -54,6 +54,7 @@ class OccupancyGrid:
         self.corner: NDArray[np.int64] = np.zeros(2, dtype=np.int64)
         self.filled: Mask = np.zeros((0, 0), dtype=bool)
         self.walked: Mask = np.zeros((0, 0), dtype=bool)
+        self._walked_within: tuple[_Index, _Index] | None = None  # first cell of these and the one after the last
         self._hit_at: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)  # time of the last hit [s]
         self._doubted = np.zeros((0, 0), dtype=bool)  # filled cells of which it is in doubt whether they still are
         self._shown = np.zeros((0, 0), dtype=bool)  # cells that the obstacles are made of
@@ -118,7 +119,12 @@ class OccupancyGrid:
         again. What stands there already does not move."""
         for place, radius in zip(places, radii.tolist(), strict=True):
             i, j = self._disc(place, radius)
+            if not len(i):  # it is smaller than a cell
+                continue
             self.walked[i, j] |= self.seen[i, j] & ~self.filled[i, j]
+            first, last = (np.array([cut(i), cut(j)]) + self.corner for cut in (np.min, np.max))
+            low, high = self._walked_within or (first, last + 1)
+            self._walked_within = np.minimum(low, first), np.maximum(high, last + 1)
 
     def clear_footprint(self, x: float, y: float) -> None:
         """Free the cells under the base at (x, y) [m]; unseen cells about it count from now on."""
@@ -177,7 +183,12 @@ class OccupancyGrid:
 
     def _doubt_walked(self) -> None:
         """Find out which cells are in doubt: filled ones where something has moved, that were not hit for a while."""
-        i, j = np.nonzero(self.walked & (self.filled | self._doubted))
+        if self._walked_within is None:
+            return
+        first, end = (cell - self.corner for cell in self._walked_within)
+        window = slice(first[0], end[0]), slice(first[1], end[1])
+        i, j = np.nonzero(self.walked[window] & (self.filled[window] | self._doubted[window]))
+        i, j = i + first[0], j + first[1]
         doubted = self.filled[i, j] & (self._time - self._hit_at[i, j] > self.params.stood_time)
         other = doubted != self._doubted[i, j]
         self._doubted[i[other], j[other]] = doubted[other]
