@@ -37,6 +37,7 @@ _OBSTACLES_A_BLOCK = 60  # of work that is counted, for one that is made anew: 0
 _FINE_ROOM = 0.6  # [m] from the base to sensors, about which finer voxels are
 _EIGHTHS = np.stack(np.meshgrid(*[(0.25, 0.75)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 """Middles of the eight finer voxels of a voxel, by its edge."""
+_KEY_SHIFTS, _KEY_HALF, _KEY_MASK = np.array([42, 21, 0]), 1 << 20, (1 << 21) - 1  # three indices of a voxel in one
 _STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
 Known = npt.NDArray[np.int8]
@@ -73,6 +74,8 @@ class VolumeMapParams:
         occupied: voxels above it become obstacles, until they are below −floor / 2.
         unseen: whether voxels in doubt are ``"free"`` or ``"blocked"``: those that were never seen, and those that were
             hit and are no obstacle yet.
+        stood_time: with ``"blocked"``, what has come where it was free, and was not seen for this long, may have gone:
+            its voxels are in doubt [s].
         unseen_radius: with ``"blocked"``, those in blocks this close to the robot's base are obstacles, too.
         low: what is lower is not in doubt: a camera sees the floor too late.
         start_radius, start_margin: where the robot stands at first nothing is in doubt: in an upright cylinder about
@@ -100,6 +103,7 @@ class VolumeMapParams:
     top: Positive = 3.4
     occupied: Positive = 0.5
     unseen: Literal["free", "blocked"] = "free"
+    stood_time: NonNegative = 3.0
     unseen_radius: Positive = 1.6
     low: NonNegative = 0.1
     start_radius: NonNegative = 0.8
@@ -187,6 +191,8 @@ class VolumeMap:
         self._doubtful: dict[_Block, _Made] = {}  # within the radius
         self._doubts: set[_Block] = set()  # of these those in which something has changed
         self._finer: dict[_Block, None] = {}  # blocks in which finer voxels have changed
+        self._came = np.zeros(0, dtype=np.int64)  # voxels in which something ended where it was free, in order
+        self._came_at = np.zeros(0)  # when something ended in each of them last [s]
 
     def center(self, x: float, y: float) -> None:
         """Have the window about a point of the floor [m]; what leaves it is forgotten."""
@@ -260,6 +266,26 @@ class VolumeMap:
             self._fine.hit(seen.points, hits, come)
             fine = np.ascontiguousarray(np.minimum(clear, p.fine_range), dtype=np.float32)
             self._fine.map.carve(fine, *view, *pose, near, sure, p.exact_range)
+        if p.unseen == "blocked":
+            self._doubt_what_came(reading.time, seen, weight > 0.0)
+
+    def _doubt_what_came(self, time: float, seen: SeenPoints, stood: Mask) -> None:
+        """Of what has come where it was free, and where no image has seen anything for a while, nothing is known: it
+        came, and so it may have gone."""
+        at = np.floor(seen.points[stood] / self.params.cell).astype(np.int64)
+        voxels = ((at + _KEY_HALF) << _KEY_SHIFTS).sum(axis=1)
+        came = np.union1d(self._came, voxels[seen.fresh[stood]])
+        if not len(came):
+            return
+        since = np.full(len(came), time)
+        since[np.searchsorted(came, self._came)] = self._came_at
+        since[np.isin(came, voxels)] = time
+        gone = time - since > self.params.stood_time
+        if gone.any():
+            at = ((came[gone, None] >> _KEY_SHIFTS) & _KEY_MASK) - _KEY_HALF
+            middles = (at + 0.5) * self.params.cell
+            self.forget(middles[self.known(middles) == 1])  # the others are free again
+        self._came, self._came_at = came[~gone], since[~gone]
 
     def known(self, points: Array) -> Known:
         """(n,) what is known of the voxels that points (n, 3) [m] lie in: 1 an obstacle, 0 free, −1 neither."""

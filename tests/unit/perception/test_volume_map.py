@@ -198,6 +198,36 @@ def test_what_is_forgotten_was_not_seen_and_is_no_obstacle():
     assert (volume.known(points) == -1).all()
 
 
+@each("unseen", ["free", "blocked"])
+def test_what_has_come_may_have_gone_when_nothing_looks(unseen):
+    """A crate comes before a wall, and the camera looks elsewhere; what had always been there stays what it was."""
+    volume = VolumeMap(replace(SMALL, unseen=unseen, stood_time=3.0))
+    wall, crate = Box((0.1, 6.0, 1.6), at=(2.6, 0.0, 0.8)), Box((0.3, 0.3, 0.5), at=(1.4, 0.0, 0.25))
+    T, away = pose(z=1.0, tilt=0.3), pose(z=1.0, yaw=math.pi)
+    front, of_wall = np.array([[1.27, 0.0, 0.4]]), np.array([[2.57, 0.6, 0.6]])
+
+    def look(scene: Scene, T: np.ndarray, *times: float) -> None:
+        for t in times:
+            volume.add(replace(depth_image(scene, T), time=t), np.eye(4))
+
+    empty, full = Scene([wall]), Scene([wall, crate])
+    look(empty, T, 0.0, 0.1, 0.2, 0.3, 0.4)
+    assert volume.known(front) == 0
+    look(full, T, 1.0, 1.1, 1.2, 1.3, 1.4)
+    assert volume.known(front) == volume.known(of_wall) == 1
+    look(full, away, 4.0, 4.3)
+    assert volume.known(front) == 1
+    look(full, away, 4.5, 9.0)
+    assert volume.known(front) == (-1 if unseen == "blocked" else 1)
+    assert volume.known(of_wall) == 1
+    look(full, T, 10.0, 10.1)
+    assert volume.known(front) == 1
+    look(empty, T, 11.0, 11.1, 11.2, 11.3, 11.4, 11.5, 11.6, 11.7)
+    assert volume.known(front) == 0
+    look(empty, away, 20.0, 21.0)
+    assert volume.known(front) == 0, "what was seen to be free again stays so"
+
+
 def test_ignored_pixels_free_and_hit_nothing():
     volume = VolumeMap(SMALL)
     image = depth_image(ROOM, VIEWS[0])
