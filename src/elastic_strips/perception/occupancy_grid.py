@@ -55,7 +55,7 @@ class OccupancyGrid:
         self.filled: Mask = np.zeros((0, 0), dtype=bool)
         self.walked: Mask = np.zeros((0, 0), dtype=bool)
         self._walked_within: tuple[_Index, _Index] | None = None  # first cell of these and the one after the last
-        self._hit_at: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)  # time of the last hit [s]
+        self._hit_at: NDArray[np.float64] = np.zeros((0, 0))  # time of the last hit [s]
         self._doubted = np.zeros((0, 0), dtype=bool)  # filled cells of which it is in doubt whether they still are
         self._shown = np.zeros((0, 0), dtype=bool)  # cells that the obstacles are made of
         self._blocked = np.zeros((0, 0), dtype=bool)  # unseen cells that are obstacles
