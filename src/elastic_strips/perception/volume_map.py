@@ -283,7 +283,7 @@ class VolumeMap:
         gone = time - since > self.params.stood_time
         if gone.any():
             at = ((came[gone, None] >> _KEY_SHIFTS) & _KEY_MASK) - _KEY_HALF
-            middles = (at + 0.5) * self.params.cell
+            middles = np.asarray((at + 0.5) * self.params.cell, dtype=np.float64)
             self.forget(middles[self.known(middles) == 1])  # the others are free again
         self._came, self._came_at = came[~gone], since[~gone]
 
