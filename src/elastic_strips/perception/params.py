@@ -48,9 +48,9 @@ class SceneEstimatorParams:
             twice that it stands is possibly moving for as long after that.
         recent_motion_time: how long after that it may set off again: until then the scene has it as a thing of
             unknown motion as well.
+        recent_motion_speed: its largest speed meanwhile, until it is seen to move [m/s].
         stood_time: what stands where something has moved, and was not seen for this long, may have gone: it is among
             what was not seen [s].
-        recent_motion_speed: its largest speed meanwhile, until it is seen to move [m/s].
         motion_onset_time: a thing that is where nothing was, or no longer where it was, is in the scene as a thing of
             unknown motion too, before its velocity is known, and for this long after that was last seen.
         motion_onset_speed: its largest speed meanwhile, and of what does not go where it is expected [m/s].
@@ -96,8 +96,8 @@ class SceneEstimatorParams:
     stray_width: NonNegative = 0.3
     rest_time: Positive = 2.0
     recent_motion_time: NonNegative = 10.0
-    stood_time: NonNegative = 3.0
     recent_motion_speed: Positive = 0.2
+    stood_time: NonNegative = 3.0
     motion_onset_time: NonNegative = 0.2
     motion_onset_speed: Positive = 1.0
     shape_change: Positive = 0.04

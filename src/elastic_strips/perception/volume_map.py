@@ -35,9 +35,9 @@ _UNIT = 0.05  # of log-odds, in which the map counts
 _MOST_BLOCKS = 1 << 20
 _OBSTACLES_A_BLOCK = 60  # of work that is counted, for one that is made anew: 0.3 ms
 _FINE_ROOM = 0.6  # [m] from the base to sensors, about which finer voxels are
-_EIGHTHS = np.stack(np.meshgrid(*[(0.25, 0.75)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-"""Middles of the eight finer voxels of a voxel, by its edge."""
-_KEY_SHIFTS, _KEY_HALF, _KEY_MASK = np.array([42, 21, 0]), 1 << 20, (1 << 21) - 1  # three indices of a voxel in one
+_EIGHTHS = np.stack(np.meshgrid(*[(-0.25, 0.25)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+"""Middles of the eight finer voxels of a voxel from its own, by its edge."""
+_NUMBER_SHIFTS, _NUMBER_HALF = np.array([42, 21, 0]), 1 << 20  # three indices of a voxel in one number
 _STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
 Known = npt.NDArray[np.int8]
@@ -262,8 +262,7 @@ class VolumeMap:
         near = reading.depth_min if isinstance(reading, DepthImage) else reading.range_min
         self._map.carve(np.ascontiguousarray(clear, dtype=np.float32), *view, *pose, near, sure, p.exact_range)
         if self._fine is not None:
-            come = (before <= round(p.occupied / _UNIT)) | (at > p.fine_range)
-            self._fine.hit(seen.points, hits, come)
+            self._fine.hit(seen.points, hits)
             fine = np.ascontiguousarray(np.minimum(clear, p.fine_range), dtype=np.float32)
             self._fine.map.carve(fine, *view, *pose, near, sure, p.exact_range)
         if p.unseen == "blocked":
@@ -272,18 +271,18 @@ class VolumeMap:
     def _doubt_what_came(self, time: float, seen: SeenPoints, stood: Mask) -> None:
         """Of what has come where it was free, and where no image has seen anything for a while, nothing is known: it
         came, and so it may have gone."""
-        at = np.floor(seen.points[stood] / self.params.cell).astype(np.int64)
-        voxels = ((at + _KEY_HALF) << _KEY_SHIFTS).sum(axis=1)
-        came = np.union1d(self._came, voxels[seen.fresh[stood]])
-        if not len(came):
+        fresh = seen.fresh[stood]
+        if not len(self._came) and not fresh.any():
             return
+        voxels = _numbers(seen.points[stood], self.params.cell)
+        came = np.union1d(self._came, voxels[fresh])
         since = np.full(len(came), time)
         since[np.searchsorted(came, self._came)] = self._came_at
-        since[np.isin(came, voxels)] = time
+        at = np.searchsorted(came[:-1], voxels)  # of the few that came: they are looked up among them, not sorted
+        since[at[came[at] == voxels]] = time
         gone = time - since > self.params.stood_time
         if gone.any():
-            at = ((came[gone, None] >> _KEY_SHIFTS) & _KEY_MASK) - _KEY_HALF
-            middles = np.asarray((at + 0.5) * self.params.cell, dtype=np.float64)
+            middles = _middles(came[gone], self.params.cell)
             self.forget(middles[self.known(middles) == 1])  # the others are free again
         self._came, self._came_at = came[~gone], since[~gone]
 
@@ -394,6 +393,18 @@ class _Made:
     obstacle: Obstacle | None
 
 
+def _numbers(points: Array, cell: float) -> npt.NDArray[np.int64]:
+    """A number (n,) for the voxel that each of points (n, 3) [m] lies in."""
+    at = np.floor(points / cell).astype(np.int64)
+    return np.asarray((at + _NUMBER_HALF) @ (1 << _NUMBER_SHIFTS), dtype=np.int64)
+
+
+def _middles(numbers: npt.NDArray[np.int64], cell: float) -> Array:
+    """The middles (n, 3) [m] of voxels, by their numbers (n,)."""
+    at = ((numbers[:, None] >> _NUMBER_SHIFTS) & (2 * _NUMBER_HALF - 1)) - _NUMBER_HALF
+    return np.asarray((at + 0.5) * cell, dtype=np.float64)
+
+
 def _keys(blocks: Indices) -> dict[_Block, None]:
     """Blocks, three numbers each, in order."""
     return {(i, j, k): None for i, j, k in blocks.reshape(-1, 3).tolist()}
@@ -417,7 +428,7 @@ class _FineVoxels:
         self._corner = np.array([-(self._across // 2), -(self._across // 2), bottom], dtype=np.intp)
         blocks = np.array([2 * self._across, 2 * self._across, 2 * params.blocks[2]], dtype=np.intp)
         self.map: VolumeTwin = make(blocks, 2 * self._corner, 0.5 * params.cell)
-        self._free = -round(0.5 * params.floor / _UNIT)
+        self._free, self._top = -round(0.5 * params.floor / _UNIT), round(params.top / _UNIT)
         self._refined: dict[_Block, None] = {}  # blocks in the window in which something was freed
         self._changed: dict[_Block, None] = {}
 
@@ -434,20 +445,21 @@ class _FineVoxels:
             if not (low[0] <= key[0] < high[0] and low[1] <= key[1] < high[1]):
                 self._changed[key] = self._refined.pop(key)
 
-    def hit(self, points: Array, weight: npt.NDArray[np.int8], come: Mask) -> None:
-        """Rays ended at points (n, 3), each with a weight (n). Where one ends in what was free, and something may have
-        ``come`` (n), nothing of the map's voxel stays free."""
+    def hit(self, points: Array, weight: npt.NDArray[np.int8]) -> None:
+        """Rays ended at points (n, 3), each with a weight (n). Unless rays have always ended there, something has come:
+        nothing of the map's voxel stays free, but for what this image frees."""
         before = np.empty(len(points), dtype=np.int8)
         self.map.hit(points, weight, before)
-        self.forget(points[come & (weight > 0) & (before > PASSED) & (before <= self._free)])
+        low = self._corner[:2] * self._params.block
+        within = ((points[:, :2] >= low) & (points[:, :2] < low + self._across * self._params.block)).all(axis=1)
+        self.forget(points[within & (weight > 0) & (before < self._top)])
 
     def forget(self, points: Array) -> None:
-        """Nothing is known any more of what lies in the map's voxels of points (n, 3) [m]."""
+        """What lies in the map's voxels of points (n, 3) [m] is not free any more."""
         cell = self._params.cell
-        at = np.unique(np.floor(points / cell).astype(np.intp), axis=0)
-        if len(at):
-            middles = np.asarray((at[:, None] + _EIGHTHS) * cell, dtype=np.float64)
-            self.map.forget(middles.reshape(-1, 3))
+        if len(points):
+            middles = (_middles(np.unique(_numbers(points, cell)), cell)[:, None] + _EIGHTHS * cell).reshape(-1, 3)
+            self.map.forget(middles[self.free(middles)])
 
     def free(self, points: Array) -> Mask:
         """(n,) whether points (n, 3) [m] lie in voxels that are free."""

@@ -20,7 +20,7 @@ from elastic_strips.control.vantage import Vantage
 from elastic_strips.errors import ConfigurationError, GoalError
 from elastic_strips.planning import BasePose, HandPose
 from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
-from elastic_strips.scene.obstacle import LOST_LAYER
+from elastic_strips.scene.obstacle import LOST_LAYER, STOOD_LAYER
 from elastic_strips.sim import KinematicPlant
 
 DT = 0.01
@@ -228,7 +228,14 @@ def test_from_what_is_too_near_it_moves_away_where_it_can(silvermate):
 
 
 @pytest.mark.parametrize(
-    "backward, layer, backs", [(True, "far", True), (False, "far", False), (False, f"{UNSEEN_LAYER}-9-0-0", True)]
+    "backward, layer, backs",
+    [
+        (True, "far", True),
+        (False, "far", False),
+        (False, f"{UNSEEN_LAYER}-9-0-0", True),
+        (False, f"{STOOD_LAYER}-9-0", False),
+        (False, f"{LOST_LAYER}-9", False),
+    ],
 )
 def test_from_between_what_is_too_near_it_backs_off(silvermate, backward, layer, backs):
     """Two posts 1 cm beside the front of its base: it can neither turn nor get free ahead, and has come no way. Where

@@ -220,10 +220,12 @@ def test_what_has_come_may_have_gone_when_nothing_looks(unseen):
     look(full, away, 4.5, 9.0)
     assert volume.known(front) == (-1 if unseen == "blocked" else 1)
     assert volume.known(of_wall) == 1
-    look(full, T, 10.0, 10.1)
-    assert volume.known(front) == 1
-    look(empty, T, 11.0, 11.1, 11.2, 11.3, 11.4, 11.5, 11.6, 11.7)
-    assert volume.known(front) == 0
+    comes, goes = [0.1 * k for k in range(6)], [1.0 + 0.1 * k for k in range(12)]
+    for begin in (10.0, 13.0):  # the second time it comes where it was free
+        look(full, T, *(begin + t for t in comes))
+        assert volume.known(front) == 1
+        look(empty, T, *(begin + t for t in goes))
+        assert volume.known(front) == 0
     look(empty, away, 20.0, 21.0)
     assert volume.known(front) == 0, "what was seen to be free again stays so"
 
@@ -282,7 +284,8 @@ def test_boxes_fill_the_voxels_and_do_not_overlap(fine_range):
     params = replace(SMALL, fine_range=fine_range)
     volume = VolumeMap(params)
     for T in VIEWS:
-        volume.add(depth_image(ROOM, T), np.eye(4))
+        for _ in range(4):  # where rays end for the first times, only what the same image frees stays free
+            volume.add(depth_image(ROOM, T), np.eye(4))
     low, high = (
         np.concatenate([[at + s * b.halfSide for b, at in p.boxes] for o in volume.obstacles() for p in o.parts])
         for s in (-1.0, 1.0)
@@ -321,6 +324,15 @@ def test_what_has_come_takes_all_of_its_voxels(fine_range, found):
     assert (volume.known(BEHIND) == 0).all()
     facing(volume, 1.21, 1)
     assert (volume.known(BEHIND) == found).all()
+
+
+def test_what_has_come_back_before_its_voxels_were_free_again_takes_all_of_them():
+    """Each look through it makes it less of an obstacle; finer voxels in which it did not end are free at once."""
+    for looks in range(12):
+        volume = VolumeMap(EXACT)
+        for far, times in ((2.0, 3), (1.21, 4), (2.0, looks), (1.21, 2)):
+            facing(volume, far, times)
+        assert (volume.known(BEHIND) == 1).all(), f"after {looks} looks through it"
 
 
 def test_near_by_half_of_a_voxel_is_free_where_the_rest_is_not():
