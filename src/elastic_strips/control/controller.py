@@ -667,7 +667,7 @@ class Controller:
         if self.planner.passed is not None:
             self.keeper.pass_goal(*self.planner.passed)
         if self._vantage is not None:
-            self._vantage.note(t, result, stands=at_rest)
+            self._vantage.note(t, result, scene, stands=at_rest)
         if result.late:
             executor.log("fault", f"late tick: its result comes only after {result.late:.2f} s")
         if self.keeper.path is not None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from elastic_strips.arrays import Array
+from elastic_strips.collision import Certificate
 from elastic_strips.errors import ElasticStripsError
 from elastic_strips.scene import UNSEEN_LAYER, Obstacle, Scene
 from elastic_strips.scene.obstacle import LOST_LAYER
@@ -17,21 +18,28 @@ from elastic_strips.trajectory import Trajectory
 
 from .executor import ExecutorLink
 from .local_planner import LocalPlanner
-from .strip_timer import PlanResult
+from .strip_timer import PlanOutcome, PlanResult
 
 _WAIT = 1.5  # [s] at rest, after which it goes to look from elsewhere: before that, its head may see enough
 _STAYS = 10.0  # [s] within which motions that begin and are refused in turn have led it nowhere …
 _IN_TURN = 5  # motions that begin, one after the other is refused
 _NOWHERE, _ELSEWHERE = 0.3, 1.0  # [m], [rad or m] … that is, not so far away with the base, or with a joint
 _LOOK = 1.2  # [s] for which it stands there
+_GIVES_WAY, _WAITS_THERE = 1.5, 4.0
+"""How far [m] it goes back along its way from somebody who keeps it from going on for as long, and waits for as well;
+and how long [s] it stands there."""
 _TURNS = (0.0, 0.7, -0.7, 1.4, -1.4, 2.2, -2.2)
 """Angles [rad] from the heading with which it was stopped, to which it turns one after the other …"""
 _AWAY = 0.5  # … until it has come so far [m] from there
 _AGAIN = 20.0  # [s] after the last of them, when it begins anew
-_BACK = 0.6  # [m] that it backs off first, where it can: what is at its feet is hidden by itself
+_BACK, _BACK_TURN = 0.6, 0.5
+"""How far [m] it backs off first, where it can, for what is at its feet is hidden by itself; and how far [rad] it turns
+meanwhile at most: it is to see what is in its way, and soon."""
 _STEP = 0.35  # [rad] from row to row of a turn
 _SPEED = 0.5  # part of the speed of other motions
-_HELD_UP = 4.0  # [s] for which it waits on such a way until it can go on
+_GOES_ON_EVERY = 0.2  # [s] that it is looked on such a way whether it can go further
+_HELD_UP = 4.0  # [s] for which it waits on such a way until somebody has gone by
+_SAME = 0.03  # [m, rad] within which it has been there before
 _THERE = 0.01  # [m, rad] of the end of a motion, within which the robot has come to it
 _IN_VAIN = 3  # looks from about the same place, after which what was not seen is not looked at any more …
 _ABOUT = 1.0  # [m] … from within which
@@ -61,15 +69,19 @@ class Vantage:
         self._since: float | None = None  # [s] when it stood before what was not seen
         self._stayed = 0.0, np.full(planner.robot.space.nv, np.inf)  # since when [s] it has stayed about which row
         self._refused = False  # whether what was not seen has kept it from a motion there
+        self._met = False  # whether the last tick there found no motion along the strip because of something that moves
         self._begun = 0  # how many motions have begun there after one was refused
         self._accepted = False  # whether the last one was
         self._stays = False  # whether it is brought to rest there, to look from elsewhere or to be led around
         self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
         self._tried = 0
+        self._stand = _LOOK  # [s] for which it stands where the way ends
         self._motion: Trajectory | None = None  # to where it looks from, or the beginning of the way
         self._rows: Array = np.zeros((0, 0))  # (K, nv) of that way
+        self._goes_on_at = -np.inf  # [s] when it is looked whether it can go further on that way
         self._came = -np.inf  # [s] when it came to rest on the way
         self._braked = False  # whether it was braked here, and not by what knows more: a bumper, a scene that is old
+        self._before_mover = False  # whether it did not set out there because of something that moves
         self._looks = False  # whether it is on such a way, or looks from its end
         self._until = -np.inf  # [s] until when it looks from there, or did
         self._looked: list[tuple[float, Array]] = []  # when [s], and from where [m], it has looked of late
@@ -104,12 +116,13 @@ class Vantage:
             self._made = scene, names, made
         return made
 
-    def note(self, t: float, result: PlanResult, *, stands: bool) -> None:
+    def note(self, t: float, result: PlanResult, scene: Scene, *, stands: bool) -> None:
         """Take note of a planning tick: whether the robot stands before what was not seen, or gets nowhere.
 
         Args:
             t: time [s].
             result: of the tick.
+            scene: the obstacles.
             stands: whether the robot does.
         """
         broken = None if result.accepted or result.certificate is None else result.certificate.broken
@@ -117,19 +130,24 @@ class Vantage:
         row, stayed = self._executor.estimate, self._stayed[1]
         here = row[:2]
         if np.hypot(*(here - stayed[:2])) > _NOWHERE or np.abs(row[3:] - stayed[3:]).max(initial=0.0) > _ELSEWHERE:
-            self._stayed, self._refused, self._begun = (t, row.copy()), False, 0
+            self._stayed, self._refused, self._begun, self._met = (t, row.copy()), False, 0, False
         self._refused |= bool(unseen)
+        if broken is not None or result.outcome is PlanOutcome.EVADE:
+            self._met = broken is None or _moves(broken.obstacle, scene)
         self._begun += result.accepted and not self._accepted
         self._accepted = result.accepted
-        stays = (self._refused or self._begun >= _IN_TURN) and t - self._stayed[0] > _STAYS
+        stays = self._led_nowhere(t)
         if not stands or result.accepted or (broken is not None and not unseen):
             self._since = None
         elif unseen:
             self._since = t if self._since is None else self._since
-        if stays:
-            self._stays = True
+        self._stays |= stays
         if unseen and (stands or stays) and self._vain(here) >= _IN_VAIN:
             self._hidden[unseen] = t + _VAIN_FOR
+
+    def _led_nowhere(self, t: float) -> bool:
+        """Whether the robot has stayed about one place for long, and what keeps it there may be seen, or let by."""
+        return (self._refused or self._met or self._begun >= _IN_TURN) and t - self._stayed[0] > _STAYS
 
     def _vain(self, here: Array) -> int:
         """How often the robot has looked from about a place (2,)."""
@@ -145,24 +163,31 @@ class Vantage:
             speed: part of the full speed with which it may go.
         """
         executor, stands = self._executor, self._executor.at_rest(t)
+        self._stays |= stands and self._led_nowhere(t)  # also where nothing is planned
         if self._motion is not None and not stands:
             if executor.active is self._motion:
                 refuted = self._planner.refuted(executor.active, scene, begin)
                 if refuted:
                     self._braked = True
                     executor.brake(f"on the way to the place from which it was to look {refuted}")
+                elif t >= self._goes_on_at:
+                    self._goes_on_at = t + _GOES_ON_EVERY
+                    self._goes_on(begin, scene, _SPEED * speed)
             return True
         if self._motion is not None:
             self._came = t if self._came == -np.inf else self._came
             off = np.abs(executor.active.coordinates[-1] - self._motion.coordinates[-1]).max()
-            left = self._left()
+            left = self._left(executor.active.coordinates[-1])
             if (
                 (off < _THERE or self._braked)
                 and len(left) > 1
-                and (self._sets_out(left, begin, scene, _SPEED * speed) or t - self._came < _HELD_UP)
+                and (
+                    self._sets_out(left, begin, scene, _SPEED * speed)
+                    or t - self._came < (_HELD_UP if self._before_mover else _LOOK)
+                )
             ):
                 return True
-            self._motion, self._until, self._came = None, t + _LOOK, -np.inf
+            self._motion, self._until, self._came = None, self._came + self._stand, -np.inf
         if t < self._until:
             return True
         if self._stays and not (stands and executor.settled):
@@ -176,8 +201,11 @@ class Vantage:
         if not (self._stays or waits) or not (stands and executor.settled):
             return False
         if self._stays:
-            sees_all = not (self._refused or waits)
-            self._stays, self._refused, self._begun, self._stayed = False, False, 0, (t, self._stayed[1])
+            sees_all, met = not (self._refused or waits), self._met
+            self._stays, self._refused, self._begun, self._met = False, False, 0, False
+            self._stayed = t, self._stayed[1]
+            if met and self._gives_way(begin, scene, _SPEED * speed):
+                return True
             if sees_all:  # it is led to and fro by what it sees: another strip, from where it stands
                 self._executor.log("replanning", f"within {_STAYS:g} s its motions have led nowhere")
                 self._then(t)
@@ -187,6 +215,18 @@ class Vantage:
             self._place, self._heading, self._tried = here[:2].copy(), float(here[2]), 0
         return self._goes(here, begin, scene, _SPEED * speed)
 
+    def _gives_way(self, begin: float, scene: Scene, speed: float) -> bool:
+        """Whether the robot sets out back along the way that it came, to let somebody by."""
+        rows = _without_loops(self._back(self._executor.active.coordinates[-1]))
+        way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))))
+        if way[-1] < _NOWHERE or not self._sets_out(
+            rows[: int(np.searchsorted(way, _GIVES_WAY)) + 1], begin, scene, speed
+        ):
+            return False
+        self._executor.log("giving way", f"for {_STAYS:g} s somebody has kept the robot from going on")
+        self._looks, self._since, self._stand = True, None, _WAITS_THERE
+        return True
+
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
         """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
         while self._tried < len(_TURNS):
@@ -195,19 +235,35 @@ class Vantage:
             for rows in (self._backed(here), here[None]):
                 if self._sets_out(_turned(rows, yaw), begin, scene, speed):
                     self._executor.log("looking", "the robot goes to look from elsewhere at what is in its way")
-                    self._looks, self._since = True, None
+                    self._looks, self._since, self._stand = True, None, _LOOK
                     return True
         return False
 
-    def _left(self) -> Array:
-        """(K, nv) rows of the way to where it looks from that are left, from the one at which the robot rests."""
-        here, rows = self._executor.active.coordinates[-1], self._rows
+    def _goes_on(self, begin: float, scene: Scene, speed: float) -> None:
+        """Go further than the motion that it is on, which is a beginning of the way, without a stop between them."""
+        planner, state = self._planner, self._executor.active.at(begin)
+        left = self._left(state.coordinates)
+        if len(left) < 2 or np.abs(self._rows[-1] - self._executor.active.coordinates[-1]).max() < _THERE:
+            return
+        try:
+            motion = planner.timer.easy.horizon(left, state.v, a_start=state.a, start_time=begin, speed=speed)
+        except ElasticStripsError:
+            return
+        certificate = planner.certify(motion, scene)
+        further = (motion, certificate) if certificate.certified else planner.beginning(motion, certificate, scene)
+        if further is not None and further[0].end_time > self._executor.active.end_time + _GOES_ON_EVERY:
+            self._submit(*further)
+
+    def _left(self, here: Array) -> Array:
+        """(K, nv) rows of the way to where it looks from that are left, from one (nv,) on it."""
+        rows = self._rows
         off = np.hypot(*(rows[:, :2] - here[:2]).T) + _TURN_WEIGHT * np.abs(rows[:, 2] - here[2])
         return np.vstack((here, rows[int(off.argmin()) + 1 :]))
 
     def _sets_out(self, rows: Array, begin: float, scene: Scene, speed: float) -> bool:
         """Whether there is a certified motion along rows (K, nv), or a beginning of one, and the robot is on it."""
         planner = self._planner
+        self._before_mover = False
         if len(rows) < 2 or not self._executor.settled:
             return False
         try:
@@ -218,23 +274,46 @@ class Vantage:
         if not certificate.certified:
             begins = planner.beginning(motion, certificate, scene)
             if begins is None:
+                self._before_mover = certificate.broken is not None and (
+                    certificate.broken.obstacle.startswith(f"{LOST_LAYER}-")
+                    or _moves(certificate.broken.obstacle, scene)
+                )
                 return False
             motion, certificate = begins
-        self._executor.submit(motion, certificate, at_goal=False, proven=planner.margins.tracking_error)
-        self._motion, self._rows, self._came, self._braked = motion, rows, -np.inf, False
+        self._submit(motion, certificate)
+        self._rows, self._came, self._braked = rows, -np.inf, False
         return True
 
+    def _submit(self, motion: Trajectory, certificate: Certificate) -> None:
+        self._executor.submit(motion, certificate, at_goal=False, proven=self._planner.margins.tracking_error)
+        self._motion = motion
+
     def _backed(self, here: Array) -> Array:
-        """(K, nv) rows back along the way that the robot came."""
-        rows = self._back(here)
-        way = np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))
-        return rows[: int(np.searchsorted(way, _BACK)) + 2]
+        """(K, nv) rows back along the way that the robot came, up to where it turned on the spot."""
+        rows = _without_loops(self._back(here))
+        way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))))
+        turned = np.flatnonzero((np.abs(rows[:, 2] - here[2]) > _BACK_TURN) | (way > _BACK))
+        most = way[int(turned[0]) if len(turned) else -1]
+        return rows[: int(np.searchsorted(way, most - _SAME)) + 1]
 
 
 def _stays_unseen(obstacle: str) -> bool:
     """Whether an obstacle is what was not seen, and is so until it is looked at: not where somebody may be that nothing
     sees, for that is over soon, and who backs off from it backs off into what comes from behind."""
     return obstacle.startswith(f"{UNSEEN_LAYER}-") and not obstacle.startswith(f"{LOST_LAYER}-")
+
+
+def _moves(obstacle: str, scene: Scene) -> bool:
+    return obstacle in scene and scene.obstacle(obstacle).motion is not None
+
+
+def _without_loops(rows: Array) -> Array:
+    """Rows (K, nv) of a way, without what leads back to where it has been before."""
+    kept = [0]
+    while kept[-1] < len(rows) - 1:
+        again = np.flatnonzero(np.abs(rows - rows[kept[-1]]).max(axis=1) < _SAME)
+        kept.append(max(int(again[-1]), kept[-1] + 1))
+    return rows[kept]
 
 
 def _turned(rows: Array, yaw: float) -> Array:

@@ -19,7 +19,7 @@ from elastic_strips.control.retreat import Retreat
 from elastic_strips.control.vantage import Vantage
 from elastic_strips.errors import ConfigurationError, GoalError
 from elastic_strips.planning import BasePose, HandPose
-from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist
+from elastic_strips.scene import UNSEEN_LAYER, Box, Cylinder, Scene, Twist, UnknownMotion
 from elastic_strips.scene.obstacle import LOST_LAYER, STOOD_LAYER
 from elastic_strips.sim import KinematicPlant
 
@@ -331,6 +331,26 @@ def test_what_was_not_seen_is_looked_at_from_elsewhere(silvermate):
     assert (forward - places[:, 0]).max() < 0.9, "and not further than that"
 
 
+def test_who_backs_off_to_look_does_not_turn_away_as_far_as_it_turned_before(silvermate):
+    """It turned on the spot by 2 rad, and drove straight on: it backs off straight, and so far."""
+    turn, straight = np.linspace(2.0, 0.0, 50), np.linspace(0.0, 0.4, 40)
+    came = np.zeros((90, silvermate.space.nv))
+    came[:50, 2], came[50:, 0] = turn, straight
+    active = SimpleNamespace(coordinates=came[-1:], end_time=0.0)
+    executor = SimpleNamespace(
+        active=active, settled=True, at_rest=lambda t: True, estimate=came[-1], log=lambda *a: None
+    )
+    planner, rows = SimpleNamespace(robot=silvermate), []
+    vantage = Vantage(executor, planner, lambda here: came[::-1], lambda t: None)  # type: ignore[arg-type]
+    vantage._sets_out = lambda way, *rest: rows.append(way) or True  # type: ignore[method-assign]
+    broken = SimpleNamespace(broken=SimpleNamespace(obstacle=f"{UNSEEN_LAYER}-4-0-0"))
+    for k in range(30):
+        vantage.note(0.1 * k, SimpleNamespace(accepted=False, certificate=broken, outcome=None), Scene([]), stands=True)  # type: ignore[arg-type]
+        vantage.looks(0.1 * k, 0.1 * k, Scene([]), 1.0)
+    assert rows[0][:, 0].min() < 0.05
+    assert np.abs(rows[0][:, 2]).max() < 1.0
+
+
 def test_what_was_looked_at_in_vain_is_gone_around(silvermate):
     controller, places = before_unseen(silvermate, lambda at: False, 80.0, wide=0.8)
     assert [event for event in controller.events if event.kind == "looking"]
@@ -348,8 +368,8 @@ def kept_by(name, speed, every=4):
         executor.estimate = np.array((speed * 0.1 * k, 0.0, 0.0))
         refused = k % every == 0
         broken = SimpleNamespace(broken=SimpleNamespace(obstacle=name))
-        result = SimpleNamespace(accepted=not refused, certificate=broken if refused else None)
-        vantage.note(0.1 * k, result, stands=False)
+        result = SimpleNamespace(accepted=not refused, certificate=broken if refused else None, outcome=None)
+        vantage.note(0.1 * k, result, Scene([]), stands=False)
     return vantage.looks(15.0, 15.0, Scene([]), 1.0)
 
 
@@ -522,6 +542,59 @@ def test_beside_somebody_it_goes_there_little_by_little(silvermate):
     looking = [event for event in controller.events if event.kind == "looking"]
     assert looking
     assert (np.maximum.accumulate(places[:, 0]) - places[:, 0]).max() > 0.4
+
+
+def test_it_does_not_stop_between_the_parts_of_that_way(silvermate):
+    person = Cylinder(0.25, 1.7, at=(0.5, 1.4, 0.85), name="person", motion=Twist((0.0, 0.0, 0.0)))
+    controller, places = before_unseen(silvermate, lambda at: at[0] < 0.0, 60.0, others=[person])
+    begin = next(round(event.time / DT) for event in controller.events if event.kind == "looking")
+    front = places[begin, 0]
+    back = begin + int(np.argmin(places[begin : begin + 1500, 0] > front - 0.4))
+    assert places[back, 0] <= front - 0.4
+    speed = np.abs(np.diff(places[begin:back, 0])) / DT
+    moving = np.flatnonzero(speed > 0.01)
+    assert (speed[moving[0] : moving[-1]] > 0.01).all()
+
+
+def test_who_is_kept_from_going_on_by_somebody_goes_back_to_let_them_by(silvermate):
+    """In a narrow corridor, where neither could pass the other."""
+    walls = [Box((12.0, 0.1, 1.0), at=(2.0, y, 0.5), name=f"wall{k}") for k, y in enumerate((-0.75, 0.75))]
+    walls.append(Box((0.1, 1.5, 1.0), at=(-3.5, 0.0, 0.5), name="end"))
+    person = Cylinder(0.25, 1.7, at=(2.2, 0.0, 0.85), name="person", motion=UnknownMotion(0.2))
+
+    def scene(t):
+        return Scene([*walls, *([person] if t < 20.0 else [])], time=t)
+
+    controller, places, _ = driven(silvermate, scene, 40.0, bumper=lambda t, x: False)
+    assert controller.state is RunState.REACHED, controller.reason
+    begin = next(round(event.time / DT) for event in controller.events if event.kind == "giving way")
+    assert places[begin : round(20.0 / DT), 0].min() < places[begin, 0] - 0.4
+
+
+@each("moves", [True, False])
+def test_only_from_what_moves_it_goes_back(silvermate, moves):
+    """After it has stayed for so long; a wall does not go by."""
+    thing = Box((0.4, 0.4, 1.0), at=(1.0, 0.0, 0.5), name="thing", motion=UnknownMotion(0.2) if moves else None)
+    came = np.zeros((90, silvermate.space.nv))
+    came[:, 0] = np.linspace(0.0, 3.0, 90)
+    active = SimpleNamespace(coordinates=came[-1:], end_time=0.0)
+    executor = SimpleNamespace(
+        active=active, settled=True, at_rest=lambda t: True, estimate=came[-1], log=lambda *a: None
+    )
+    rows: list[np.ndarray] = []
+    vantage = Vantage(executor, SimpleNamespace(robot=silvermate), lambda here: came[::-1], lambda t: None)  # type: ignore[arg-type]
+    vantage._sets_out = lambda way, *rest: rows.append(way) or True  # type: ignore[method-assign]
+    result = SimpleNamespace(
+        accepted=False, outcome=None, certificate=SimpleNamespace(broken=SimpleNamespace(obstacle="thing"))
+    )
+    for k in range(120):
+        assert not rows or k > 95
+        if not rows:
+            vantage.note(0.1 * k, result, Scene([thing]), stands=True)  # type: ignore[arg-type]
+            vantage.looks(0.1 * k, 0.1 * k, Scene([thing]), 1.0)
+    assert bool(rows) is moves
+    if moves:
+        assert 1.3 < np.ptp(rows[0][:, 0]) < 1.7
 
 
 def test_what_was_seen_is_not_looked_at_from_elsewhere(silvermate):
