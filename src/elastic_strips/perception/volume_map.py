@@ -283,7 +283,9 @@ class VolumeMap:
         gone = time - since > self.params.stood_time
         if gone.any():
             middles = _middles(came[gone], self.params.cell)
-            self.forget(middles[self.known(middles) == 1])  # the others are free again
+            known = np.empty(len(middles), dtype=np.int8)
+            self._map.look(middles, known)
+            self._map.forget(middles[known > round(self.params.occupied / _UNIT)])  # the others are free again
         self._came, self._came_at = came[~gone], since[~gone]
 
     def known(self, points: Array) -> Known:

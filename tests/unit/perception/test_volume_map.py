@@ -303,13 +303,13 @@ def test_boxes_fill_the_voxels_and_do_not_overlap(fine_range):
         assert filled_up == pytest.approx(whole)
 
 
-def facing(volume: VolumeMap, far: float, times: int) -> None:
+def facing(volume: VolumeMap, far: float, times: int, *, yaw: float = 0.0, t: float = 0.0) -> None:
     """A wall across the view, so far away, is looked at so often."""
-    T = pose(x=0.0, z=1.0)
+    T = pose(x=0.0, z=1.0, yaw=yaw)
     T[:3, :3] = T[:3, :3] @ LOOKS
     depth = np.full((90, 120), far, dtype=np.float32)
     for _ in range(times):
-        volume.add(DepthImage("eye", 0.0, T, depth, (104.0, 104.0), (59.5, 44.5), 0.1, 5.0), np.eye(4))
+        volume.add(DepthImage("eye", t, T, depth, (104.0, 104.0), (59.5, 44.5), 0.1, 5.0), np.eye(4))
 
 
 EXACT = replace(SMALL, noise=0.0, noise_growth=0.0, bias=1e-3)
@@ -333,6 +333,19 @@ def test_what_has_come_back_before_its_voxels_were_free_again_takes_all_of_them(
         for far, times in ((2.0, 3), (1.21, 4), (2.0, looks), (1.21, 2)):
             facing(volume, far, times)
         assert (volume.known(BEHIND) == 1).all(), f"after {looks} looks through it"
+
+
+@each("yaw", [0.0, math.pi])
+def test_of_what_has_come_and_may_have_gone_only_what_was_seen_through_is_free(yaw):
+    side = np.array([math.cos(yaw), math.cos(yaw), 1.0])
+    behind, before = BEHIND * side, (BEHIND - (0.025, 0.0, 0.0)) * side
+    volume = VolumeMap(replace(EXACT, unseen="blocked", stood_time=3.0))
+    facing(volume, 2.0, 3, yaw=yaw)
+    facing(volume, 1.24, 6, yaw=yaw, t=1.0)
+    assert (volume.known(behind) == 1).all()
+    facing(volume, math.nan, 1, yaw=yaw, t=5.0)
+    assert (volume.known(behind) == -1).all()
+    assert (volume.known(before) == 0).all()
 
 
 def test_near_by_half_of_a_voxel_is_free_where_the_rest_is_not():
