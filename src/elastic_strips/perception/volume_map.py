@@ -37,6 +37,8 @@ _OBSTACLES_A_BLOCK = 60  # of work that is counted, for one that is made anew: 0
 _FINE_ROOM = 0.6  # [m] from the base to sensors, about which finer voxels are
 _EIGHTHS = np.stack(np.meshgrid(*[(-0.25, 0.25)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 """Middles of the eight finer voxels of a voxel from its own, by its edge."""
+_ABOUT = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 2, (-2.0, -1.0, 0.0, 1.0), indexing="ij"), axis=-1).reshape(-1, 3)
+"""Middles of a voxel and of those next to it, and two below it, from its own, by its edge."""
 _NUMBER_SHIFTS, _NUMBER_HALF = np.array([42, 21, 0]), 1 << 20  # three indices of a voxel in one number
 _STANDING_HITS = 3.0  # exact ones, after which something counts as standing
 
@@ -282,7 +284,8 @@ class VolumeMap:
         since[at[came[at] == voxels]] = time
         gone = time - since > self.params.stood_time
         if gone.any():
-            middles = _middles(came[gone], self.params.cell)
+            # With what is about it: of who came the feet, say, which are where the floor has kept all from being free.
+            middles = (_middles(came[gone], self.params.cell)[:, None] + self.params.cell * _ABOUT).reshape(-1, 3)
             known = np.empty(len(middles), dtype=np.int8)
             self._map.look(middles, known)
             self._map.forget(middles[known > round(self.params.occupied / _UNIT)])  # the others are free again

@@ -201,7 +201,7 @@ def test_what_is_forgotten_was_not_seen_and_is_no_obstacle():
 @each("unseen", ["free", "blocked"])
 def test_what_has_come_may_have_gone_when_nothing_looks(unseen):
     """A crate comes before a wall, and the camera looks elsewhere; what had always been there stays what it was."""
-    volume = VolumeMap(replace(SMALL, unseen=unseen, stood_time=3.0))
+    volume = VolumeMap(replace(SMALL, unseen=unseen, stood_time=3.0, ground=0.02))
     wall, crate = Box((0.1, 6.0, 1.6), at=(2.6, 0.0, 0.8)), Box((0.3, 0.3, 0.5), at=(1.4, 0.0, 0.25))
     T, away = pose(z=1.0, tilt=0.3), pose(z=1.0, yaw=math.pi)
     front, of_wall = np.array([[1.27, 0.0, 0.4]]), np.array([[2.57, 0.6, 0.6]])
@@ -210,15 +210,21 @@ def test_what_has_come_may_have_gone_when_nothing_looks(unseen):
         for t in times:
             volume.add(replace(depth_image(scene, T), time=t), np.eye(4))
 
-    empty, full = Scene([wall]), Scene([wall, crate])
+    floor = Box((12.0, 12.0, 0.1), at=(0.0, 0.0, -0.05))
+    empty, full = Scene([floor, wall]), Scene([floor, wall, crate])
+    face = np.stack(np.meshgrid([1.27], np.arange(-0.175, 0.2, 0.05), np.arange(0.075, 0.5, 0.05)), axis=-1).reshape(
+        -1, 3
+    )
     look(empty, T, 0.0, 0.1, 0.2, 0.3, 0.4)
     assert volume.known(front) == 0
     look(full, T, 1.0, 1.1, 1.2, 1.3, 1.4)
     assert volume.known(front) == volume.known(of_wall) == 1
+    assert (volume.known(face[face[:, 2] < 0.1]) == 1).any(), "where it stands on the floor"
     look(full, away, 4.0, 4.3)
     assert volume.known(front) == 1
     look(full, away, 4.5, 9.0)
     assert volume.known(front) == (-1 if unseen == "blocked" else 1)
+    assert (volume.known(face) == 1).any() == (unseen == "free"), face[volume.known(face) == 1]
     assert volume.known(of_wall) == 1
     comes, goes = [0.1 * k for k in range(6)], [1.0 + 0.1 * k for k in range(12)]
     for begin in (10.0, 13.0):  # the second time it comes where it was free
