@@ -177,4 +177,4 @@ class Steering:
 
 def _moves(broken: BrokenSegment | None, scene: Scene) -> bool:
     """Whether what refutes a motion is an obstacle that moves."""
-    return broken is not None and broken.kind == "obstacle" and scene.obstacle(broken.obstacle).motion is not None
+    return broken is not None and broken.kind == "obstacle" and scene.moves(broken.obstacle)

@@ -200,7 +200,7 @@ class LocalPlanner:
         while True:
             outlook = self._outlook(scene)
             near = self.timer.certify(self._still(start), outlook).broken
-            if near is None or near.obstacle not in scene or scene.obstacle(near.obstacle).motion is not None:
+            if near is None or near.obstacle not in scene or scene.moves(near.obstacle):
                 return self.timer.certify(motion, outlook)
             alone = self._outlook(Scene([scene.obstacle(near.obstacle)], time=scene.time))
             if near.clearance > _NEARER:
@@ -218,7 +218,7 @@ class LocalPlanner:
             kept = [scene.obstacle(name) for name in scene.names if not name.startswith(LOST_LAYER)]
             known = Scene(kept, time=scene.time)
             near = self.timer.certify(self._still(state), self._outlook(known)).broken
-        if near is None or (near.obstacle in scene and scene.obstacle(near.obstacle).motion is not None):
+        if near is None or scene.moves(near.obstacle):
             return ""
         return f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}"
 

@@ -332,7 +332,7 @@ class Replanner:
             Why another strip is to be planned, or "".
         """
         broken = result.report.certificate.broken
-        by_standing = broken is not None and not _moves(scene, broken.obstacle)
+        by_standing = broken is not None and not scene.moves(broken.obstacle)
         self._whole_since = np.inf if by_standing or at_rest or not result.accepted else min(self._whole_since, t)
         if t - self._whole_since > _DRIVEN_ON:
             self.attempts = 0
@@ -427,10 +427,6 @@ def _around(obstacle: Obstacle, width: float) -> Obstacle:
     low, high = (centre - half).min(axis=0), (centre + half).max(axis=0)
     size = high - low + 2.0 * width * np.array([1.0, 1.0, 0.0])
     return Box(size, at=0.5 * (low + high), name=f"about {obstacle.name}")
-
-
-def _moves(scene: Scene, name: str) -> bool:
-    return name in scene and scene.obstacle(name).motion is not None
 
 
 class SwitchingPlanner(StripPlanner):

@@ -250,9 +250,7 @@ class StripTimer:
             outlook: of the tick.
         """
         broken = certificate.broken
-        if broken is None or broken.obstacle not in outlook.scene:
-            return None
-        if outlook.scene.obstacle(broken.obstacle).motion is None:
+        if broken is None or not outlook.scene.moves(broken.obstacle):
             return None
         for lasting in _BEGINNINGS:
             if lasting > 0.8 * motion.duration:

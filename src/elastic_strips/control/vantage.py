@@ -1,6 +1,7 @@
 """Vantage: a robot that stands before what no sensor has seen turns, or backs off, to see it from elsewhere.
 
-What it has looked at in vain counts as an obstacle, so that the strip goes around it.
+What it has looked at in vain counts as an obstacle, so that the strip goes around it. From who has kept it from going
+on for long it goes back along its way, to let them by.
 """
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ class Vantage:
             self._stayed, self._refused, self._begun, self._met = (t, row.copy()), False, 0, False
         self._refused |= bool(unseen)
         if broken is not None or result.outcome is PlanOutcome.EVADE:
-            self._met = broken is None or _moves(broken.obstacle, scene)
+            self._met = broken is None or scene.moves(broken.obstacle)
         self._begun += result.accepted and not self._accepted
         self._accepted = result.accepted
         stays = self._led_nowhere(t)
@@ -223,7 +224,7 @@ class Vantage:
             rows[: int(np.searchsorted(way, _GIVES_WAY)) + 1], begin, scene, speed
         ):
             return False
-        self._executor.log("giving way", f"for {_STAYS:g} s somebody has kept the robot from going on")
+        self._executor.log("yielding", f"for {_STAYS:g} s somebody has kept the robot from going on")
         self._looks, self._since, self._stand = True, None, _WAITS_THERE
         return True
 
@@ -275,8 +276,7 @@ class Vantage:
             begins = planner.beginning(motion, certificate, scene)
             if begins is None:
                 self._before_mover = certificate.broken is not None and (
-                    certificate.broken.obstacle.startswith(f"{LOST_LAYER}-")
-                    or _moves(certificate.broken.obstacle, scene)
+                    certificate.broken.obstacle.startswith(f"{LOST_LAYER}-") or scene.moves(certificate.broken.obstacle)
                 )
                 return False
             motion, certificate = begins
@@ -301,10 +301,6 @@ def _stays_unseen(obstacle: str) -> bool:
     """Whether an obstacle is what was not seen, and is so until it is looked at: not where somebody may be that nothing
     sees, for that is over soon, and who backs off from it backs off into what comes from behind."""
     return obstacle.startswith(f"{UNSEEN_LAYER}-") and not obstacle.startswith(f"{LOST_LAYER}-")
-
-
-def _moves(obstacle: str, scene: Scene) -> bool:
-    return obstacle in scene and scene.obstacle(obstacle).motion is not None
 
 
 def _without_loops(rows: Array) -> Array:

@@ -229,6 +229,10 @@ class Scene:
         """The obstacle of that name; `SceneError` if there is none."""
         return self.obstacles[self._place(name)]
 
+    def moves(self, name: str) -> bool:
+        """Whether there is an obstacle of that name, and it moves."""
+        return name in self and self.obstacle(name).motion is not None
+
     def at(self, t: float) -> Scene:
         """Snapshot at time ``t`` [s]: moving obstacles at their poses then; the others are the same objects."""
         t = check_time("time", t)

@@ -567,7 +567,7 @@ def test_who_is_kept_from_going_on_by_somebody_goes_back_to_let_them_by(silverma
 
     controller, places, _ = driven(silvermate, scene, 40.0, bumper=lambda t, x: False)
     assert controller.state is RunState.REACHED, controller.reason
-    begin = next(round(event.time / DT) for event in controller.events if event.kind == "giving way")
+    begin = next(round(event.time / DT) for event in controller.events if event.kind == "yielding")
     assert places[begin : round(20.0 / DT), 0].min() < places[begin, 0] - 0.4
 
 
