@@ -218,7 +218,7 @@ class Vantage:
 
     def _gives_way(self, begin: float, scene: Scene, speed: float) -> bool:
         """Whether the robot sets out back along the way that it came, to let somebody by."""
-        rows = _without_loops(self._back(self._executor.active.coordinates[-1]))
+        rows = _without_loops(self._back(self._executor.active.coordinates[-1]), _GIVES_WAY)
         way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))))
         if way[-1] < _NOWHERE or not self._sets_out(
             rows[: int(np.searchsorted(way, _GIVES_WAY)) + 1], begin, scene, speed
@@ -291,7 +291,7 @@ class Vantage:
 
     def _backed(self, here: Array) -> Array:
         """(K, nv) rows back along the way that the robot came, up to where it turned on the spot."""
-        rows = _without_loops(self._back(here))
+        rows = _without_loops(self._back(here), _BACK)
         way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))))
         turned = np.flatnonzero((np.abs(rows[:, 2] - here[2]) > _BACK_TURN) | (way > _BACK))
         most = way[int(turned[0]) if len(turned) else -1]
@@ -304,12 +304,13 @@ def _stays_unseen(obstacle: str) -> bool:
     return obstacle.startswith(f"{UNSEEN_LAYER}-") and not obstacle.startswith(f"{LOST_LAYER}-")
 
 
-def _without_loops(rows: Array) -> Array:
-    """Rows (K, nv) of a way, without what leads back to where it has been before."""
-    kept = [0]
-    while kept[-1] < len(rows) - 1:
+def _without_loops(rows: Array, most: float) -> Array:
+    """Rows (K, nv) of a way, without what leads back to where it has been before, until it is longer than ``most`` [m]."""
+    kept, way = [0], 0.0
+    while kept[-1] < len(rows) - 1 and way <= most:
         again = np.flatnonzero(np.abs(rows - rows[kept[-1]]).max(axis=1) < _SAME)
         kept.append(max(int(again[-1]), kept[-1] + 1))
+        way += float(np.hypot(*(rows[kept[-1], :2] - rows[kept[-2], :2])))
     return rows[kept]
 
 
