@@ -305,7 +305,7 @@ def _stays_unseen(obstacle: str) -> bool:
 
 
 def _without_loops(rows: Array, most: float) -> Array:
-    """Rows (K, nv) of a way, without what leads back to where it has been before, until it is longer than ``most`` [m]."""
+    """Rows (K, nv) of a way without what leads back to where it has been before, up to a length of ``most`` [m]."""
     kept, way = [0], 0.0
     while kept[-1] < len(rows) - 1 and way <= most:
         again = np.flatnonzero(np.abs(rows - rows[kept[-1]]).max(axis=1) < _SAME)
