@@ -70,6 +70,7 @@ class Vantage:
         self._since: float | None = None  # [s] when it stood before what was not seen
         self._stayed = 0.0, np.full(planner.robot.space.nv, np.inf)  # since when [s] it has stayed about which row
         self._refused = False  # whether what was not seen has kept it from a motion there
+        self._unseen = ""  # what that was last
         self._met = False  # whether the last tick there found no motion along the strip because of something that moves
         self._begun = 0  # how many motions have begun there after one was refused
         self._accepted = False  # whether the last one was
@@ -133,6 +134,7 @@ class Vantage:
         if np.hypot(*(here - stayed[:2])) > _NOWHERE or np.abs(row[3:] - stayed[3:]).max(initial=0.0) > _ELSEWHERE:
             self._stayed, self._refused, self._begun, self._met = (t, row.copy()), False, 0, False
         self._refused |= bool(unseen)
+        self._unseen = unseen or self._unseen
         if broken is not None or result.outcome is PlanOutcome.EVADE:
             self._met = broken is None or scene.moves(broken.obstacle)
         self._begun += result.accepted and not self._accepted
@@ -230,7 +232,7 @@ class Vantage:
 
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
         """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
-        back = self._backed(here)
+        back, kept = self._backed(here), False
         while self._tried < len(_TURNS):
             yaw = self._heading + _TURNS[self._tried]
             self._tried += 1
@@ -239,6 +241,9 @@ class Vantage:
                     self._executor.log("looking", "the robot goes to look from elsewhere at what is in its way")
                     self._looks, self._since, self._stand = True, None, _LOOK
                     return True
+                kept |= self._before_mover
+        if self._since is not None and not kept:  # it can be seen from nowhere else
+            self._hidden[self._unseen] = begin + _VAIN_FOR
         return False
 
     def _goes_on(self, begin: float, scene: Scene, speed: float) -> None:

@@ -358,6 +358,35 @@ def test_what_was_looked_at_in_vain_is_gone_around(silvermate):
     assert np.abs(places[:, 1]).max() > 0.6
 
 
+@each("moves", [True, False])
+def test_what_can_be_seen_from_nowhere_else_is_gone_around(silvermate, moves):
+    """Every way to where it could look from is blocked; by what moves not for good."""
+    unseen = Box((0.4, 0.4, 1.0), at=(1.0, 0.0, 0.5), name=f"{UNSEEN_LAYER}-4-0-0")
+    beside = Box((0.2, 0.2, 1.0), at=(0.0, 0.6, 0.5), name="beside", motion=UnknownMotion(0.2) if moves else None)
+    scene, here = Scene([unseen, beside]), np.zeros((1, silvermate.space.nv))
+    active = SimpleNamespace(coordinates=here, end_time=0.0)
+    executor = SimpleNamespace(
+        active=active, settled=True, at_rest=lambda t: True, estimate=here[0], log=lambda *a: None
+    )
+    planner = SimpleNamespace(
+        robot=silvermate,
+        timer=SimpleNamespace(easy=SimpleNamespace(full=lambda *a, **k: None)),
+        certify=lambda motion, scene: SimpleNamespace(certified=False, broken=SimpleNamespace(obstacle="beside")),
+        beginning=lambda *a: None,
+    )
+    vantage = Vantage(executor, planner, lambda here: here[None], lambda t: None)  # type: ignore[arg-type]
+    certificate = SimpleNamespace(broken=SimpleNamespace(obstacle=unseen.name))
+    for k in range(30):
+        assert unseen.name in vantage.scene(0.1 * k, scene, no_way=False) or k > 14
+        vantage.note(
+            0.1 * k, SimpleNamespace(accepted=False, certificate=certificate, outcome=None), scene, stands=True
+        )  # type: ignore[arg-type]
+        vantage.looks(0.1 * k, 0.1 * k, scene, 1.0)
+    assert (unseen.name in vantage.scene(3.0, scene, no_way=False)) is moves
+    assert len(vantage.scene(3.0, scene, no_way=False)) == 2
+    assert unseen.name in vantage.scene(3.1, scene, no_way=True)
+
+
 def kept_by(name, speed, every=4):
     """Whether a robot that moves at a speed [m/s] for 15 s, its motions refused and accepted in turn because of an
     obstacle, is to come to rest and look."""
