@@ -11,7 +11,7 @@ import numpy as np
 
 from elastic_strips.arrays import Array
 from elastic_strips.errors import plural
-from elastic_strips.robot import BaseKind, RobotModel
+from elastic_strips.robot import BaseKind, PlanarFootprint, RobotModel
 from elastic_strips.scene import Scene
 from elastic_strips.strip import Deformer, DeformParams, DeformReport, Strip
 from elastic_strips.strip.report import SLIP_LIMIT
@@ -111,7 +111,8 @@ class PlanSearch(PathSearch):
         """
         over = self._grid_over()
         assert self.problem.region is not None
-        for inner in (None, self.problem.region.folded + self.params.clearance):
+        narrowest = PlanarFootprint.of(self.robot, self.problem.start).inner
+        for inner in (None, narrowest + self.params.clearance, self.problem.region.folded + self.params.clearance):
             path = self._path(inner, longest, over)
             if path is None:
                 return None  # nor is there a wider one

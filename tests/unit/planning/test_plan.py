@@ -15,6 +15,7 @@ from elastic_strips.errors import ConfigurationError, ParameterError
 from elastic_strips.native import kernel, twin
 from elastic_strips.planning import check_endpoints, ompl_path, plan, plan_report
 from elastic_strips.planning.validity import ValidityChecker
+from elastic_strips.robot import PlanarFootprint
 from elastic_strips.scene import Box, Cylinder, Scene, Sphere, Voxels
 from elastic_strips.strip import Deformer, DeformParams
 
@@ -52,6 +53,21 @@ def test_a_line_deep_in_an_obstacle_is_given_up_at_a_few_nodes_and_whole_where_n
     gaps = np.diff(silvermate.space.to_coordinates(report.strip.q)[:, 0])
     assert gaps.max() <= 0.14  # not the few
     assert report.report.certificate.broken is not None
+
+
+def test_a_hole_that_the_base_fits_without_its_clearance_does_not_keep_the_grid_from_a_doorway_elsewhere(tiago):
+    """The doorway is as wide as the base with its clearance, and narrower than the robot."""
+    hole, door, at = 2.0 * PlanarFootprint.of(tiago, tiago.home()).inner + 0.01, 0.8, 6.0
+    ends = (-8.0, -0.5 * hole, 0.5 * hole, at - 0.5 * door, at + 0.5 * door, 8.0)
+    walls = [
+        Box((0.2, b - a, 1.5), at=(0.0, 0.5 * (a + b), 0.75), name=f"wall{a}")
+        for a, b in zip(ends[::2], ends[1::2], strict=True)
+    ]
+    walls += [Box((8.0, 0.2, 1.5), at=(0.0, y, 0.75), name=f"side{y}") for y in (-8.1, 8.1)]
+    walls += [Box((0.2, 16.4, 1.5), at=(x, 0.0, 0.75), name=f"end{x}") for x in (-4.1, 4.1)]
+    report = plan_report(tiago, Scene(walls), tiago.home(x=-2.0), tiago.home(x=2.0), timeout=60.0)
+    assert (report.certified, report.method) == (True, "grid")
+    assert report.strip.coordinates[:, 1].max() > at - 0.5 * door
 
 
 def test_a_deformer_of_another_robot_is_refused(silvermate, tiago):
