@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from elastic_strips.arrays import Array, ArrayLike, Indices
+from elastic_strips.arrays import Array, ArrayLike, Indices, Mask
 from elastic_strips.coal_shapes import outside, support_points
 from elastic_strips.errors import RobotError
 from elastic_strips.robot import RobotModel
@@ -18,7 +18,8 @@ from elastic_strips.robot.geometry import LinkGeometry
 from elastic_strips.robot.kinematics import find_frame
 from elastic_strips.validation import Checked, Count, Fraction, NonNegative, Positive
 
-from .own_body import Posture
+from .own_body import OwnBodies, Posture
+from .rays import Nearest, Rays
 from .volume_map import VolumeMap
 
 _LATTICE = 0.08  # [m] between the points that stand for a body
@@ -26,6 +27,10 @@ _MOST_TARGETS = 1500
 _CELL = 0.1  # [m] within which places are looked at together
 _BLIND_LOOKS = 4  # looks in vain that one counts as in which nothing was seen at all
 _ARRIVED = 0.2  # [rad or m] so near to where they are to be the joints are there
+_AROUND_WORTH, _AGAIN_WORTH = 5e-4, 2.5e-4
+"""What one point about the robot, and one of the way that has been seen before, is worth, where a whole row that is
+come through now is worth 1."""
+_OWN_MARGIN = 0.03  # [m] by which the robot's bodies are thought thicker, as in its images (`BodyMask`)
 _LOWEST, _LAYER, _ABOVE = 0.2, 0.2, 0.2  # [m] of what is looked at about the robot, from layer to layer, and above it
 
 
@@ -56,6 +61,9 @@ class GazeParams(Checked):
 
 class Gaze:
     """Workspace: chooses the values of a robot's joints that look. One per camera.
+
+    What is in doubt of a row that is come through counts together as much as all of it would: a motion is stopped by
+    the last point that was not seen as by a hundred. What the robot itself hides now is not looked at.
 
     Args:
         robot: the robot; it has joints that look (``load_robot(…, looking=…)``).
@@ -105,6 +113,9 @@ class Gaze:
         self._values: Array = np.array(list(itertools.product(*ranges)))
         self._T_anchor_camera = self._cameras(seeing, k, index, seeing.model.parents[first]) @ T_frame_camera
         self._bodies = [(p.joint, _lattice(p)) for p in robot.geometries]
+        carried = [p for p in seeing.geometries if set(joints) & set(seeing.model.supports[p.joint])]
+        head = {link for p in carried for link in p.links}
+        self._hiding = OwnBodies([p for p in robot.geometries if not head & set(p.links)], _OWN_MARGIN)
         self.wanted: Array = np.array([robot.locked[name] for name in robot.looking])
         self.target: Array | None = None
         self._since = -math.inf
@@ -166,6 +177,8 @@ class Gaze:
         self._posture.place(row)
         T = self._posture.T_world_joint[self._anchor] @ self._T_anchor_camera
         targets, weights = self._targets(t, row, ahead, volume, step)
+        seen_past = ~self._hidden(row, T[int(np.abs(self._values - values).sum(axis=1).argmin()), :3, 3], targets)
+        targets, weights = targets[seen_past], weights[seen_past]
         if not len(targets):
             self._since = t
             return self.wanted
@@ -185,34 +198,47 @@ class Gaze:
             self._count(t, self._looked, 1)
         return self.wanted
 
+    def _hidden(self, row: Array, eye: Array, points: Array) -> Mask:
+        """(n,) whether the robot, at a coordinate row (nv,), hides points (n, 3) from a camera at ``eye`` (3,) [m]."""
+        way = points - eye
+        far = np.linalg.norm(way, axis=1)
+        nearest = Nearest(len(points))
+        if len(points):
+            self._posture.place(row)
+            rays = Rays(eye[None], way / np.maximum(far, 1e-9)[:, None])
+            self._hiding.cast(self._posture.T_world_joint, rays, nearest, float(far.max()))
+        return np.asarray(nearest.distance < far)
+
     def _targets(self, t: float, row: Array, ahead: Array, volume: VolumeMap, step: float) -> tuple[Array, Array]:
         """Points (n, 3) that are to be seen and how much that is worth (n,): first of all what is passed through."""
         p = self.params
         self._vain = {voxel: look for voxel, look in self._vain.items() if t - look[1] < p.forget}
-        clouds, when = [], []
-        for k in range(len(ahead)):
-            clouds.append(self._cloud(ahead[k]))
-            when.append(np.full(len(clouds[-1]), k * step))
-        some = np.concatenate(clouds) if clouds else np.zeros((0, 3))
-        worth = np.exp(-np.concatenate(when) / p.ahead) if when else np.zeros(0)
+        clouds = [self._cloud(ahead[k]) for k in range(len(ahead))]
+        some = np.concatenate([np.zeros((0, 3)), *clouds])
+        of = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])  # the row that comes through a point
         new = volume.doubtful(some) & (some[:, 2] > volume.params.low)
-        some, worth = some[new], worth[new]
+        some, of = some[new], of[new]
+        worth = np.exp(-of * step / p.ahead)
         x, y = (float(row[0]), float(row[1])) if self._robot.space.planar else (0.0, 0.0)
         flat = np.arange(-p.around, p.around + 1e-9, 0.2)
         heights = np.arange(_LOWEST, float(self._cloud(row)[:, 2].max()) + _ABOVE, _LAYER)
         grid = np.stack(np.meshgrid(x + flat, y + flat, heights, indexing="ij"), axis=-1).reshape(-1, 3)
         grid = grid[volume.doubtful(grid) & (np.hypot(grid[:, 0] - x, grid[:, 1] - y) <= p.around)]
         some = np.concatenate((some, grid))
-        worth = np.concatenate((worth, np.full(len(grid), 0.02)))
+        worth = np.concatenate((worth, np.full(len(grid), _AROUND_WORTH)))
         if self._robot.space.planar:  # the way is looked at again, for something may have come
             some = np.concatenate((some, np.column_stack((ahead[:, :2], np.full(len(ahead), 0.6)))))
-            worth = np.concatenate((worth, np.full(len(ahead), 0.01)))
+            worth = np.concatenate((worth, np.full(len(ahead), _AGAIN_WORTH)))
+        of = np.concatenate((of, np.arange(len(ahead), len(ahead) + len(some) - len(of))))  # the others: each alone
         order = np.argsort(-worth, kind="stable")
-        some, worth = some[order], worth[order]
+        some, worth, of = some[order], worth[order], of[order]
         voxels, first = np.unique(np.floor(some / _CELL).astype(int), axis=0, return_index=True)
-        some, worth = some[first], worth[first]
+        some, worth, of = some[first], worth[first], of[first]
         looks = np.array([self._vain.get((v[0], v[1], v[2]), (0, 0.0))[0] for v in voxels.tolist()])
-        worth = worth / (1.0 + looks) ** 3
+        new = 1.0 / (1.0 + looks) ** 3
+        total, most = np.bincount(of, new), np.zeros(int(of.max(initial=-1)) + 1)
+        np.maximum.at(most, of, new)
+        worth = worth * new / total[of] * most[of]
         order = np.argsort(-worth, kind="stable")[:_MOST_TARGETS]
         return some[order], worth[order]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from free_way import outside_scene
 
@@ -153,3 +154,51 @@ def test_a_head_without_a_camera_is_no_trouble(tiago):
     )
     assert perception.gaze is None
     assert perception.known().time is not None
+
+
+def all_seen_but(left):
+    """A map in which all has been seen but the voxels whose middles satisfy a condition."""
+    volume = VolumeMap(BLOCKED)
+    axes = np.arange(-80, 80), np.arange(-80, 80), np.arange(0, 36)
+    middles = (np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5) * BLOCKED.cell
+    volume.grant(middles[~left(middles)])
+    return volume
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_last_that_was_not_seen_of_a_way_is_looked_at_before_all_that_is_beside_it(tiago, side):
+    """It stops a motion as surely as the first of it."""
+    gaze = Gaze(tiago, "xtion_depth_optical_frame", np.eye(4), (1.02, 0.8), (0.3, 3.5))
+    row = tiago.space.to_coordinates(tiago.home())
+    ahead = np.tile(row, (10, 1))
+    ahead[:, 0] += np.linspace(0.0, 1.0, 10)
+    ahead[:, 1] += side * np.linspace(0.0, 0.8, 10)
+
+    def left(at):
+        on_the_way = np.linalg.norm(at - (1.0, side * 0.8, 0.22), axis=1) < 0.08
+        return on_the_way | ((side * at[:, 1] < -0.6) & (at[:, 2] > 0.2))
+
+    wanted = gaze.look(0.0, row, ahead, np.zeros(2), all_seen_but(left))
+    assert side * wanted[0] > 0.2
+    assert side * gaze.target[1] > 0.3
+
+
+def test_what_the_robot_hides_is_not_looked_at(tiago):
+    gaze = Gaze(tiago, "xtion_depth_optical_frame", np.eye(4), (1.02, 0.8), (0.3, 3.5))
+    row = tiago.space.to_coordinates(tiago.home())
+    robot, data = tiago.seeing, tiago.seeing.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.space.from_coordinates(tiago.seeing_row(row, np.zeros(2))))
+    eye, hand = (
+        data.oMf[robot.model.getFrameId(name)].translation for name in ("xtion_depth_optical_frame", "wrist_ft_link")
+    )
+    behind = eye + 1.6 * (hand - eye)
+    assert behind[2] > 0.15
+    ahead = np.tile(row, (10, 1))
+    ahead[:, :2] += np.linspace(0.0, 1.0, 10)[:, None] * behind[:2]
+    aside = np.array([1.0, -0.8 * np.sign(behind[1]), 0.8])
+
+    def left(at):
+        return np.minimum(np.linalg.norm(at - behind, axis=1), np.linalg.norm(at - aside, axis=1)) < 0.1
+
+    gaze.look(0.0, row, ahead, np.zeros(2), all_seen_but(left))
+    assert np.linalg.norm(gaze.target - aside) < 0.3
