@@ -46,6 +46,7 @@ _IN_VAIN = 3  # looks from about the same place, after which what was not seen i
 _ABOUT = 1.0  # [m] … from within which
 _VAIN_FOR = 120.0  # [s] for which looks and what they did not show are remembered
 _HIDDEN_LAYER = "hidden"  # in names, in place of `UNSEEN_LAYER`
+_TO_LOOK, _TO_GIVE_WAY = "to the place from which it was to look", "back, to let somebody by,"
 _TURN_WEIGHT = 0.3  # [m/rad] of turns, where it is looked how far it has come
 
 
@@ -78,6 +79,7 @@ class Vantage:
         self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
         self._tried = 0
         self._stand = _LOOK  # [s] for which it stands where the way ends
+        self._aim = _TO_LOOK  # of that way
         self._motion: Trajectory | None = None  # to where it looks from, or the beginning of the way
         self._rows: Array = np.zeros((0, 0))  # (K, nv) of that way
         self._goes_on_at = -np.inf  # [s] when it is looked whether it can go further on that way
@@ -172,7 +174,7 @@ class Vantage:
                 refuted = self._planner.refuted(executor.active, scene, begin)
                 if refuted:
                     self._braked = True
-                    executor.brake(f"on the way to the place from which it was to look {refuted}")
+                    executor.brake(f"on the way {self._aim} {refuted}")
                 elif t >= self._goes_on_at:
                     self._goes_on_at = t + _GOES_ON_EVERY
                     self._goes_on(begin, scene, _SPEED * speed)
@@ -221,13 +223,12 @@ class Vantage:
     def _gives_way(self, begin: float, scene: Scene, speed: float) -> bool:
         """Whether the robot sets out back along the way that it came, to let somebody by."""
         rows = _without_loops(self._back(self._executor.active.coordinates[-1]), _GIVES_WAY)
-        way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))))
-        if way[-1] < _NOWHERE or not self._sets_out(
-            rows[: int(np.searchsorted(way, _GIVES_WAY)) + 1], begin, scene, speed
-        ):
+        way = _lengths(rows)
+        back = rows[: int(np.searchsorted(way, _GIVES_WAY)) + 1]
+        if way[-1] < _NOWHERE or not self._sets_out(back, begin, scene, speed):
             return False
         self._executor.log("yielding", f"for {_STAYS:g} s somebody has kept the robot from going on")
-        self._looks, self._since, self._stand = True, None, _WAITS_THERE
+        self._looks, self._since, self._stand, self._aim = True, None, _WAITS_THERE, _TO_GIVE_WAY
         return True
 
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
@@ -239,7 +240,7 @@ class Vantage:
             for rows in (back, here[None]):
                 if self._sets_out(_turned(rows, yaw), begin, scene, speed):
                     self._executor.log("looking", "the robot goes to look from elsewhere at what is in its way")
-                    self._looks, self._since, self._stand = True, None, _LOOK
+                    self._looks, self._since, self._stand, self._aim = True, None, _LOOK, _TO_LOOK
                     return True
                 kept |= self._before_mover
         if self._since is not None and not kept:  # it can be seen from nowhere else
@@ -297,7 +298,7 @@ class Vantage:
     def _backed(self, here: Array) -> Array:
         """(K, nv) rows back along the way that the robot came, up to where it turned on the spot."""
         rows = _without_loops(self._back(here), _BACK)
-        way = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))))
+        way = _lengths(rows)
         turned = np.flatnonzero((np.abs(rows[:, 2] - here[2]) > _BACK_TURN) | (way > _BACK))
         most = way[int(turned[0]) if len(turned) else -1]
         return rows[: int(np.searchsorted(way, most - _SAME)) + 1]
@@ -307,6 +308,11 @@ def _stays_unseen(obstacle: str) -> bool:
     """Whether an obstacle is what was not seen, and is so until it is looked at: not where somebody may be that nothing
     sees, for that is over soon, and who backs off from it backs off into what comes from behind."""
     return obstacle.startswith(f"{UNSEEN_LAYER}-") and not obstacle.startswith(f"{LOST_LAYER}-")
+
+
+def _lengths(rows: Array) -> Array:
+    """How far [m] the base has come at each of rows (K, nv) of a way."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))))
 
 
 def _without_loops(rows: Array, most: float) -> Array:
