@@ -78,6 +78,7 @@ class Vantage:
         self._stays = False  # whether it is brought to rest there, to look from elsewhere or to be led around
         self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
         self._tried = 0
+        self._met_mover = False  # whether something that moves has kept it from setting out there
         self._stand = _LOOK  # [s] for which it stands where the way ends
         self._aim = _TO_LOOK  # of that way
         self._motion: Trajectory | None = None  # to where it looks from, or the beginning of the way
@@ -217,7 +218,7 @@ class Vantage:
                 return False
         here = executor.active.coordinates[-1]
         if float(np.hypot(*(here[:2] - self._place))) > _AWAY or t - self._until > _AGAIN:
-            self._place, self._heading, self._tried = here[:2].copy(), float(here[2]), 0
+            self._place, self._heading, self._tried, self._met_mover = here[:2].copy(), float(here[2]), 0, False
         return self._goes(here, begin, scene, _SPEED * speed)
 
     def _gives_way(self, begin: float, scene: Scene, speed: float) -> bool:
@@ -233,7 +234,7 @@ class Vantage:
 
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
         """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
-        back, kept = self._backed(here), False
+        back = self._backed(here)
         while self._tried < len(_TURNS):
             yaw = self._heading + _TURNS[self._tried]
             self._tried += 1
@@ -242,8 +243,8 @@ class Vantage:
                     self._executor.log("looking", "the robot goes to look from elsewhere at what is in its way")
                     self._looks, self._since, self._stand, self._aim = True, None, _LOOK, _TO_LOOK
                     return True
-                kept |= self._before_mover
-        if self._since is not None and not kept:  # it can be seen from nowhere else
+                self._met_mover |= self._before_mover
+        if self._since is not None and not self._met_mover:  # it can be seen from nowhere else
             self._hidden[self._unseen] = begin + _VAIN_FOR
         return False
 

@@ -375,6 +375,7 @@ def test_what_can_be_seen_from_nowhere_else_is_gone_around(silvermate, moves):
         beginning=lambda *a: None,
     )
     vantage = Vantage(executor, planner, lambda here: here[None], lambda t: None)  # type: ignore[arg-type]
+    vantage._until = 0.0  # it has looked from there before
     certificate = SimpleNamespace(broken=SimpleNamespace(obstacle=unseen.name))
     for k in range(30):
         assert unseen.name in vantage.scene(0.1 * k, scene, no_way=False) or k > 14
