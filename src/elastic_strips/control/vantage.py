@@ -234,11 +234,11 @@ class Vantage:
 
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
         """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
-        back = self._backed(here)
+        ways = (self._backed(here), here[None]) if self._tried < len(_TURNS) else ()
         while self._tried < len(_TURNS):
             yaw = self._heading + _TURNS[self._tried]
             self._tried += 1
-            for rows in (back, here[None]):
+            for rows in ways:
                 if self._sets_out(_turned(rows, yaw), begin, scene, speed):
                     self._executor.log("looking", "the robot goes to look from elsewhere at what is in its way")
                     self._looks, self._since, self._stand, self._aim = True, None, _LOOK, _TO_LOOK

@@ -235,10 +235,10 @@ class Gaze:
         voxels, first = np.unique(np.floor(some / _CELL).astype(int), axis=0, return_index=True)
         some, worth, of = some[first], worth[first], of[first]
         looks = np.array([self._vain.get((v[0], v[1], v[2]), (0, 0.0))[0] for v in voxels.tolist()])
-        new = 1.0 / (1.0 + looks) ** 3
-        total, most = np.bincount(of, new), np.zeros(int(of.max(initial=-1)) + 1)
-        np.maximum.at(most, of, new)
-        worth = worth * new / total[of] * most[of]
+        left = 1.0 / (1.0 + looks) ** 3  # of what it is worth, after looks in vain
+        total, most = np.bincount(of, left), np.zeros(int(of.max(initial=-1)) + 1)
+        np.maximum.at(most, of, left)
+        worth = worth * left / total[of] * most[of]
         order = np.argsort(-worth, kind="stable")[:_MOST_TARGETS]
         return some[order], worth[order]
 
