@@ -156,6 +156,21 @@ def test_output_that_nobody_takes_ends_a_command_without_a_traceback(words: tupl
     assert "Traceback" not in closed.stderr
 
 
+def test_files_are_written_also_where_nobody_reads_what_is_printed(tmp_path: Path) -> None:
+    """As by a drive whose report goes to ``head``: the files are named last."""
+    files = [str(tmp_path / name) for name in ("result.json", "page.html")]
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        words = ("run", "case-1", "--json", files[0], "--html", files[1])
+        gone = subprocess.run([*CALL, *words], stdout=writer, stderr=subprocess.PIPE, text=True)
+    finally:
+        os.close(writer)
+    assert gone.returncode == 0, gone.stderr
+    assert "Error" not in gone.stderr
+    assert all(os.path.getsize(file) for file in files)
+
+
 def test_a_working_folder_that_was_removed_is_said(tmp_path: Path) -> None:
     gone = 'mkdir "$0" && cd "$0" && rmdir "$0" && "$@"'
     for words, code in ((("list",), 0), (("run", "case-1"), 2), (("sweep", "../s.yaml"), 2)):

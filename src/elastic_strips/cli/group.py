@@ -144,7 +144,7 @@ def run_cli(arguments: list[str] | None, command: click.Command = cli, program: 
         output.say(("error:", output.BAD), f" {error}", err=True)
         sys.exit(EXIT_INPUT)
     except BrokenPipeError:  # whoever read it has seen enough
-        _leave_stdout()
+        output.leave_stdout()
         sys.exit(EXIT_UNREAD)
     except OSError as error:
         if _working_folder_is_gone():
@@ -152,7 +152,7 @@ def run_cli(arguments: list[str] | None, command: click.Command = cli, program: 
             sys.exit(EXIT_INPUT)
         if error.errno not in _FULL or error.filename is not None:
             raise
-        _leave_stdout()
+        output.leave_stdout()
         output.say(("error:", output.BAD), f" standard output: cannot write: {error.strerror}", err=True)
         sys.exit(EXIT_INPUT)
 
@@ -163,11 +163,6 @@ def _working_folder_is_gone() -> bool:
     except OSError:
         return True
     return False
-
-
-def _leave_stdout() -> None:
-    """Discard pending output: Python would try to write it once more at its end, and complain."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno() if sys.__stdout__ is not None else 1)
 
 
 def _show(error: click.ClickException) -> None:

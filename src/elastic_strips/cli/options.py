@@ -397,7 +397,7 @@ def sensors_of(text: str | None, robot: str) -> SensorConfig | None:
 
 def check_outputs(scenario: str, *files: str | None) -> None:
     """Check that every output can be written, and none would overwrite another output, the scenario or another file
-    that the command was given, by whatever name.
+    that the command was given, by whatever name. They are written also where nobody reads what the command prints.
 
     Raises:
         InputError: a file that cannot be written, or that is named twice.
@@ -419,6 +419,8 @@ def check_outputs(scenario: str, *files: str | None) -> None:
         taken.append(name)
     if context is not None:
         _check_pictures(context.params.get("png_file"), context.params.get("film_file"))
+        if any(name is not None and name != output.STDOUT for name in files):
+            output.write_also_unread(context)
 
 
 def _check_pictures(png_file: str | None, film_file: str | None) -> None:

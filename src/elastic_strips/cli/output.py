@@ -21,12 +21,22 @@ Part: TypeAlias = "str | tuple[str, str]"
 GOOD, BAD, NOTE, NAME = "green", "bold red", "yellow", "cyan"
 STDOUT = "-"
 """The name of a ``--json`` file that means standard output."""
-_TAKEN = f"{__name__}.taken"
+_TAKEN, _WRITES = f"{__name__}.taken", f"{__name__}.writes"
 
 
 def leave_stdout_to_json(ctx: click.Context) -> None:
     """From here on, text goes to standard error."""
     ctx.meta[_TAKEN] = True
+
+
+def write_also_unread(ctx: click.Context) -> None:
+    """From here on, a reader that goes does not end the command: it has files to write."""
+    ctx.meta[_WRITES] = True
+
+
+def leave_stdout() -> None:
+    """Discard pending output, and what comes: Python would try to write it once more at its end, and complain."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stdout__.fileno() if sys.__stdout__ is not None else 1)
 
 
 def verdict(text: str, good: bool) -> Part:
@@ -38,7 +48,7 @@ def say(*parts: Part, err: bool = False) -> None:
     """A line of text, on standard output unless that is taken by JSON, or ``err``."""
     stream = _stream(err)
     if (console := _console(stream)) is None:
-        click.echo("".join(part if isinstance(part, str) else part[0] for part in parts), file=stream)
+        _echo("".join(part if isinstance(part, str) else part[0] for part in parts), stream)
         return
     from rich.text import Text
 
@@ -54,7 +64,7 @@ def show(make: Callable[[], RenderableType], plain: str, after: str = "") -> Non
     """On a terminal the rich object that ``make`` returns, and a line after it; elsewhere plain text with that line."""
     stream = _stream(False)
     if (console := _console(stream)) is None:
-        click.echo(plain, file=stream)
+        _echo(plain, stream)
     else:
         console.print(make())
         if after:
@@ -90,7 +100,7 @@ def write_document(label: str, file: str | None, document: object) -> None:
         InputError: the file cannot be written.
     """
     if file == STDOUT:
-        click.echo(json_text(document, "standard output"), nl=False)
+        _echo(json_text(document, "standard output"), sys.stdout, nl=False)
     elif file is not None:
         say(f"{label:<7} {write_json(file, document)}")
 
@@ -100,6 +110,16 @@ def in_colour(stream: TextIO) -> bool:
     if os.environ.get("NO_COLOR") or os.environ.get("TERM") in ("dumb", "unknown"):
         return False
     return bool(os.environ.get("FORCE_COLOR")) or stream.isatty()
+
+
+def _echo(text: str, stream: TextIO, *, nl: bool = True) -> None:
+    try:
+        click.echo(text, file=stream, nl=nl)
+    except BrokenPipeError:
+        context = click.get_current_context(silent=True)
+        if stream is not sys.stdout or context is None or _WRITES not in context.meta:
+            raise
+        leave_stdout()
 
 
 def _stream(err: bool) -> TextIO:
