@@ -77,7 +77,8 @@ class Vantage:
         self._accepted = False  # whether the last one was
         self._stays = False  # whether it is brought to rest there, to look from elsewhere or to be led around
         self._place, self._heading = np.full(2, np.inf), 0.0  # [m], [rad] where it first did
-        self._tried = 0
+        self._tried = 0  # turns there, one a tick …
+        self._tries = False  # … and whether the next is due
         self._met_mover = False  # whether something that moves has kept it from setting out there
         self._stand = _LOOK  # [s] for which it stands where the way ends
         self._aim = _TO_LOOK  # of that way
@@ -132,6 +133,7 @@ class Vantage:
         """
         broken = None if result.accepted or result.certificate is None else result.certificate.broken
         unseen = "" if broken is None or not _stays_unseen(broken.obstacle) else broken.obstacle
+        self._tries = False
         row, stayed = self._executor.estimate, self._stayed[1]
         here = row[:2]
         if np.hypot(*(here - stayed[:2])) > _NOWHERE or np.abs(row[3:] - stayed[3:]).max(initial=0.0) > _ELSEWHERE:
@@ -204,7 +206,7 @@ class Vantage:
             self._looked.append((t, executor.active.coordinates[-1, :2].copy()))
             self._then(t)
         waits = self._since is not None and t - self._since >= _WAIT
-        if not (self._stays or waits) or not (stands and executor.settled):
+        if not (self._stays or waits or self._tries) or not (stands and executor.settled):
             return False
         if self._stays:
             sees_all, met = not (self._refused or waits), self._met
@@ -217,7 +219,7 @@ class Vantage:
                 self._then(t)
                 return False
         here = executor.active.coordinates[-1]
-        if float(np.hypot(*(here[:2] - self._place))) > _AWAY or t - self._until > _AGAIN:
+        if not self._tries and (float(np.hypot(*(here[:2] - self._place))) > _AWAY or t - self._until > _AGAIN):
             self._place, self._heading, self._tried, self._met_mover = here[:2].copy(), float(here[2]), 0, False
         return self._goes(here, begin, scene, _SPEED * speed)
 
@@ -233,20 +235,22 @@ class Vantage:
         return True
 
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
-        """Whether there is somewhere to look from that was not tried yet, and the robot sets out for it."""
-        ways = (self._backed(here), here[None]) if self._tried < len(_TURNS) else ()
-        while self._tried < len(_TURNS):
+        """Whether the robot sets out to look from elsewhere, or there are turns left that are not tried yet. To try
+        them all takes several times as long as a planning tick may."""
+        if self._tried < len(_TURNS):
             yaw = self._heading + _TURNS[self._tried]
             self._tried += 1
-            for rows in ways:
+            for rows in (self._backed(here), here[None]):
                 if self._sets_out(_turned(rows, yaw), begin, scene, speed):
                     self._executor.log("looking", "the robot goes to look from elsewhere at what is in its way")
                     self._looks, self._since, self._stand, self._aim = True, None, _LOOK, _TO_LOOK
+                    self._tries = False
                     return True
                 self._met_mover |= self._before_mover
-        if self._since is not None and not self._met_mover:  # it can be seen from nowhere else
+        self._tries = self._tried < len(_TURNS)
+        if not self._tries and self._since is not None and not self._met_mover:  # it can be seen from nowhere else
             self._hidden[self._unseen] = begin + _VAIN_FOR
-        return False
+        return self._tries
 
     def _goes_on(self, begin: float, scene: Scene, speed: float) -> None:
         """Go further than the motion that it is on, which is a beginning of the way, without a stop between them."""

@@ -371,18 +371,25 @@ def test_what_can_be_seen_from_nowhere_else_is_gone_around(silvermate, moves):
     planner = SimpleNamespace(
         robot=silvermate,
         timer=SimpleNamespace(easy=SimpleNamespace(full=lambda *a, **k: None)),
-        certify=lambda motion, scene: SimpleNamespace(certified=False, broken=SimpleNamespace(obstacle="beside")),
+        certify=None,
         beginning=lambda *a: None,
     )
     vantage = Vantage(executor, planner, lambda here: here[None], lambda t: None)  # type: ignore[arg-type]
     vantage._until = 0.0  # it has looked from there before
     certificate = SimpleNamespace(broken=SimpleNamespace(obstacle=unseen.name))
+    result = SimpleNamespace(accepted=False, certificate=certificate, outcome=None)
+    tried: list[int] = []
+
+    def certify(motion, scene):
+        tried.append(k)
+        return SimpleNamespace(certified=False, broken=SimpleNamespace(obstacle="beside"))
+
+    planner.certify = certify
     for k in range(30):
         assert unseen.name in vantage.scene(0.1 * k, scene, no_way=False) or k > 14
-        vantage.note(
-            0.1 * k, SimpleNamespace(accepted=False, certificate=certificate, outcome=None), scene, stands=True
-        )  # type: ignore[arg-type]
-        vantage.looks(0.1 * k, 0.1 * k, scene, 1.0)
+        if not vantage.looks(0.1 * k, 0.1 * k, scene, 1.0):
+            vantage.note(0.1 * k, result, scene, stands=True)  # type: ignore[arg-type]
+    assert len(set(tried)) == 6, "turns are tried one a tick; the first is where it looks already"
     assert (unseen.name in vantage.scene(3.0, scene, no_way=False)) is moves
     assert len(vantage.scene(3.0, scene, no_way=False)) == 2
     assert unseen.name in vantage.scene(3.1, scene, no_way=True)
