@@ -342,7 +342,9 @@ class Tracker:
         self.lost = []
         for track in self._tracks:
             track.predict(now.time, params)
-        small = [c for c in clusters if len(c.points) >= params.min_points and c.extent <= params.max_mover_size]
+        small = [c for c in clusters if c.extent <= params.max_mover_size]
+        small += self._set_apart([c for c in clusters if c.extent > params.max_mover_size], now, sensor)
+        small = [c for c in small if len(c.points) >= params.min_points]
         shapes = [fit_shape(c, params) for c in small]
         pairs = self._assign(small, shapes)
         moved: list[Array] = []
@@ -379,6 +381,24 @@ class Tracker:
                 far = track.radius + params.padding + track.speed * within
                 inside |= np.hypot(d[:, 0], d[:, 1]) <= far
         return inside
+
+    def _set_apart(self, large: list[Cluster], now: View, sensor: str) -> list[Cluster]:
+        """The parts of clusters that are too large to move that are where an earlier scan saw through: who steps out
+        from behind a wall, or along it, is seen as a part of it at first."""
+        params = self.params
+        large = [cluster for cluster in large if cluster.displaced is None]
+        view = next((v for v in reversed(self._views.get(sensor, ())) if v.time <= now.time - params.history), None)
+        if view is None or not large:
+            return []
+        points = np.concatenate([cluster.points for cluster in large])
+        through, _ = view.beyond(points, params.carve_margin, np.broadcast_to(_HEIGHTS, (len(points), 2)))
+        apart: list[Cluster] = []
+        for cluster, own in zip(large, np.split(through, np.cumsum([len(c.points) for c in large])[:-1]), strict=True):
+            if own.any():
+                parts = np.split(cluster.points, np.flatnonzero(np.diff(own)) + 1)[0 if own[0] else 1 :: 2]
+                found = [Cluster(part, cluster.origin, True) for part in parts]
+                apart += [part for part in found if part.extent <= params.max_mover_size]
+        return apart
 
     def _assign(self, clusters: list[Cluster], shapes: list[ClusterShape]) -> list[tuple[int, int]]:
         if not clusters or not self._tracks:

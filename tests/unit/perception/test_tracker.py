@@ -199,6 +199,22 @@ def test_who_comes_out_from_behind_something_may_move_at_once():
 
 
 @each("seed", range(3))
+def test_who_comes_out_of_a_wall_may_move_at_once(seed):
+    """At first a scan sees no gap between them and the wall: as through a narrow door, or where they walk along it."""
+    estimator, out = SceneEstimator(), None
+    wall = [(-3.0, -1.5, 6.0, -1.5), (6.0, -1.5, 6.0, 3.0), (6.0, 3.0, -3.0, 3.0)]
+    for t, movers in drive(estimator, 1.2, lambda t: [(2.0, -2.8 + 1.2 * t, 0.3)], segments=wall, seed=seed):
+        known = [*movers, *estimator.possibly_moving]
+        if t < 0.8:
+            assert not known, "nothing is out yet"
+        elif known:
+            out = t if out is None else out
+            assert all(np.hypot(*(each.position - (2.0, -2.8 + 1.2 * t))) < 0.4 for each in known)
+    assert out is not None
+    assert out < 1.15, "its middle has come out"
+
+
+@each("seed", range(3))
 def test_in_a_standing_room_nothing_may_move(seed):
     """A robot drives and turns among walls and boxes, with noise in its ranges and its pose."""
     rng = np.random.default_rng(seed)
