@@ -17,7 +17,7 @@ from elastic_strips.trajectory import Trajectory
 from .executor import ExecutorLink
 from .local_planner import LocalPlanner
 
-_KEPT_ROWS, _ROW_SPACING = 200, 0.01
+_KEPT_ROWS, _ROW_SPACING = 800, 0.01
 """References that are kept, and their distance at least [m or rad]."""
 _TOUCH_WAIT = 1.0  # [s] at rest, after which the robot backs off; also after it has seen nothing for a while
 _SEES_NOTHING = 0.5  # [s] as long as this without a scene to plan with

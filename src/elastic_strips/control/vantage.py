@@ -28,7 +28,8 @@ _NOWHERE, _ELSEWHERE = 0.3, 1.0  # [m], [rad or m] … that is, not so far away 
 _LOOK = 1.2  # [s] for which it stands there
 _GIVES_WAY, _WAITS_THERE = 1.5, 4.0
 """How far [m] it goes back along its way from somebody who keeps it from going on for as long, and waits for as well;
-and how long [s] it stands there."""
+and how long [s] it stands there. The second time about there it is twice as far and as long, and so on …"""
+_MOST_TIMES, _TIMES_WITHIN = 4, 60.0  # … up to so many times, each within this [s] of the last
 _TURNS = (0.0, 0.7, -0.7, 1.4, -1.4, 2.2, -2.2)
 """Angles [rad] from the heading with which it was stopped, to which it turns one after the other …"""
 _AWAY = 0.5  # … until it has come so far [m] from there
@@ -87,6 +88,7 @@ class Vantage:
         self._goes_on_at = -np.inf  # [s] when it is looked whether it can go further on that way
         self._came = -np.inf  # [s] when it came to rest on the way
         self._braked = False  # whether it was braked here, and not by what knows more: a bumper, a scene that is old
+        self._gave_way = 0, -np.inf  # how often in turn, and when [s] it last did
         self._before_mover = False  # whether it did not set out there because of something that moves
         self._looks = False  # whether it is on such a way, or looks from its end
         self._until = -np.inf  # [s] until when it looks from there, or did
@@ -225,13 +227,16 @@ class Vantage:
 
     def _gives_way(self, begin: float, scene: Scene, speed: float) -> bool:
         """Whether the robot sets out back along the way that it came, to let somebody by."""
-        rows = _without_loops(self._back(self._executor.active.coordinates[-1]), _GIVES_WAY)
+        times, last = self._gave_way
+        times = min(times + 1, _MOST_TIMES) if begin - last < _TIMES_WITHIN else 1
+        rows = _without_loops(self._back(self._executor.active.coordinates[-1]), times * _GIVES_WAY)
         way = _lengths(rows)
-        back = rows[: int(np.searchsorted(way, _GIVES_WAY)) + 1]
+        back = rows[: int(np.searchsorted(way, times * _GIVES_WAY)) + 1]
         if way[-1] < _NOWHERE or not self._sets_out(back, begin, scene, speed):
             return False
+        self._gave_way = times, begin
         self._executor.log("yielding", f"for {_STAYS:g} s somebody has kept the robot from going on")
-        self._looks, self._since, self._stand, self._aim = True, None, _WAITS_THERE, _TO_GIVE_WAY
+        self._looks, self._since, self._stand, self._aim = True, None, times * _WAITS_THERE, _TO_GIVE_WAY
         return True
 
     def _goes(self, here: Array, begin: float, scene: Scene, speed: float) -> bool:
