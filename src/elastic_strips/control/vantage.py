@@ -28,8 +28,8 @@ _NOWHERE, _ELSEWHERE = 0.3, 1.0  # [m], [rad or m] … that is, not so far away 
 _LOOK = 1.2  # [s] for which it stands there
 _GIVES_WAY, _WAITS_THERE = 1.5, 4.0
 """How far [m] it goes back along its way from somebody who keeps it from going on for as long, and waits for as well;
-and how long [s] it stands there. The second time about there it is twice as far and as long, and so on …"""
-_MOST_TIMES, _TIMES_WITHIN = 4, 60.0  # … up to so many times, each within this [s] of the last
+and how long [s] it stands there. The second time in turn it is twice as far and as long, and so on …"""
+_MOST_TIMES, _TIMES_WITHIN = 4, 60.0  # … up to so many times as far, each begun within this [s] of the last
 _TURNS = (0.0, 0.7, -0.7, 1.4, -1.4, 2.2, -2.2)
 """Angles [rad] from the heading with which it was stopped, to which it turns one after the other …"""
 _AWAY = 0.5  # … until it has come so far [m] from there

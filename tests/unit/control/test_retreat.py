@@ -624,15 +624,16 @@ def test_only_from_what_moves_it_goes_back(silvermate, moves):
     result = SimpleNamespace(
         accepted=False, outcome=None, certificate=SimpleNamespace(broken=SimpleNamespace(obstacle="thing"))
     )
-    for k in range(240):
+    for k in (*range(240), *range(1000, 1050)):
         assert not rows or k > 95
         vantage.note(0.1 * k, result, Scene([thing]), stands=True)  # type: ignore[arg-type]
         vantage.looks(0.1 * k, 0.1 * k, Scene([thing]), 1.0)
     assert bool(rows) is moves
     if moves:
-        first, second = (np.ptp(way[:, 0]) for way in rows)
+        first, second, later = (np.ptp(way[:, 0]) for way in rows)
         assert 1.3 < first < 1.7
         assert second > 2.7, "they could not get by where it stood then"
+        assert 1.3 < later < 1.7, "that is over by then"
 
 
 def test_what_was_seen_is_not_looked_at_from_elsewhere(silvermate):
