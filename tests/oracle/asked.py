@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from simulated_time import planning_at_once
+
 import elastic_strips as es
 from elastic_strips.control import Controller
 from elastic_strips.robot import RobotModel
@@ -17,7 +19,8 @@ class Drive:
         limits = MotionLimits.for_robot(robot)
         self.machine = KinematicPlant(robot, limits, seed=1)
         self.machine.reset(robot.space.to_coordinates(robot.home()))
-        self.controller = Controller(robot, robot.home(), robot.home(), None, limits=limits)
+        workers = planning_at_once()  # time is simulated: how far it has come must not depend on the machine
+        self.controller = Controller(robot, robot.home(), robot.home(), None, limits=limits, workers=workers)
         self.requests, self.said = Requests(0.3), []
         self.t, self.measurement, self.speeds = 0.0, None, []
         self.walls = []
