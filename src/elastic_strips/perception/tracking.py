@@ -99,7 +99,8 @@ class Track:
         self.aside: Array = np.zeros(2)  # how far it was from where it was expected, on average of late [m]
         self.confirmed = self.lost = self.moving = False
         # when it last moved, when it came to rest, and when scans last contradicted that it stands
-        self.moved = self.rested = self.displaced_at = -math.inf
+        self.moved = self.rested = -math.inf
+        self.displaced_at = time if cluster.displaced else -math.inf
         self.points: deque[tuple[float, Array]] = deque([(time, cluster.points)], maxlen=_KEPT_POINTS)
         self.solids: deque[Array] = deque([cluster.solid], maxlen=_KEPT_POINTS)
         self.heights: Array = _heights(cluster, np.array(_HEIGHTS))  # between which images look for it [m]
@@ -174,6 +175,15 @@ class Track:
     def significant(self, params: SceneEstimatorParams) -> bool:
         """Whether it is faster than things at rest, and than its uncertainty."""
         return self.speed >= max(params.min_speed, params.significance * math.sqrt(self.vv))
+
+    def stands(self, params: SceneEstimatorParams) -> bool:
+        """Whether it is known to be there, and nothing has shown of late that it moves."""
+        calm = self.time - self.displaced_at > params.rest_time and not self.recently_moved(params)
+        return self.confirmed and not self.moving and calm
+
+    def lately_seen_by_another(self, sensor: str) -> bool:
+        """Whether a sensor that is not this one sees it."""
+        return any(self.time - seen <= _SEES_FOR for other, seen in self.seen_by.items() if other != sensor)
 
     def recently_moved(self, params: SceneEstimatorParams) -> bool:
         """Whether it has moved, stands, and may set off again."""
@@ -276,7 +286,6 @@ class View(Protocol):
         ...
 
 
-_FORBIDDEN_COST = 1e6
 _VIEW_STEP = 0.04
 _MAX_VIEWS = 64
 _LOOK_BACK_DISTANCE = 0.3
@@ -346,7 +355,7 @@ class Tracker:
         small += self._set_apart([c for c in clusters if c.extent > params.max_mover_size], now, sensor)
         small = [c for c in small if len(c.points) >= params.min_points]
         shapes = [fit_shape(c, params) for c in small]
-        pairs = self._assign(small, shapes)
+        pairs = self._assign(small, shapes, sensor)
         moved: list[Array] = []
         seen, used = set(), set()
         for k, j in pairs:
@@ -400,22 +409,29 @@ class Tracker:
                 apart += [part for part in found if part.extent <= params.max_mover_size]
         return apart
 
-    def _assign(self, clusters: list[Cluster], shapes: list[ClusterShape]) -> list[tuple[int, int]]:
+    def _assign(self, clusters: list[Cluster], shapes: list[ClusterShape], sensor: str) -> list[tuple[int, int]]:
+        """Which cluster is which track's.
+
+        A track that is not met costs as much as a cluster at its gate's end: else two things that come up to one
+        another are exchanged, rather than that one of them is not seen. What moves in an image is not what another
+        sensor sees standing there, above or below it.
+        """
         if not clusters or not self._tracks:
             return []
         from scipy.optimize import linear_sum_assignment  # late: slow to import
 
         params = self.params
-        cost = np.full((len(self._tracks), len(clusters)), _FORBIDDEN_COST)
+        cost = np.full((len(self._tracks), len(clusters)), params.gate)
         centers = np.array([s.center for s in shapes])
         places = np.array([t.p for t in self._tracks])
         apart = np.hypot(*(places[:, None] - centers[None]).transpose(2, 0, 1))
+        elsewhere = [t.stands(params) and t.lately_seen_by_another(sensor) for t in self._tracks]
         for k, j in np.argwhere(apart < params.max_mover_size + 0.5).tolist():
-            square = self._tracks[k].distance2(clusters[j], shapes[j], params)
-            if square < params.gate:
-                cost[k, j] = square
+            if elsewhere[k] and clusters[j].displaced:
+                continue
+            cost[k, j] = min(self._tracks[k].distance2(clusters[j], shapes[j], params), params.gate)
         rows, columns = linear_sum_assignment(cost)
-        return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < _FORBIDDEN_COST]
+        return [(int(k), int(j)) for k, j in zip(rows, columns, strict=True) if cost[k, j] < params.gate]
 
     def _judge(self, track: Track, cluster: Cluster, displaced: bool, moved: list[Array]) -> None:
         """Whether a track that was just seen is a mover from now on, or no longer one."""

@@ -12,7 +12,7 @@ from ray_caster import box_segments, scan
 from elastic_strips.perception import SceneEstimator, SceneEstimatorParams
 from elastic_strips.perception.clusters import Cluster
 from elastic_strips.perception.tracking import Tracker
-from elastic_strips.scene import Twist
+from elastic_strips.scene import Twist, UnknownMotion
 
 ROOM = box_segments(4, 0, 12, 8) + box_segments(5, 2, 1.0, 0.6, 0.3) + box_segments(2, -2.5, 0.5, 0.5)
 
@@ -276,6 +276,44 @@ def test_a_laser_that_was_once_taken_to_see_a_thing_does_not_miss_it_for_ever(la
     for k in range(34, 34 + round(params.coast_time / 0.05) + 2):
         tracker.update(SeenThrough(0.05 * k, all_of_it=False), [], "camera")
     assert not tracker.movers, "what nobody sees any more is not expected for ever"
+
+
+def test_what_hangs_over_a_post_that_a_laser_sees_standing_is_followed_by_itself():
+    """A load comes along above a post: in the camera's images it is where the post's track is, from above."""
+    tracker = Tracker(SceneEstimatorParams())
+    post = Cluster(front_of(2.0, 0.0, 0.15), np.zeros(2), hidden=False)
+    for k in range(30):
+        tracker.update(SeenThrough(0.05 * k, all_of_it=False), [post], "laser")
+    for k in range(30, 38):
+        t, y = 0.05 * k, 0.25 - 0.05 * (k - 30)
+        load = np.column_stack([np.full(9, 1.95), y + np.linspace(-0.15, 0.15, 9)])
+        tracker.update(
+            SeenThrough(t, all_of_it=False), [Cluster(load, np.zeros(2), hidden=True, displaced=True)], "camera"
+        )
+        tracker.update(SeenThrough(t + 0.01, all_of_it=False), [post], "laser")
+        moving = [*tracker.movers, *tracker.possibly_moving]
+        assert len(moving) == 1, "from the first image on, and the post never"
+        assert np.hypot(*(moving[0].position - (1.95, y))) < 0.2, k
+        motion = moving[0].obstacle.motion
+        assert motion.max_speed > 0.9 if isinstance(motion, UnknownMotion) else moving[0].velocity[1] < -0.6, k
+
+
+def test_what_is_covered_does_not_take_its_neighbours_place():
+    """Of three posts in a row the first is not seen any more, and somebody is seen beside the last: each of the others
+    is still itself, and who came is somebody else."""
+    tracker = Tracker(SceneEstimatorParams())
+
+    def shown(*places):
+        return [Cluster(front_of(2.0, y, 0.15)[:8], np.zeros(2), hidden=True) for y in places]
+
+    for k in range(30):
+        tracker.update(SeenThrough(0.05 * k, all_of_it=False), shown(-0.3, 0.0, 0.3), "laser")
+    names = {track.name: track.p for track in tracker._tracks}
+    assert len(names) == 3
+    tracker.update(SeenThrough(1.5, all_of_it=False), shown(0.0, 0.3, 0.6), "laser")
+    assert len(tracker) == 4
+    for track in tracker._tracks:
+        assert track.name not in names or np.hypot(*(track.p - names[track.name])) < 0.05
 
 
 @pytest.mark.parametrize("times", [1, 2, 5])
