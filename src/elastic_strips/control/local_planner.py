@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -11,7 +12,7 @@ import numpy as np
 from elastic_strips.arrays import Array, Mask
 from elastic_strips.collision import Certificate
 from elastic_strips.robot import RobotModel
-from elastic_strips.scene import Scene
+from elastic_strips.scene import Obstacle, Scene
 from elastic_strips.scene.obstacle import LOST_LAYER
 from elastic_strips.strip import Strip
 from elastic_strips.strip.deformer import Deformer
@@ -193,34 +194,46 @@ class LocalPlanner:
     def certify_leaving(self, motion: Trajectory, scene: Scene) -> Certificate:
         """Certify a motion that leads away from what is nearer to the robot than the clearance where it begins.
 
-        To that it keeps its distance, to within 2 mm, where it does not touch it; to all else the clearance, and to
-        what moves in any case: that may come after it.
+        To that it keeps its distance, to within 2 mm, where it does not touch it. From all else that stands it keeps as
+        much, and the tracking error at least: a thing in a map is several obstacles. To what moves, or may come from
+        where nothing sees, it keeps the clearance: that may come after it.
         """
-        start = motion.at(motion.start_time)
+        start, kept = motion.at(motion.start_time), dict(zip(scene.names, scene, strict=True))
+        most = least = self.margins.clearance
         while True:
-            outlook = self._outlook(scene)
-            near = self.timer.certify(self._still(start), outlook).broken
-            if near is None or near.obstacle not in scene or scene.moves(near.obstacle):
-                return self.timer.certify(motion, outlook)
-            alone = self._outlook(Scene([scene.obstacle(near.obstacle)], time=scene.time))
+            near = self.timer.certify(self._still(start), self._among(kept.values(), scene, most)).broken
+            if near is None or near.obstacle not in kept or scene.moves(near.obstacle):
+                break
+            leaves = kept.pop(near.obstacle)
+            least = min(least, near.clearance - _NEARER)
             if near.clearance > _NEARER:
-                margins = Margins(near.clearance - _NEARER, 0.0)
-                certificate = self.timer.certify(motion, replace(alone, margins=margins))
+                certificate = self.timer.certify(motion, self._among([leaves], scene, near.clearance - _NEARER))
                 if not certificate.certified:
                     return certificate
-            scene = Scene([each for each in scene if each.name != near.obstacle], time=scene.time)
+        comes = [scene.moves(name) or name.startswith(LOST_LAYER) for name in kept]
+        standing = [each for each, may in zip(kept.values(), comes, strict=True) if not may]
+        coming = [each for each, may in zip(kept.values(), comes, strict=True) if may]
+        enough = min(max(least, self.margins.tracking_error), most)
+        certificate = self.timer.certify(motion, self._among(standing, scene, enough))
+        return self.timer.certify(motion, self._among(coming, scene, most)) if certificate.certified else certificate
 
-    def cramped(self, state: ReferenceState, scene: Scene) -> str:
-        """What stands nearer to a robot that rests in a state than any motion may be; empty where nothing does. What
-        moves is not left, but evaded; where a mover may be that nothing sees, it is waited for until that is over."""
+    def _among(self, obstacles: Iterable[Obstacle], scene: Scene, clearance: float) -> Outlook:
+        """An outlook on some obstacles of a scene, from which motions keep a clearance [m]."""
+        outlook = self._outlook(Scene([*obstacles], time=scene.time))
+        return replace(outlook, margins=Margins(clearance, 0.0))
+
+    def cramped(self, state: ReferenceState, scene: Scene) -> tuple[str, float]:
+        """What stands nearer to a robot that rests in a state than any motion may be, and how near [m]; empty and
+        infinite where nothing does. What moves is not left, but evaded; where a mover may be that nothing sees, it is
+        waited for until that is over."""
         near = self.timer.certify(self._still(state), self._outlook(scene)).broken
         if near is not None and near.obstacle.startswith(LOST_LAYER):
             kept = [scene.obstacle(name) for name in scene.names if not name.startswith(LOST_LAYER)]
             known = Scene(kept, time=scene.time)
             near = self.timer.certify(self._still(state), self._outlook(known)).broken
         if near is None or scene.moves(near.obstacle):
-            return ""
-        return f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}"
+            return "", np.inf
+        return f"{near.link} is {1e3 * near.clearance:.0f} mm from {near.obstacle}", near.clearance
 
     def knows_touched(self, state: ReferenceState, scene: Scene) -> bool:
         """Whether something is in a scene, standing or moving, that a robot may touch that rests in a state."""

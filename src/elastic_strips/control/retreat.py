@@ -28,6 +28,7 @@ _RETREAT, _RETREAT_SPEED = 0.2, 0.2
 _PARTS = (1.0, 0.4)  # of that, the second where nothing leads so far
 _ASIDE_TURN, _ASIDE_STEPS = 0.5, 20
 """How far [rad] it turns away at once from what stands too near, and in how many steps it is looked whether it can."""
+_MORE_ROOM = 0.01  # [m] by which it stands less near afterwards, at least: else it would go to and fro
 _LOOK_EVERY = 0.2  # [s] whether it stands too near
 _NEXT_ROUND = 0.5  # [s] after no way led away, until they are tried anew
 _MOST_TOUCHES, _TOUCHES_TIME = 3, 60.0
@@ -53,7 +54,8 @@ class Retreat:
         self._ran = False  # whether it moved when it began to touch something
         self._felt = False  # whether it touched something when asked last
         self._asked = self._sees_since = -np.inf  # [s] the last time, and the first one without a gap
-        self._near, self._looks_at = "", 0.0  # what it stood too near when it looked, and when [s] it looks again
+        self._near, self._room = "", np.inf  # what it stood too near when it looked, how near [m] …
+        self._looks_at = 0.0  # … and when [s] it looks again
         self._tried, self._refused = 0, ""  # ways, one a tick, and why the first of them was refused
         self._next_round = 0.0  # [s] when they are tried anew
 
@@ -92,9 +94,10 @@ class Retreat:
             return True
         near = executor.contact
         if near or not (stands and stuck):
-            self._near, self._looks_at = "", 0.0
+            self._near, self._room, self._looks_at = "", np.inf, 0.0
         elif t >= self._looks_at:
-            self._near, self._looks_at = planner.cramped(executor.active.at(begin), scene), t + _LOOK_EVERY
+            self._near, self._room = planner.cramped(executor.active.at(begin), scene)
+            self._looks_at = t + _LOOK_EVERY
         near = near or self._near
         unknown = bool(executor.contact) and stands and not planner.knows_touched(executor.active.at(begin), scene)
         blind = felt and not planner.params.backward
@@ -116,9 +119,10 @@ class Retreat:
             motion = self._slow(way, begin, part)
             if motion is None:
                 continue
-            # But for the way that it came, only those from whose end others can be planned.
-            cramped = planner.cramped(motion.at(motion.end_time), scene) if k > 0 else ""
-            certificate = None if cramped else planner.certify_leaving(motion, scene)
+            # But for the way that it came, only those from whose end others can be planned, or that lead to there.
+            cramped, room = planner.cramped(motion.at(motion.end_time), scene) if k > 0 else ("", np.inf)
+            nearer = room < self._room + _MORE_ROOM
+            certificate = None if cramped and nearer else planner.certify_leaving(motion, scene)
             if certificate is None or not certificate.certified:
                 broken = certificate.broken if certificate is not None else f"where that ends, {cramped}"
                 self._refused = self._refused or f"cannot back off: {broken}"

@@ -22,17 +22,22 @@ class Cluster:
     Attributes:
         points: (n, 2) in the world's plane, counter-clockwise about the sensor [m].
         origin: (2,) of the sensor [m].
-        hidden: whether the thing may continue, unseen, beyond its first or last point: something nearer covers it, a
-            reading is missing, or the field of view ends there.
+        covered: whether the thing may continue, unseen, beyond its first and beyond its last point: something nearer
+            covers it, a reading is missing, or the field of view ends there.
         displaced: whether it is known to lie where it was free before; None where scans have to be compared.
         solid: (n, 3) points that it was seen at, in the world [m]; none where only a plane was seen.
     """
 
     points: Array
     origin: Array
-    hidden: bool
+    covered: tuple[bool, bool]
     displaced: bool | None = None
     solid: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def hidden(self) -> bool:
+        """Whether it may continue beyond either end."""
+        return any(self.covered)
 
     @property
     def extent(self) -> float:
@@ -72,8 +77,8 @@ def clusters_of(rays: ScanRays, params: SceneEstimatorParams) -> tuple[Cluster, 
     result = []
     for group in groups:
         first, last = int(hit[group[0]]), int(hit[group[-1]])
-        hidden = _covered(rays, first, -1) or _covered(rays, last, 1)
-        result.append(Cluster(points[group], rays.origin, hidden))
+        covered = _covered(rays, first, -1), _covered(rays, last, 1)
+        result.append(Cluster(points[group], rays.origin, covered))
     return tuple(result)
 
 

@@ -143,8 +143,8 @@ def _cluster(solid: Array, view: ImageView) -> Cluster:
     bearing = np.unwrap(np.arctan2(away[:, 1], away[:, 0]))
     order = np.argsort(bearing, kind="stable")
     outline = _outline(solid[order, :2], bearing[order], origin)
-    hidden = any(_covered(view, solid[order[end]], side) for end, side in ((0, -1.0), (-1, 1.0)))
-    return Cluster(outline, origin, hidden, True, solid)
+    covered = _covered(view, solid[order[0]], -1.0), _covered(view, solid[order[-1]], 1.0)
+    return Cluster(outline, origin, covered, True, solid)
 
 
 def _covered(view: ImageView, end: Array, side: float) -> bool:

@@ -17,6 +17,8 @@ from .clusters import OTHER, ROUND, Cluster, ClusterShape, fit_shape
 from .params import SceneEstimatorParams
 
 _KEPT_POINTS = 64  # of a thing
+_WIDTH_ERROR = 0.25  # standard deviation of the width of a thing, as a part of it: it turns, say
+_WIDTH_FOR = 1.5  # [s] for which a thing is as wide as it was seen to be: later it has turned
 _SOLID_SLACK = 0.01
 """A mover's solid is made this much larger [m] than it has to be, so that it need not be made anew at once."""
 
@@ -92,6 +94,9 @@ class Track:
         self.pv: float = 0.0
         self.vv: float = (0.5 * params.max_speed) ** 2
         self.fitted = self.radius = shape.radius
+        self.half_width: float = 0.0  # across the view, on average of when it was seen whole of late [m]
+        self.whole: int = 0  # how often it was seen so …
+        self.whole_at: float = -math.inf  # … and when last [s]
         self.hits: int = 1
         self.misses: int = 0
         self.votes: int = 0
@@ -131,24 +136,42 @@ class Track:
         """(2,) where the cluster has the thing's centre, given the radius that earlier scans had [m].
 
         Of a circle the side next to the sensor is known well and its far side is not: the centre is put behind the
-        near side by the radius of all scans, not of this one.
+        near side by the radius of all scans, not of this one. Of what leaves the view, or goes behind something, one
+        end is still seen: its middle is as far from that as it was when it was seen whole.
         """
         center = np.array(shape.center)
-        if shape.kind != ROUND or self.hits < 2:
-            return center
-        view = center - cluster.origin
-        return center + view / max(float(np.hypot(view[0], view[1])), 1e-9) * (self.fitted - shape.radius)
+        if shape.kind == ROUND:
+            if self.hits < 2:
+                return center
+            view = center - cluster.origin
+            return center + view / max(float(np.hypot(view[0], view[1])), 1e-9) * (self.fitted - shape.radius)
+        if self._half_seen(cluster):
+            first = cluster.covered[0]
+            end = cluster.points[-1 if first else 0]
+            across = _across(end - cluster.origin) * (-1.0 if first else 1.0)
+            return center + max(self.half_width - float((center - end) @ across), 0.0) * across
+        return center
+
+    def _half_seen(self, cluster: Cluster) -> bool:
+        """Whether a cluster is a part of it with one of its ends, and how wide it is was seen a moment ago."""
+        return self.time - self.whole_at <= _WIDTH_FOR and cluster.covered[0] != cluster.covered[1]
+
+    def _noise(self, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams) -> float:
+        """Variance of a cluster's centre along any direction [m²]."""
+        if shape.kind != ROUND and self._half_seen(cluster):
+            return _noise(None, shape, params, self.fitted) + (_WIDTH_ERROR * self.half_width) ** 2
+        return _noise(cluster, shape, params, self.fitted)
 
     def distance2(self, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams) -> float:
         """Squared Mahalanobis distance of a cluster; infinite where it is too far for anything that moves."""
         d = self.measured(cluster, shape) - self.p
         square = float(d @ d)
         size = abs(shape.radius - self.fitted) / (0.1 + 0.3 * self.fitted)
-        return square / (self.pp + _noise(cluster, shape, params, self.fitted)) + size * size
+        return square / (self.pp + self._noise(cluster, shape, params)) + size * size
 
     def correct(self, cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams) -> None:
         """Take a cluster in."""
-        noise = _noise(cluster, shape, params, self.fitted)
+        noise = self._noise(cluster, shape, params)
         total = self.pp + noise
         gain_p, gain_v = self.pp / total, self.pv / total
         d = self.measured(cluster, shape) - self.p
@@ -165,7 +188,12 @@ class Track:
         if len(cluster.solid):
             self.solids.append(cluster.solid)
         self.heights = _heights(cluster, self.heights)
-        if shape.kind != OTHER or not cluster.hidden:
+        if not cluster.hidden:
+            self.whole, self.whole_at = self.whole + 1, self.time
+            away = cluster.points - cluster.origin
+            wide = 0.5 * float(np.ptp(away @ _across(away.mean(axis=0))))
+            self.half_width += (wide - self.half_width) / min(self.whole, 5)
+        if not cluster.hidden or (shape.kind != OTHER and not self._half_seen(cluster)):
             self.fitted += (shape.radius - self.fitted) / min(self.hits, 20)
         far = float(np.hypot(*(cluster.points - self.p).T).max())
         needed = min(max(self.fitted, far), 0.75 * params.max_mover_size)
@@ -255,11 +283,19 @@ def _heights(cluster: Cluster, known: Array) -> Array:
     return np.percentile(cluster.solid[:, 2], (_LEAST_PART, _MOST_PART))
 
 
-def _noise(cluster: Cluster, shape: ClusterShape, params: SceneEstimatorParams, radius: float) -> float:
-    """Variance of a cluster's centre along any direction, given the radius of earlier scans [m²]."""
+def _across(view: Array) -> Array:
+    """Unit vector (2,) across a view, counter-clockwise."""
+    return np.array([-view[1], view[0]]) / max(float(np.hypot(view[0], view[1])), 1e-9)
+
+
+def _noise(cluster: Cluster | None, shape: ClusterShape, params: SceneEstimatorParams, radius: float) -> float:
+    """Variance of a cluster's centre along any direction, given the radius of earlier scans [m²]; where None, of one
+    that is seen whole."""
     fit = 2.0 if shape.kind == ROUND else 4.0
     variance = (fit * params.range_noise) ** 2 + params.pose_noise**2
-    if cluster.hidden:  # how much is missing beyond the hidden end, and where a straight thing is along itself
+    if (
+        cluster is not None and cluster.hidden
+    ):  # how much is missing beyond the hidden end, and where a straight thing is along itself
         chord = cluster.points[-1] - cluster.points[0]
         variance += max(radius - 0.5 * math.hypot(chord[0], chord[1]), 0.0) ** 2
         if shape.kind != ROUND:
@@ -405,7 +441,7 @@ class Tracker:
         for cluster, own in zip(large, np.split(through, np.cumsum([len(c.points) for c in large])[:-1]), strict=True):
             if own.any():
                 parts = np.split(cluster.points, np.flatnonzero(np.diff(own)) + 1)[0 if own[0] else 1 :: 2]
-                found = [Cluster(part, cluster.origin, True) for part in parts]
+                found = [Cluster(part, cluster.origin, (True, True)) for part in parts]
                 apart += [part for part in found if part.extent <= params.max_mover_size]
         return apart
 

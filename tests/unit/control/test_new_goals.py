@@ -8,6 +8,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from brute_force import configuration, link_distances
 from cases import each, refused
 from simulated_time import planning_at_once
 
@@ -192,7 +193,7 @@ def test_where_it_stands_too_near_to_plan_it_first_goes_back_the_way_it_came(sil
     near, far = 0.4, 1.5
     while far - near > 1e-4:
         middle = 0.5 * (near + far)
-        near, far = (middle, far) if planner.cramped(rests, wall(middle)) else (near, middle)
+        near, far = (middle, far) if planner.cramped(rests, wall(middle))[0] else (near, middle)
     driven.scene = wall(near - 0.008)
     driven.controller.resume()
     driven.controller.retarget(silvermate.home(y=-1.0))
@@ -214,7 +215,7 @@ def test_where_it_is_to_stand_it_stays_however_near_something_is(silvermate, why
     near = Box((0.1, 3.0, 1.0), at=(stands + 0.4, 0.0, 0.5), name="wall")
     driven.scene = Scene([PILLAR, near])
     driven.wait(3.0)
-    assert driven.controller.planner.cramped(driven.controller.reference, driven.scene)
+    assert driven.controller.planner.cramped(driven.controller.reference, driven.scene)[0]
     assert abs(driven.plant.coordinates[0] - stands) < 0.01
     assert not [event for event in driven.controller.events if event.kind == "leaving"]
 
@@ -225,7 +226,7 @@ def test_whoever_comes_too_near_is_not_backed_away_from(silvermate):
     state, planner = driven.controller.reference, driven.controller.planner
     for motion in (None, Twist((0.0, 0.1, 0.0))):
         scene = Scene([Box((0.4, 0.4, 1.0), at=(0.45, 0.0, 0.5), name="somebody", motion=motion)], time=0.0)
-        assert bool(planner.cramped(state, scene)) == (motion is None)
+        assert bool(planner.cramped(state, scene)[0]) == (motion is None)
 
 
 @each("beside, left", [(False, False), (True, True)])
@@ -236,7 +237,7 @@ def test_where_somebody_may_be_that_nothing_sees_is_waited_for(silvermate, besid
     obstacles = [Box((0.4, 0.4, 1.0), at=(0.45, 0.0, 0.5), name="unseen-track-3")]
     if beside:
         obstacles.append(Box((0.4, 0.4, 1.0), at=(0.5, 0.0, 0.5), name="crate"))
-    assert bool(planner.cramped(state, Scene(obstacles))) is left
+    assert bool(planner.cramped(state, Scene(obstacles))[0]) is left
 
 
 def test_it_does_not_back_off_to_where_somebody_comes(silvermate):
@@ -256,6 +257,35 @@ def test_it_does_not_back_off_to_where_somebody_comes(silvermate):
         assert refuted[-1] or alone, f"{far:.1f} m ahead"
     assert refuted[0]
     assert not refuted[-1]
+
+
+@each("off, next_off, moves, free", [(1.1, 1.1, False, True), (1.1, 1.1, True, False), (0.4, 1.1, False, True),
+                                     (0.4, 0.5, False, False)])  # fmt: skip
+def test_a_wall_of_several_obstacles_is_left_like_one(silvermate, off, next_off, moves, free):
+    """The robot stands a little too near to it, and drives along it: the next part of it is as near. Nearer than what
+    it may be off its path nothing may come, and what may move keeps all of the distance."""
+    driven = ride(silvermate, silvermate.home(x=6.0))
+    driven.wait(2.0)
+    planner, begin = driven.controller.planner, driven.controller.reference
+    motion = driven.controller.executor.active.tail(begin.time)
+    (first, last), error = motion.coordinates[[0, -1], 0], planner.margins.tracking_error
+    assert last - first > 0.3
+    face = Box((0.1, 0.1, 3.0), at=(first, 1.0, 1.5))
+    beside = float(link_distances(silvermate, Scene([face]), configuration(silvermate, begin.coordinates)).min())
+    assert 1.1 * error < planner.margins.clearance
+
+    def part(name, x0, x1, near, **how):
+        at = (0.5 * (x0 + x1), 1.0 - beside + near, 1.5)
+        return Box((x1 - x0, 0.1, 3.0), at=at, name=name, **how)
+
+    middle = first + 0.5 * (last - first)
+    end = last + 1.0
+    motions = {"motion": Twist((0.0, 0.0, 0.0))} if moves else {}
+    near = part("map-0-0", first - 1.0, middle, off * error)
+    scene = Scene([near, part("map-1-0", middle, end, next_off * error, **motions)], time=begin.time)
+    assert planner.cramped(begin, Scene([near], time=begin.time))[0]
+    assert not planner.certify(motion, scene).certified
+    assert planner.certify_leaving(motion, scene).certified is free
 
 
 @each("stop", ["stop", "cancel", "speed"])

@@ -117,7 +117,7 @@ def test_what_it_runs_into_on_its_way_from_something_else_it_has_run_into(stands
     active = SimpleNamespace(at=lambda t: None, coordinates=np.zeros((1, 3)))
     executor = SimpleNamespace(contact="", active=active, settled=False, at_rest=lambda t: t < 1.0 or t > 2.0 or stands)
     planner = SimpleNamespace(
-        cramped=lambda state, scene: "too near",
+        cramped=lambda state, scene: ("too near", 0.01),
         knows_touched=lambda state, scene: False,
         certify_leaving=lambda motion, scene: SimpleNamespace(certified=True),
     )
@@ -154,6 +154,34 @@ def test_who_has_seen_nothing_for_a_while_waits_anew_before_it_backs_off(blind_u
             retreat.backs_off(t, t, Scene([]), stuck=True)
     assert went[0] >= (1.0 if blind_until < 1.5 else blind_until + 1.0) - 1e-6
     assert went[0] < blind_until + (0.1 if blind_until < 1.5 else 1.2)
+
+
+@each("after, goes", [(-0.03, False), (-0.015, False), (0.01, True), (np.inf, True)])
+def test_a_turn_that_leads_to_where_more_room_is_is_taken(after, goes, monkeypatch):
+    """Also where that is not enough to plan from: the next one may be. A turn to where it stands as near is not."""
+    went = []
+    active = SimpleNamespace(at=lambda t: "here", coordinates=np.zeros((1, 3)))
+    executor = SimpleNamespace(contact="", active=active, settled=True, at_rest=lambda t: True, log=lambda *of: None)
+    executor.submit = lambda motion, certificate, **how: went.append(motion.start_time)
+    planner = SimpleNamespace(
+        cramped=lambda state, scene: ("near", -0.02) if state == "here" else ("near" * (after < 1.0), after),
+        knows_touched=lambda state, scene: True,
+        certify_leaving=lambda motion, scene: SimpleNamespace(certified=True),
+        params=SimpleNamespace(backward=True),
+        margins=SimpleNamespace(tracking_error=0.02),
+        robot=SimpleNamespace(space=SimpleNamespace(planar=True)),
+    )
+    retreat = Retreat(executor, planner)  # type: ignore[arg-type]
+
+    def slow(rows, begin, part):
+        motion = SimpleNamespace(start_time=begin, end_time=begin + 1.0, coordinates=rows, at=lambda t: "there")
+        return motion if len(rows) > 1 else None
+
+    monkeypatch.setattr(retreat, "_slow", slow)
+    for t in np.arange(0.0, 4.0, 0.1):
+        if not went:
+            retreat.backs_off(t, t, Scene([]), stuck=True)
+    assert bool(went) is goes
 
 
 def test_who_does_not_see_behind_it_waits_longer_until_it_backs_off(silvermate):
@@ -518,7 +546,7 @@ def test_what_no_motion_may_begin_beside_is_too_near(silvermate):
         ahead = float(link_distances(silvermate, Scene([face]), start).min())
         for off, near in ((0.5 * error, True), (0.5 * (error + kept), True), (1.2 * kept, False)):
             scene = Scene([Box((0.1, 3.0, 3.0), at=(2.0 - ahead + off, 0.0, 1.5), name="map-2-0")])
-            assert bool(planner.cramped(state, scene)) == near
+            assert bool(planner.cramped(state, scene)[0]) == near
 
 
 @pytest.mark.parametrize("off", [0.009, 0.022])  # [m]: less than half of what is kept, and less than that

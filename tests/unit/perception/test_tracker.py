@@ -266,7 +266,7 @@ def test_a_laser_that_was_once_taken_to_see_a_thing_does_not_miss_it_for_ever(la
     for k in range(34):
         t, x = 0.05 * k, 3.0 - 0.04 * k
         front = np.column_stack([np.full(9, x), np.linspace(-0.2, 0.2, 9)])
-        cluster = Cluster(front, np.zeros(2), hidden=False, displaced=True)
+        cluster = Cluster(front, np.zeros(2), covered=(False, False), displaced=True)
         gone = k >= 30
         tracker.update(SeenThrough(t, all_of_it=False), [] if gone else [cluster], "camera")
         once = k == 10 or (laser_sees_it and not gone)
@@ -281,14 +281,16 @@ def test_a_laser_that_was_once_taken_to_see_a_thing_does_not_miss_it_for_ever(la
 def test_what_hangs_over_a_post_that_a_laser_sees_standing_is_followed_by_itself():
     """A load comes along above a post: in the camera's images it is where the post's track is, from above."""
     tracker = Tracker(SceneEstimatorParams())
-    post = Cluster(front_of(2.0, 0.0, 0.15), np.zeros(2), hidden=False)
+    post = Cluster(front_of(2.0, 0.0, 0.15), np.zeros(2), covered=(False, False))
     for k in range(30):
         tracker.update(SeenThrough(0.05 * k, all_of_it=False), [post], "laser")
     for k in range(30, 38):
         t, y = 0.05 * k, 0.25 - 0.05 * (k - 30)
         load = np.column_stack([np.full(9, 1.95), y + np.linspace(-0.15, 0.15, 9)])
         tracker.update(
-            SeenThrough(t, all_of_it=False), [Cluster(load, np.zeros(2), hidden=True, displaced=True)], "camera"
+            SeenThrough(t, all_of_it=False),
+            [Cluster(load, np.zeros(2), covered=(True, True), displaced=True)],
+            "camera",
         )
         tracker.update(SeenThrough(t + 0.01, all_of_it=False), [post], "laser")
         moving = [*tracker.movers, *tracker.possibly_moving]
@@ -304,7 +306,7 @@ def test_what_is_covered_does_not_take_its_neighbours_place():
     tracker = Tracker(SceneEstimatorParams())
 
     def shown(*places):
-        return [Cluster(front_of(2.0, y, 0.15)[:8], np.zeros(2), hidden=True) for y in places]
+        return [Cluster(front_of(2.0, y, 0.15)[:8], np.zeros(2), covered=(True, True)) for y in places]
 
     for k in range(30):
         tracker.update(SeenThrough(0.05 * k, all_of_it=False), shown(-0.3, 0.0, 0.3), "laser")
@@ -314,6 +316,27 @@ def test_what_is_covered_does_not_take_its_neighbours_place():
     assert len(tracker) == 4
     for track in tracker._tracks:
         assert track.name not in names or np.hypot(*(track.p - names[track.name])) < 0.05
+
+
+@each("turn", [1.0, -1.0])
+def test_what_leaves_the_view_is_still_where_it_goes(turn):
+    """Less and less of it is seen, up to the border: its middle is not the middle of that, and it has not slowed."""
+    tracker, border = Tracker(SceneEstimatorParams()), 0.5
+    for k in range(40):
+        t = 0.05 * k
+        y = 0.6 * t
+        front = np.column_stack([np.full(33, 1.4), y + np.linspace(-0.24, 0.24, 33)])
+        front = front[np.arctan2(front[:, 1], front[:, 0]) < border]
+        if len(front) < 8:
+            break
+        covered = (False, len(front) < 33) if turn > 0.0 else (len(front) < 33, False)
+        points = front if turn > 0.0 else front[::-1] * (1.0, -1.0)
+        tracker.update(SeenThrough(t, all_of_it=False), [Cluster(points, np.zeros(2), covered, displaced=True)])
+        if k > 10:
+            (mover,) = tracker.movers
+            assert abs(mover.position[1] * turn - y) < 0.08, len(front)
+            assert abs(mover.velocity[1] * turn - 0.6) < 0.12, len(front)
+    assert 20 < k < 39
 
 
 @pytest.mark.parametrize("times", [1, 2, 5])
@@ -326,7 +349,7 @@ def test_what_creeps_may_move_between_the_images_that_show_it(times):
         x = 2.0 - 0.01 * k
         front = np.column_stack([np.full(9, x), np.linspace(-0.2, 0.2, 9)])
         shown = k <= 1 or (k % 5 == 0 and k // 5 < times + 1)
-        cluster = Cluster(front, np.zeros(2), hidden=False, displaced=shown and k > 1)
+        cluster = Cluster(front, np.zeros(2), covered=(False, False), displaced=shown and k > 1)
         tracker.update(SeenThrough(0.1 * k, all_of_it=False), [cluster] if shown else [], "camera")
         assert not tracker.movers
         possible[k] = tracker.possibly_moving
@@ -352,7 +375,7 @@ def test_what_is_where_a_mover_should_be_and_does_not_move_like_it_is_followed_a
         t = 0.05 * k
         x, y = (2.5 + 1.0 * t, 2.0) if k < born else (2.65, 1.75 - 0.8 * (t - 0.05 * born))
         shown = front_of(x, y, 0.45 if k < born else 0.23)
-        tracker.update(SeenThrough(t, all_of_it=False), [Cluster(shown, np.zeros(2), False, displaced=True)])
+        tracker.update(SeenThrough(t, all_of_it=False), [Cluster(shown, np.zeros(2), (False, False), displaced=True)])
         if k == born - 1:
             (first,) = tracker.moving
         assert len(tracker) == (1 if k < born else 2), k
@@ -372,7 +395,7 @@ def test_what_does_not_go_where_it_is_expected_has_no_known_velocity():
         t = 0.05 * k
         length, y = min(0.1 * (k + 1), 0.1 * whole), 2.5 - 0.7 * max(t - 0.05 * whole, 0.0)
         front = np.column_stack([np.linspace(2.5, 2.5 - length, 9), np.full(9, y)])
-        tracker.update(SeenThrough(t, all_of_it=False), [Cluster(front, np.zeros(2), True, displaced=True)])
+        tracker.update(SeenThrough(t, all_of_it=False), [Cluster(front, np.zeros(2), (True, True), displaced=True)])
         for mover in tracker.movers:
             if k > whole + 3 and isinstance(mover.obstacle.motion, Twist):
                 known.append((k, float(np.hypot(*(mover.velocity - (0.0, -0.7))))))
