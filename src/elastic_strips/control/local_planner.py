@@ -213,9 +213,11 @@ class LocalPlanner:
         comes = [scene.moves(name) or name.startswith(LOST_LAYER) for name in kept]
         standing = [each for each, may in zip(kept.values(), comes, strict=True) if not may]
         coming = [each for each, may in zip(kept.values(), comes, strict=True) if may]
+        certificate = self.timer.certify(motion, self._among(coming, scene, most))
+        if not certificate.certified:
+            return certificate
         enough = min(max(least, self.margins.tracking_error), most)
-        certificate = self.timer.certify(motion, self._among(standing, scene, enough))
-        return self.timer.certify(motion, self._among(coming, scene, most)) if certificate.certified else certificate
+        return self.timer.certify(motion, self._among(standing, scene, enough))
 
     def _among(self, obstacles: Iterable[Obstacle], scene: Scene, clearance: float) -> Outlook:
         """An outlook on some obstacles of a scene, from which motions keep a clearance [m]."""

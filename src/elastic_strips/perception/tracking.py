@@ -293,9 +293,8 @@ def _noise(cluster: Cluster | None, shape: ClusterShape, params: SceneEstimatorP
     that is seen whole."""
     fit = 2.0 if shape.kind == ROUND else 4.0
     variance = (fit * params.range_noise) ** 2 + params.pose_noise**2
-    if (
-        cluster is not None and cluster.hidden
-    ):  # how much is missing beyond the hidden end, and where a straight thing is along itself
+    if cluster is not None and cluster.hidden:
+        # how much is missing beyond the hidden end, and where a straight thing is along itself
         chord = cluster.points[-1] - cluster.points[0]
         variance += max(radius - 0.5 * math.hypot(chord[0], chord[1]), 0.0) ** 2
         if shape.kind != ROUND:
