@@ -149,7 +149,12 @@ class Track:
             first = cluster.covered[0]
             end = cluster.points[-1 if first else 0]
             across = _across(end - cluster.origin) * (-1.0 if first else 1.0)
-            return center + max(self.half_width - float((center - end) @ across), 0.0) * across
+            center = center + max(self.half_width - float((center - end) @ across), 0.0) * across
+            # how far away its middle is, a part of it hardly tells: where it is expected, as far as that fits to it
+            ahead = np.array([across[1], -across[0]]) * (-1.0 if first else 1.0)
+            far = cluster.points @ ahead
+            fits = min(max(float(self.p @ ahead), float(far.min())), float(far.max()) + self.fitted)
+            return center + (fits - float(center @ ahead)) * ahead
         return center
 
     def _half_seen(self, cluster: Cluster) -> bool:
